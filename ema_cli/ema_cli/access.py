@@ -120,7 +120,7 @@ def node_access(
         _managed(
             prefix,
             "monitor",
-            publishes=full((*topics.MONITOR_TOPICS, topics.HARDWARE_STATUS)),
+            publishes=full(topics.MONITOR_TOPICS),
             subscribes=full(heard_by_monitor),
             replies=("calibrate", "forget_actuator", "get_history", "predict_remaining_life"),
             executes=("identify_faults",),

@@ -20,8 +20,8 @@ Made from the declarations by `make parameters`; `ros2 param describe NODE NAME`
 node that runs. `-p NAME:=VALUE` and parameter files set them
 at the start ([nodes.md](nodes.md#parameters)).
 
-- **live**: can be changed at any time. Changes hold together from the next window on: one
-  that is open keeps the settings with which it began.
+- **live**: can be changed at any time, and holds from the next window that is identified on. A
+  change of what a window is refuses the one that is open.
 - **unconfigured**: can be changed while the node is unconfigured; else the refusal says why.
 - **start**: given at the start only.
 """

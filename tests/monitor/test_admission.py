@@ -1,28 +1,23 @@
 """Which actuators a monitor follows: a list, a share of all, and no more than a number."""
 
-from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.selection import Selection, Shard, shard_of
+from ema_monitor.node.settings import Operation
 
 NAMES = tuple(f"flap_{number}" for number in range(200))
 
 
 def admission(
     actuators: tuple[str, ...] = (), shard: Shard | None = None, most: int = 100
-) -> tuple[Admission, list[str]]:
-    said: list[str] = []
-    made = Admission(
-        Selection(actuators),
-        shard or Shard(),
-        lambda: most,
-        lambda name, text, _: said.append(f"{name}: {text}"),
-    )
-    return made, said
+) -> Admission:
+    operation = SimpleNamespace(value=Operation(most_actuators=most, forget_after_s=100.0))
+    return Admission(Selection(actuators), shard or Shard(), cast(Any, operation))
 
 
 def test_shard_of_an_actuator_is_the_same_for_ever():
@@ -68,7 +63,7 @@ def test_impossible_shards_and_lists_are_refused_by_name():
 
 def test_listed_actuators_of_other_shards_are_said_and_others_are_ignored():
     shard = Shard(0, 2)
-    made, _ = admission(NAMES[:6], shard)
+    made = admission(NAMES[:6], shard)
     mine = list(made.listed)
     others = [name for name in NAMES[:6] if name not in mine]
     assert len(mine) == len(others)
@@ -89,50 +84,27 @@ def test_listed_actuators_of_other_shards_are_said_and_others_are_ignored():
 
 
 def test_more_listed_than_may_be_followed_are_refused():
-    made, _ = admission(("a", "b", "c"), most=2)
+    made = admission(("a", "b", "c"), most=2)
     with pytest.raises(ValueError, match="actuators lists 3 of shard 0 of 1: expected at most mos"):
         made.check()
 
 
 def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
-    made, said = admission(most=2)
+    made = admission(most=2)
     followed = {"a": 0.0, "b": 0.0}
     assert not made.has_room(followed)
-    for _ in range(3):
-        made.refuse("c", None)
-    assert said == ["c: not followed, as most_actuators = 2 are"]
+    said = [made.refuse("c") for _ in range(3)]
+    assert said == ["not followed, as most_actuators = 2 are", "", ""]
     level, message = made.status(followed)
     assert level == WARN
     assert "ignored: 3 messages of actuators beyond the limit, the latest of 'c'" in message
-    for number in range(10_000):
-        made.refuse(f"x{number}", None)
-    assert len(made._described) == len(made._want) == 100
-    assert made.figures(followed)["messages of actuators beyond the limit"] == 10_003
+    assert made.figures(followed)["messages of actuators beyond the limit"] == 3
 
 
-def test_description_of_a_refused_one_is_kept_until_there_is_room():
-    described = replace(ActuatorDescription(), actuator_id="c")
-    made, _ = admission(most=2)
-    made.refuse("c", described)
-    made.refuse("c", None)
-    assert made.admit("c") == described
-    assert made.admit("c") is None
-
-
-def test_longest_silent_makes_room_but_none_that_is_listed_and_none_without_need():
-    made, _ = admission(most=3)
+def test_longest_silent_gives_way_but_none_that_is_listed_or_was_heard_lately():
     silent_s = {"a": 50.0, "b": 500.0, "c": 400.0}
-    assert made.to_let_go(silent_s, 100.0) == []
-    made.refuse("d", None)
-    assert made.to_let_go(silent_s, 100.0) == ["b"]
-    # Asked for once: it is heard again, or it needs no room.
-    assert made.to_let_go(silent_s, 100.0) == []
-    made.refuse("d", None)
-    assert made.to_let_go(silent_s, 1000.0) == []
-    assert made.figures(silent_s)["actuators let go"] == 1
-    listed, _ = admission(("a", "b", "c"), most=3)
-    listed.refuse("d", None)
-    assert listed.to_let_go(silent_s, 100.0) == []
-    roomy, _ = admission(most=4)
-    roomy.refuse("d", None)
-    assert roomy.to_let_go(silent_s, 100.0) == []
+    made = admission(most=3)
+    assert made.silent_for_long(silent_s) == "b"
+    assert made.silent_for_long({"a": 50.0}) == ""
+    assert made.figures(silent_s)["actuators forgotten"] == 1
+    assert admission(("a", "b", "c"), most=3).silent_for_long(silent_s) == ""

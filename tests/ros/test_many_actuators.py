@@ -83,7 +83,7 @@ def test_silent_actuator_gives_way_to_one_that_was_refused():
         wait_for(is_followed, "room for the other one")
         assert set(session.node._units) == {"tab"}
         assert session.node._units["tab"].description == described("tab")
-        session.until(lambda: figure(session, "actuators let go") == "1")
+        session.until(lambda: figure(session, "actuators forgotten") == "1")
         wait_for(lambda: session.probe.count_publishers("/ema/health") == 1, "one publisher")
 
 

@@ -90,7 +90,7 @@ def test_clock_that_jumps_back_and_far_on_is_survived():
         assert session.node.state == "active"
 
 
-def test_two_publishers_of_one_actuator_are_named(session):
+def test_two_publishers_of_one_actuator_show_in_its_status(session):
     session.describe()
     other = session.probe.create_publisher(
         *(topics.ACTUATOR_TOPICS[topics.TELEMETRY][0], topics.TELEMETRY, topics.STREAM)
@@ -100,10 +100,7 @@ def test_two_publishers_of_one_actuator_are_named(session):
     for early, late in zip(blocks[:10], blocks[20:30], strict=True):
         session.send(topics.TELEMETRY, telemetry_to_message(late, FLAP.actuator_id))
         other.publish(telemetry_to_message(early, FLAP.actuator_id))
-    status = session.until_status(
-        "flap telemetry", "several publishers: /ema/probe (2)", bytes([WARN])
-    )
-    assert "the sample index went back" in status.message
+    session.until_status("flap telemetry", "the sample index went back", bytes([WARN]))
 
 
 @pytest.mark.parametrize("name", [" flap", "flap\n", "f" * 101])
@@ -141,7 +138,7 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session
     assert session.next_estimate().window == 0
 
 
-def test_settings_that_change_in_a_window_hold_together_from_the_next_one(session):
+def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(session):
     session.describe()
     source = Source(friction=0.2)
     blocks = source.cycle()
@@ -149,22 +146,20 @@ def test_settings_that_change_in_a_window_hold_together_from_the_next_one(sessio
     session.feed(blocks[:middle])
     session.until(lambda: session.node._units["flap"].finder.is_open)
     changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
-    # Of the health and the advice, too: the window that is open is judged as it is identified.
     changes |= {"limits.friction": 0.1, "costs.unit": "guineas"}
     assert all(r.successful for r in session.set_parameter_values(changes))
     session.feed([*blocks[middle:], *source.cycle()])
     first, second = session.next_estimate(), session.next_estimate()
-    lengths = [
-        (item.window_end.sec - item.window_start.sec)
-        + 1e-9 * (item.window_end.nanosec - item.window_start.nanosec)
-        for item in (first, second)
-    ]
-    assert lengths == pytest.approx([0.5, 0.4], abs=1e-6)
-    assert [item.algorithm for item in (first, second)] == ["least_squares", "pso"]
-    session.until(lambda: len(session.healths()) > 1 and len(session.received(topics.ADVICE)) > 1)
+    assert (first.valid, first.reason) == (False, "the settings of the window changed")
+    length_s = (second.window_end.sec - second.window_start.sec) + 1e-9 * (
+        second.window_end.nanosec - second.window_start.nanosec
+    )
+    assert length_s == pytest.approx(0.4, abs=1e-6)
+    assert second.algorithm == "pso"
+    session.until(lambda: session.healths() and session.received(topics.ADVICE))
     # Friction of 0.2 is far from the limit that it has by default, and beyond the new one.
-    assert [item.health_index > 0.0 for item in session.healths()[:2]] == [True, False]
-    assert [item.cost_unit for item in session.received(topics.ADVICE)[:2]] == ["", "guineas"]
+    assert session.healths()[0].health_index == 0.0
+    assert session.received(topics.ADVICE)[0].cost_unit == "guineas"
 
 
 def test_setting_that_no_motion_satisfies_is_named_in_the_status():

@@ -32,7 +32,7 @@ MAPPING = {
     "current": {"topic": "/joint_states", "source": "effort"},
     "command": {"topic": "command", "source": "data"},
 }
-NOT_ALWAYS = {"/clock", "/ema/hardware_status"}
+NOT_ALWAYS = {"/clock"}
 """Publishers at a rate other than 1, and where a package is installed."""
 
 

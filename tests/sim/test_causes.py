@@ -17,6 +17,8 @@ from ema_sim.effects import RIPPLE_FREQUENCY, Effects
 
 P = ActuatorParameters()
 CHIRP = Command().sample(1e-4)[:2000]
+
+
 def run(
     causes: Causes,
     command: NDArray[np.float64] = CHIRP,

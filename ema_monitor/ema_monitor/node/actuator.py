@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import LEVEL_NAMES, OK, STALE
@@ -21,8 +20,6 @@ from ema_ros.status import hardware_name
 
 _STALE_PERIODS = 3.0
 _MOST_NAMED = 5
-_BACK_WITHIN = 20
-_BACK_TIMES = 3
 _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 
@@ -51,14 +48,8 @@ class Actuator:
         Its latest complete window; None when there was none.
     tally
         What became of the stretches of its motion.
-    settings
-        Those in effect for the window that is open, or the next one.
-    next_trigger
-        Settings of its windows from the next one on; None when they do not change.
     is_calibrating
         Whether its calibration is being measured.
-    publishers
-        Nodes that publish its telemetry at the same time; empty when there is one.
     is_listed
         Whether it is followed as it is listed, heard or not.
     is_silent
@@ -86,17 +77,13 @@ class Actuator:
         self.finder = WindowFinder(settings)
         self.latest: Segment | None = None
         self.tally = Tally()
-        self.settings: Any = None
-        self.next_trigger: TriggerSettings | None = None
         self.is_calibrating = False
-        self.publishers = ""
         self.is_listed = False
         self.alternation = ""
         self._exchanged: list[str] = []
         self._since_exchange = 0
         self._namespace = namespace
         self._publish = publish
-        self._went_back: deque[int] = deque(maxlen=_BACK_TIMES)
         self._heard_ns = now_ns
         self.is_silent = False
         # What was wrong, and the number of the first window after it.
@@ -140,12 +127,6 @@ class Actuator:
             yield
         finally:
             self.is_calibrating = False
-
-    def goes_back_and_forth(self) -> bool:
-        """Record that the running index went back; return whether it does so again and again."""
-        self._went_back.append(self.finder.blocks)
-        span = self._went_back[-1] - self._went_back[0]
-        return len(self._went_back) == _BACK_TIMES and span <= _BACK_WITHIN
 
     def exchange(self, old: str, new: str) -> bool:
         """Record that a unit replaces another; return whether it was there before.
@@ -222,7 +203,6 @@ class Actuator:
         self._fresh_ns = now_ns
         self._stale_published = False
         self._assessed, self.outlook = segment.description, outlook
-        self.publishers = ""
         self._since_exchange += 1
         if self._since_exchange >= _SETTLED:
             self.alternation = ""

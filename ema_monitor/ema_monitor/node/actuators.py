@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health as HealthMessage
@@ -17,6 +16,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import Task
 
 _MOST_NAMED = 10
+_MOST_DESCRIBED = 1000
 
 
 class Actuators(dict[str, Actuator]):
@@ -39,8 +39,8 @@ class Actuators(dict[str, Actuator]):
         its status has to be published at once.
     inform
         Called with what is worth a line in the log.
-    settings_now
-        Gives the settings that a window which begins now is identified with.
+    forget
+        Called with the name of an actuator that is to be forgotten in favour of another one.
     namespace
         Namespace of the node, for the status.
 
@@ -64,25 +64,28 @@ class Actuators(dict[str, Actuator]):
         describe: Callable[[ActuatorDescription], None],
         warn: Callable[[str, str, bool], None],
         inform: Callable[[str], object],
-        settings_now: Callable[[], Any],
+        forget: Callable[[str], None],
         namespace: str,
     ) -> None:
         super().__init__()
         self.lock = threading.RLock()
         self.admission = admission
         self.trigger = trigger
-        self._now_ns = now_ns
+        self.now_ns = now_ns
+        self.note_description = describe
+        self.warn = warn
+        self.inform = inform
         self._add_publisher = add_publisher
-        self._describe = describe
-        self._warn = warn
-        self._inform = inform
-        self._settings_now = settings_now
+        self._forget = forget
+        # Latched topics describe an actuator once: it is kept for its return.
+        self._described: dict[str, ActuatorDescription] = {}
         self._namespace = namespace
 
     def clear(self) -> None:
         """Remove all."""
         super().clear()
         self.admission.clear()
+        self._described.clear()
 
     def expect_listed(self) -> None:
         """Add the actuators that are listed, so that one that says nothing is seen.
@@ -96,22 +99,11 @@ class Actuators(dict[str, Actuator]):
         for actuator_id in self.admission.listed:
             self.get_or_add(actuator_id)
 
-    def let_go(self, after_s: float) -> list[str]:
-        """Return which actuators are to be forgotten in favour of those that were refused."""
-        with self.lock:
-            now_ns = self._now_ns()
-            silent_s = {name: unit.silent_s(now_ns) for name, unit in self.items()}
-            chosen = self.admission.to_let_go(silent_s, after_s)
-            for name in chosen:
-                # What its latched topic said comes once: it is kept for its return.
-                self.admission.remember(name, self[name].description)
-            return chosen
-
     def forget_health(self) -> None:
         """Forget what is known of the health of all."""
         with self.lock:
             for unit in self.values():
-                unit.reset_health(self._now_ns())
+                unit.reset_health(self.now_ns())
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator.
@@ -131,6 +123,8 @@ class Actuators(dict[str, Actuator]):
             if unit is None:
                 raise ValueError(self._not_monitored(actuator_id))
             unit.finder.finish()
+            if unit.description is not None:
+                self._remember(unit.description)
             del self[actuator_id]
 
     def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
@@ -151,7 +145,7 @@ class Actuators(dict[str, Actuator]):
                 is_first = unit.add_defect(reason)
             else:
                 is_first = self.admission.note_wrong(actuator_id, reason)
-        self._warn(actuator_id, reason, is_first)
+        self.warn(actuator_id, reason, is_first)
 
     def find(self, actuator_id: str) -> tuple[Actuator, ActuatorDescription]:
         """Return a unit that is described, and its description.
@@ -194,7 +188,7 @@ class Actuators(dict[str, Actuator]):
                 return
             change = unit.record(segment, estimate, outlook, now_ns, confirmations)
         if change:
-            self._inform(f"{actuator_id}: {change}")
+            self.inform(f"{actuator_id}: {change}")
 
     def report_tally(self, actuator_id: str, tally: Tally) -> None:
         """Record what became of the stretches of an actuator's motion so far."""
@@ -205,7 +199,7 @@ class Actuators(dict[str, Actuator]):
     def publish_stale(self, expected_period_s: float) -> list[HealthMessage]:
         """Publish, and return, the health of the units whose health has just become stale."""
         with self.lock:
-            now_ns = self._now_ns()
+            now_ns = self.now_ns()
             published = [unit.publish_if_stale(expected_period_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
 
@@ -247,21 +241,39 @@ class Actuators(dict[str, Actuator]):
     def get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
     ) -> Actuator | None:
-        """Return a unit, None when it is not followed; its description is kept for later then."""
+        """Return an actuator; None when there is no room for it.
+
+        It takes the place of one that is silent for long. Where there is none it is refused, and
+        its description kept for later.
+        """
         if (unit := self.get(actuator_id)) is not None:
             return unit
         if not self.admission.has_room(self):
-            self.admission.refuse(actuator_id, description)
-            return None
-        publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
+            now_ns = self.now_ns()
+            silent_s = {name: one.silent_s(now_ns) for name, one in self.items()}
+            longest = self.admission.silent_for_long(silent_s)
+            if not longest:
+                if description is not None:
+                    self._remember(description)
+                if reason := self.admission.refuse(actuator_id):
+                    self.warn(actuator_id, reason, True)
+                return None
+            self._forget(longest)
+        publish, now_ns = self._add_publisher(actuator_id), self.now_ns()
         unit = Actuator(actuator_id, self.trigger, publish, now_ns, self._namespace)
-        unit.settings = self._settings_now()
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit
-        if (known := self.admission.admit(actuator_id)) is not None and description is None:
+        if (known := self._described.pop(actuator_id, None)) is not None and description is None:
             unit.finder.describe(known)
-            self._describe(known)
+            self.note_description(known)
         return unit
+
+    def _remember(self, description: ActuatorDescription) -> None:
+        """Keep the description of an actuator that is not monitored."""
+        self._described.pop(description.actuator_id, None)
+        self._described[description.actuator_id] = description
+        if len(self._described) > _MOST_DESCRIBED:
+            del self._described[next(iter(self._described))]
 
     def _in_words(self) -> str:
         names = list(self)

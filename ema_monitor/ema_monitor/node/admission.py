@@ -1,13 +1,14 @@
 """Which messages a monitor takes, and what becomes of the others: counted, and bounded."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final
 
-from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.wording import counted
 from ema_monitor.node.selection import Selection, Shard, shard_of
+from ema_monitor.node.settings import Operation
+from ema_ros.settings import LiveSettings
 
 _MOST_REMEMBERED: Final = 100
 _UNNAMED: Final = "messages without actuator_id"
@@ -21,18 +22,15 @@ class Admission:
     """Decides which actuators are followed; what it keeps of the others is bounded.
 
     An actuator is followed if it is of this shard and listed, where there is a list, as long as
-    there are not ``most_actuators`` of them. Beyond these one is refused, by name once, and its
-    latest description is kept, as that of a latched topic comes once. A refused one takes the
-    place of the one that is silent longest, if that is not listed and its silence lasts.
+    there are not ``most_actuators`` of them. Beyond these it takes the place of the one that is
+    silent longest, if that is not listed and its silence lasts, or is refused.
 
     Parameters
     ----------
     selection, shard
         What is to be followed.
-    most_actuators
-        Gives how many actuators are followed at most.
-    warn
-        Called as by ``Units``.
+    operation
+        How many actuators are followed at most, and how long one is silent before it gives way.
 
     Attributes
     ----------
@@ -44,34 +42,30 @@ class Admission:
         self,
         selection: Selection,
         shard: Shard,
-        most_actuators: Callable[[], int],
-        warn: Callable[[str, str, bool], None],
+        operation: LiveSettings[Operation],
     ) -> None:
         self.listed = selection.of(shard)
         self._all_listed = selection.actuators
         self._shard = shard
-        self._most_actuators = most_actuators
-        self._warn = warn
+        self._operation = operation
         self._counts: Counter[str] = Counter()
         # Of wrong messages of nobody, and of refused ones, the latest.
         self._latest: dict[str, str] = {}
-        # Those that were refused or let go, the latest one last.
-        self._described: dict[str, ActuatorDescription | None] = {}
-        # Those of them that were heard since room was looked for.
-        self._want: set[str] = set()
-        self._let_go = 0
+        self._forgotten = 0
+
+    @property
+    def _most_actuators(self) -> int:
+        return self._operation.value.most_actuators
 
     def clear(self) -> None:
         """Forget what was received."""
         self._counts.clear()
         self._latest.clear()
-        self._described.clear()
-        self._want.clear()
-        self._let_go = 0
+        self._forgotten = 0
 
     def check(self) -> None:
         """Raise ValueError when more are listed than may be followed."""
-        most = self._most_actuators()
+        most = self._most_actuators
         if len(self.listed) > most:
             raise ValueError(
                 f"actuators lists {len(self.listed)} of {self._shard}: expected at most "
@@ -111,56 +105,31 @@ class Admission:
 
     def has_room(self, followed: Collection[str]) -> bool:
         """Return whether one more can be followed."""
-        return len(followed) < self._most_actuators()
+        return len(followed) < self._most_actuators
 
-    def refuse(self, actuator_id: str, description: ActuatorDescription | None) -> None:
-        """Refuse an actuator for which there is no room; a description is kept for later."""
-        is_new = actuator_id not in self._described
-        self._want.add(actuator_id)
-        self.remember(actuator_id, description)
+    def refuse(self, actuator_id: str) -> str:
+        """Refuse an actuator for which there is no room; return why, if it is the first one."""
         self._count(_REFUSED, repr(actuator_id))
-        if is_new:
-            self._warn(
-                actuator_id,
-                f"not followed, as most_actuators = {self._most_actuators()} are",
-                self._counts[_REFUSED] == 1,
-            )
+        if self._counts[_REFUSED] > 1:
+            return ""
+        return f"not followed, as most_actuators = {self._most_actuators} are"
 
-    def remember(self, actuator_id: str, description: ActuatorDescription | None) -> None:
-        """Keep the description of an actuator that is not followed; None leaves what is kept."""
-        before = self._described.pop(actuator_id, None)
-        self._described[actuator_id] = description or before
-        if len(self._described) > _MOST_REMEMBERED:
-            oldest = next(iter(self._described))
-            del self._described[oldest]
-            self._want.discard(oldest)
-
-    def admit(self, actuator_id: str) -> ActuatorDescription | None:
-        """Return the description of an actuator that was refused or let go before, if known."""
-        self._want.discard(actuator_id)
-        return self._described.pop(actuator_id, None)
-
-    def to_let_go(self, silent_s: Mapping[str, float], after_s: float) -> list[str]:
-        """Return which actuators are to make room for those refused since the last call.
+    def silent_for_long(self, silent_s: Mapping[str, float]) -> str:
+        """Return which actuator gives way to another one; empty when none does.
 
         Parameters
         ----------
         silent_s
             For how long each followed one is silent [s].
-        after_s
-            Silence after which one that is not listed may be let go [s].
         """
-        wanted, self._want = len(self._want), set()
-        # Room that is there already needs nobody to go.
-        wanted -= max(0, self._most_actuators() - len(silent_s))
-        silent = [
-            name
+        after_s = self._operation.value.forget_after_s
+        silent = {
+            name: silence_s
             for name, silence_s in silent_s.items()
             if silence_s > after_s and name not in self.listed
-        ]
-        chosen = sorted(silent, key=lambda name: -silent_s[name])[: max(0, wanted)]
-        self._let_go += len(chosen)
-        return chosen
+        }
+        self._forgotten += bool(silent)
+        return max(silent, key=silent.__getitem__) if silent else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
         """Record a wrong message of nobody that is followed; return whether it is the first."""
@@ -188,8 +157,8 @@ class Admission:
         return {
             "shard": f"{self._shard.index} of {self._shard.count}",
             "actuators": len(followed),
-            "most actuators": self._most_actuators(),
-            "actuators let go": self._let_go,
+            "most actuators": self._most_actuators,
+            "actuators forgotten": self._forgotten,
             **{kind: self._counts[kind] for kind in (_REFUSED, _NOT_LISTED, _OTHER_SHARDS)},
         }
 

@@ -1,6 +1,5 @@
 """What a monitor receives of its actuators: windows of it are queued, and what is wrong told."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,7 @@ from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.actuators import Actuators
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
-from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
+from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.messages import description_from_message, measured_from_message, telemetry_from_message
 from ema_ros.stamps import stamp_from_message
@@ -27,22 +26,10 @@ class Intake:
     ----------
     units
         The actuators.
-    now_ns
-        Gives the time of the node's clock [ns].
-    describe
-        Called with each description that differs from the one before.
     queue_window
         Called with each window, or its refusal.
     max_age_s
         Gives the age up to which what was measured holds for a window [s].
-    warn
-        Called as by ``Actuators``.
-    inform
-        Called with what is worth a line in the log.
-    settings_now
-        Gives the settings that a window which begins now is identified with.
-    sources
-        Gives the nodes that publish telemetry, one name for each publisher.
     duties
         Sums up the duty that telemetry tells.
     """
@@ -50,26 +37,14 @@ class Intake:
     def __init__(
         self,
         units: Actuators,
-        now_ns: Callable[[], int],
-        describe: Callable[[ActuatorDescription], None],
         queue_window: Callable[[Segment], None],
         max_age_s: Callable[[], float],
-        warn: Callable[[str, str, bool], None],
-        inform: Callable[[str], object],
-        settings_now: Callable[[], Any],
-        sources: Callable[[], list[str]],
         duties: DutyLog,
     ) -> None:
         self._units = units
-        self._now_ns = now_ns
-        self._describe = describe
         self._queue_window = queue_window
         self._max_age_s = max_age_s
         self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
-        self._warn = warn
-        self._inform = inform
-        self._settings_now = settings_now
-        self._sources = sources
         self._duties = duties
 
     def clear(self) -> None:
@@ -102,11 +77,11 @@ class Intake:
             before = unit.description
             self._handle(unit, unit.finder.describe(description))
             if before is not None and before.serial_number != description.serial_number:
-                unit.reset_health(self._now_ns())
+                unit.reset_health(self._units.now_ns())
                 if unit.exchange(before.serial_number, description.serial_number):
-                    self._warn(unit.actuator_id, unit.alternation, True)
+                    self._units.warn(unit.actuator_id, unit.alternation, True)
         if before != description:
-            self._describe(description)
+            self._units.note_description(description)
 
     def receive_telemetry(self, message: Any) -> None:
         """Look for windows in ``ema_interfaces/msg/TelemetryBlock``, which may be impossible."""
@@ -125,9 +100,7 @@ class Intake:
             unit = self._units.get_or_add(actuator_id)
             if unit is None:
                 return
-            unit.hear(self._now_ns())
-            if not unit.finder.is_open:
-                unit.settings = self._settings_now()
+            unit.hear(self._units.now_ns())
             try:
                 block = telemetry_from_message(message)
             except ValueError as error:
@@ -137,15 +110,8 @@ class Intake:
                 self._note_duty(unit, block)
                 events = unit.finder.feed(block)
             if unit.finder.blocks == 1:
-                self._inform(f"{actuator_id}: first telemetry")
+                self._units.inform(f"{actuator_id}: first telemetry")
             self._handle(unit, events)
-            if any(_went_back(event) for event in events):
-                self._look_for_publishers(unit)
-            is_over = any(isinstance(event, Segment) for event in events)
-            if is_over:
-                unit.settings = self._settings_now()
-            if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
-                self._restart(unit, unit.next_trigger)
 
     def _note_duty(self, unit: Actuator, block: Telemetry) -> None:
         """Add a block to the duty of a unit, once that is described."""
@@ -172,40 +138,19 @@ class Intake:
             self._units.add_defect(actuator_id, str(error), is_known=actuator_id in self._units)
 
     def restart(self, settings: TriggerSettings) -> None:
-        """Look for windows with other settings; a window that is open is completed first."""
+        """Look for windows with other settings from now on; a window that is open is refused."""
         with self._units.lock:
             self._units.trigger = settings
             for unit in self._units.values():
-                if unit.finder.is_open:
-                    unit.next_trigger = settings
-                else:
-                    self._restart(unit, settings)
+                events = unit.finder.restart(settings, "the settings of the window changed")
+                # Nothing is wrong where no window is cut off.
+                self._handle(unit, [event for event in events if isinstance(event, Segment)])
 
     def finish(self) -> list[Segment]:
         """End the telemetry of all; return the refusals of the windows that are cut off."""
         with self._units.lock:
             events = [event for unit in self._units.values() for event in unit.finder.finish()]
         return [event for event in events if isinstance(event, Segment)]
-
-    def _restart(self, unit: Actuator, settings: TriggerSettings) -> None:
-        """Look for the windows of a unit with other settings from now on."""
-        unit.next_trigger = None
-        events = unit.finder.restart(settings, "the settings of the window changed")
-        # Nothing is wrong where no window is cut off.
-        self._handle(unit, [event for event in events if isinstance(event, Segment)])
-        unit.settings = self._settings_now()
-
-    def _look_for_publishers(self, unit: Actuator) -> None:
-        """Name the publishers where an index goes back and forth, as that of two streams does."""
-        if not unit.goes_back_and_forth():
-            return
-        counts = Counter(self._sources())
-        if counts.total() > 1:
-            names = [
-                name if number == 1 else f"{name} ({number})" for name, number in counts.items()
-            ]
-            unit.publishers = ", ".join(sorted(names))
-            self._warn(unit.actuator_id, f"several publishers: {unit.publishers}", False)
 
     def _handle(self, unit: Actuator, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
@@ -220,7 +165,7 @@ class Intake:
                 )
                 event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
-            self._queue_window(replace(event, settings=unit.settings))
+            self._queue_window(event)
 
 
 def _is_name(actuator_id: str) -> bool:
@@ -229,8 +174,3 @@ def _is_name(actuator_id: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _went_back(event: Segment | Defect) -> bool:
-    reason = event.reason if isinstance(event, Defect) else getattr(event.window, "reason", "")
-    return INDEX_WENT_BACK in reason

@@ -1,6 +1,7 @@
 """The monitor node: telemetry in, estimates and health out."""
 
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +22,6 @@ from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
-from ema_monitor.node.hardware_status import hardware_status, hardware_status_class
 from ema_monitor.node.intake import Intake
 from ema_monitor.node.kernels import compile_monitor_kernels
 from ema_monitor.node.messages import estimate_to_message
@@ -71,8 +71,7 @@ class MonitorNode(ManagedNode):
         self._admission = Admission(
             read(self, Selection),
             read(self, Shard, "shard."),
-            lambda: self._operation.value.most_actuators,
-            self._warn,
+            self._operation,
         )
         self._units = Actuators(
             self._admission,
@@ -82,20 +81,14 @@ class MonitorNode(ManagedNode):
             self._note_description,
             self._warn,
             self._inform,
-            self._window_settings,
+            self._forget_silent,
             self.get_namespace(),
         )
         self._duties = DutyLog()
         self._intake = Intake(
             self._units,
-            self._now_ns,
-            self._note_description,
             self._queue_window,
             lambda: self._operation.value.measured_max_age_s,
-            self._warn,
-            self._inform,
-            self._window_settings,
-            self._telemetry_sources,
             self._duties,
         )
         self._prognosis = MonitorPrognosis(
@@ -116,6 +109,7 @@ class MonitorNode(ManagedNode):
             self._prognosis.write_assessment,
             lambda text: self.get_logger().error(text),
         )
+        self._removed: deque[str] = deque()
         self._is_active = False
         self._is_configured = False
         self._in_sim_time = False
@@ -298,19 +292,20 @@ class MonitorNode(ManagedNode):
             self._operation.value.level_confirmations,
         )
 
-    def _telemetry_sources(self) -> list[str]:
-        """Return the full name of the node of each publisher of telemetry."""
-        return [
-            f"{item.node_namespace.rstrip('/')}/{item.node_name}"
-            for item in self.get_publishers_info_by_topic(topics.TELEMETRY)
-        ]
-
     def _forget(self, actuator_id: str) -> None:
+        self._remove(actuator_id)
+        self._forget_removed(actuator_id)
+
+    def _remove(self, actuator_id: str) -> None:
+        """Follow an actuator no more."""
         with self._units.lock:
             self._units.forget(actuator_id)
             publishers = self._follow_ups.remove_actuator(actuator_id)
             for publisher in (*publishers, *self._health_publishers.pop(actuator_id)):
                 self.destroy_lifecycle_publisher(publisher)
+
+    def _forget_removed(self, actuator_id: str) -> None:
+        """Forget what is known of an actuator that is not followed; what is on disk stays."""
         self._intake.forget(actuator_id)
         self._worker.forget_actuator(actuator_id)
         self._prognosis.forget(actuator_id)
@@ -323,18 +318,10 @@ class MonitorNode(ManagedNode):
         )
         self._follow_ups.add_actuator(actuator_id)
         self._health_publishers[actuator_id] = [health, summary]
-        kind, hardware = hardware_status_class(), None
-        if kind is not None:
-            hardware = self.add_publisher(kind, topics.HARDWARE_STATUS, topics.LATCHED, quiet=True)
-            self._health_publishers[actuator_id].append(hardware)
 
         def publish(message: Health) -> None:
             health.publish(message)
             summary.publish(summary_of(message))
-            unit = self._units.get(actuator_id)
-            if hardware is not None and unit is not None and unit.description is not None:
-                status = hardware_status(kind, message, unit.description, unit.hardware_id)
-                hardware.publish(status)
 
         return publish
 
@@ -359,7 +346,7 @@ class MonitorNode(ManagedNode):
     def _publish_estimate(self, segment: Segment, estimate: Estimate) -> None:
         self._estimates.publish(estimate_to_message(estimate, segment.number, segment.description))
         now_ns, actuator_id = self._now_ns(), segment.description.actuator_id
-        settings = segment.settings or self._window_settings()
+        settings = self._window_settings()
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.record(segment, estimate, settings.prognosis)
         try:
@@ -398,6 +385,8 @@ class MonitorNode(ManagedNode):
             self._follow_ups.follow_health(description, forecaster, costs)
 
     def _check_staleness(self) -> None:
+        while self._removed:
+            self._forget_removed(self._removed.popleft())
         if not self._is_active:
             return
         stale = self._units.publish_stale(self._operation.value.expected_period_s)
@@ -405,16 +394,16 @@ class MonitorNode(ManagedNode):
             self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
         if stale:
             self.report()
-        after_s = self._operation.value.forget_after_s
-        for actuator_id in self._units.let_go(after_s):
-            self.get_logger().warning(
-                f"{actuator_id}: silent for more than {after_s:g} s, and let go as most_actuators "
-                f"= {self._operation.value.most_actuators} are followed and others were refused"
-            )
-            try:
-                self._forget(actuator_id)
-            except ValueError as error:  # a client has just had it forgotten
-                self.get_logger().debug(str(error))
+
+    def _forget_silent(self, actuator_id: str) -> None:
+        """Remove an actuator that is silent, in favour of another one."""
+        self.get_logger().warning(
+            f"{actuator_id}: forgotten, as it is silent for more than "
+            f"{self._operation.value.forget_after_s:g} s and there is no room for another one"
+        )
+        self._remove(actuator_id)
+        # Not now: the lock of the actuators is held, for which a history that is read may wait.
+        self._removed.append(actuator_id)
 
 
 def main(args: list[str] | None = None) -> int:

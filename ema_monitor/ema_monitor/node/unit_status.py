@@ -63,11 +63,8 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
         level, message = ERROR, "no description of the actuator: the telemetry has to wait"
         message += f"; {unit.defects}" if unit.defects else ""
         category = CHECK_FUNCTION
-    elif unit.publishers or unit.alternation:
-        level = WARN
-        several = f"telemetry of this actuator has several publishers: {unit.publishers}"
-        found = [several] if unit.publishers else []
-        message = "; ".join(filter(None, [*found, unit.alternation]))
+    elif unit.alternation:
+        level, message = WARN, unit.alternation
         message += f"; {unit.defects}" if unit.defects else ""
     elif unit.defects:
         level, message = WARN, unit.defects

@@ -2,7 +2,6 @@
 
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -40,7 +39,7 @@ class IdentificationWorker:
         Gives the latest valid estimate in the history of an actuator, if any: its first search
         begins there.
     settings
-        Gives the settings of searches and combinations for windows that carry none.
+        Gives the settings of searches and combinations.
     publish
         Called with each window and its estimate; of stretches of ordinary motion, with the one
         that completes an estimate, and that.
@@ -194,9 +193,7 @@ class IdentificationWorker:
             if not may_publish:
                 return
             for one in found:
-                of = segment
-                if segment.is_stretch:
-                    of = replace(_completed(one), settings=segment.settings)
+                of = _completed(one) if segment.is_stretch else segment
                 try:
                     self._publish(of, one.estimate)
                 except Exception as error:
@@ -207,7 +204,7 @@ class IdentificationWorker:
 
     def _diagnosed(self, segment: Segment, queue: WindowQueue) -> list[Diagnosed]:
         """Return the estimates of a window; those that a stretch completes may be none."""
-        settings = self._settings_of(segment)
+        settings = self._settings()
         found: list[Diagnosed] = []
         for one in self._diagnosis(segment).add(
             segment,
@@ -247,10 +244,6 @@ class IdentificationWorker:
         except Exception as error:
             self._log_failure(segment, error)
 
-    def _settings_of(self, segment: Segment) -> WindowSettings:
-        """Return the settings with which a window is identified: those when it began."""
-        return segment.settings or self._settings()
-
     def _log_failure(self, segment: Segment, error: Exception) -> str:
         reason = f"the identification failed: {error!r}"
         self._log_error(f"window {segment.number}: {reason}\n{traceback.format_exc()}")
@@ -261,7 +254,7 @@ class IdentificationWorker:
         if reason or isinstance(window, Window):
             window = Refusal(window.start_ns, window.end_ns, reason)
         calibration = self._calibration_of(segment.description)
-        return refusal(window, calibration, self._settings_of(segment).search, window.reason)
+        return refusal(window, calibration, self._settings().search, window.reason)
 
 
 def _completed(found: Diagnosed) -> Segment:

@@ -6,7 +6,7 @@ It serves live telemetry, replays and bags alike: nothing depends on when a bloc
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
@@ -45,9 +45,6 @@ class Segment:
     last_stretch
         Number of the latest stretch when those were combined whose estimate this is of; the
         combinations have numbers of their own. None otherwise.
-    settings
-        Those that were in effect when it began, as its finder's user keeps them; None where
-        nobody does.
     """
 
     number: int
@@ -55,7 +52,6 @@ class Segment:
     window: Window | Refusal
     is_stretch: bool = False
     last_stretch: int | None = None
-    settings: Any = None
 
 
 class WindowFinder:
