@@ -18,7 +18,7 @@ from ema_inputs.files import InputFile
 from ema_inputs.importing import import_series
 from ema_inputs.mapping import Mapping
 from ema_inputs.mapping_file import mapping_from
-from ema_inputs.settings import BridgeSettings
+from ema_inputs.bridging import BridgeSettings
 
 _START_NS: Final = 1_700_000_000_000_000_000
 _STATES: Final = "/joint_states"

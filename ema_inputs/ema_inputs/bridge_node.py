@@ -11,9 +11,8 @@ from rclpy.subscription import Subscription
 
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
-from ema_inputs.bridging import Bridge
+from ema_inputs.bridging import Bridge, BridgeSettings
 from ema_inputs.mapping_file import load_mapping
-from ema_inputs.settings import BridgeSettings
 from ema_recording.message_type import message_class
 from ema_recording.qos import common_offer
 from ema_ros import topics

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
+from ema_core.quantity import check_quantities, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_inputs.arrival import ArrivalClock
 from ema_inputs.conversion import convert
@@ -18,14 +19,33 @@ from ema_inputs.mapping import Mapping
 from ema_inputs.rate import Rate, find_rate
 from ema_inputs.resampling import Losses, Resampler
 from ema_inputs.series import Collector, Series
-from ema_inputs.settings import BridgeSettings
 
 _LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
 _CHECK_S: Final = 0.2
-_OTHER_RATE: Final = 0.02
-_RECENT_NS: Final = 1_000_000_000
 _MOST_WAITING: Final = 200_000
+
+
+@dataclass(frozen=True)
+class BridgeSettings:
+    """What a bridge listens to, and how long it waits.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible.
+    """
+
+    mapping_file: str = text("", "mapping of topics to telemetry, a YAML file")
+    actuator_file: str = text("", "description of the actuator; empty: the built-in one")
+    block_s: float = quantity(0.01, "s", 1e-3, 1.0, "time between two blocks of telemetry")
+    learn_s: float = quantity(1.0, "s", 0.1, 60.0, "time in which the rate is found, at the start")
+    wait_s: float = quantity(
+        0.3, "s", 0.0, 10.0, "how long a position waits at most for what was sent before it"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
 
 
 @dataclass
@@ -80,11 +100,16 @@ class Bridge:
         self._settings = settings
         self._collector = Collector(mapping)
         self.description: ActuatorDescription | None = None
-        self.rate: Rate | None = None
         self.defects: list[Defect] = []
         self.withheld = 0
-        self._index = 0
-        self._restart()
+        self.rate: Rate | None = None
+        self._resampler: Resampler | None = None
+        self._clock: ArrivalClock | None = None
+        self._filled = 0
+        self._settled = np.empty(0, dtype=np.int64)
+        self._stamped = 0
+        self._waiting: dict[str, Series] = {}
+        self._kept = _Kept([], [])
 
     @property
     def topics(self) -> list[str]:
@@ -135,21 +160,7 @@ class Bridge:
             own = self._waiting[self._mapping.position.topic] = _part(own, -_MOST_WAITING, None)
         if self.rate is None and not self._learn(own):
             return []
-        blocks = self._emit(self._new_stamps(own))
-        if self._has_other_rate:
-            self._restart()
-        return blocks
-
-    def _restart(self) -> None:
-        self.rate = None
-        self._resampler: Resampler | None = None
-        self._clock: ArrivalClock | None = None
-        self._filled = 0
-        self._settled = np.empty(0, dtype=np.int64)
-        self._stamped = 0
-        self._waiting: dict[str, Series] = {}
-        self._kept = _Kept([], [])
-        self._has_other_rate = False
+        return self._emit(self._new_stamps(own))
 
     def _learn(self, own: Series) -> bool:
         """Find the rate; return whether it is known now."""
@@ -168,7 +179,7 @@ class Bridge:
             self._given, sample_period=rate.period, acquisition=self._mapping.acquisition
         )
         self.rate = rate
-        self._resampler = Resampler(rate, self._index)
+        self._resampler = Resampler(rate)
         return True
 
     def _new_stamps(self, own: Series) -> NDArray[np.int64]:
@@ -190,18 +201,13 @@ class Bridge:
         count = self._complete(len(stamps))
         if not count:
             return []
-        samples = join_topics(self._waiting, self._mapping, stamps[:count])
-        for key, _, item in self._mapping.wanted():
-            if key in samples.begun:
-                self._waiting[item.topic].trajectories[key][:] = samples.begun[key]
+        stamps = stamps[:count]
+        raw = join_topics(self._waiting, self._mapping, stamps)
         self._forget(count, int(stamps[count - 1]))
-        columns = convert(samples.raw, self._mapping, self.description)
+        columns = convert(raw, self._mapping, self.description)
         filled = tuple(name for name in COLUMNS if len(columns[name]))
-        self._keep(samples.stamps_ns, columns)
-        runs = self._resampler.push(
-            samples.stamps_ns, np.column_stack([columns[name] for name in filled])
-        )
-        self._index = self._resampler.index
+        self._keep(stamps, columns)
+        runs = self._resampler.push(stamps, np.column_stack([columns[name] for name in filled]))
         if self.refused:
             self.withheld += sum(len(run.stamps_ns) for run in runs)
             return []
@@ -258,12 +264,6 @@ class Bridge:
             *stream_defects(self.losses, self.rebuilt),
             *find_defects(whole, times, self._mapping, self.description),
         ]
-        if self._clock is None and len(times) > _LEAST_SAMPLES:
-            recent = times[times > times[-1] - _RECENT_NS]
-            if len(recent) > _LEAST_SAMPLES and np.all(np.diff(recent) > 0):
-                found = find_rate(recent, self._mapping.clock.rate_hz)
-                if abs(found.measured_period / self.rate.measured_period - 1.0) > _OTHER_RATE:
-                    self._has_other_rate = True
 
 
 def _joined(before: Series | None, series: Series) -> Series:
@@ -275,7 +275,6 @@ def _joined(before: Series | None, series: Series) -> Series:
         np.concatenate([before.stamps_ns, series.stamps_ns]),
         np.concatenate([before.arrivals_ns, series.arrivals_ns]),
         {key: np.concatenate([before.values[key], new]) for key, new in series.values.items()},
-        {key: [*before.trajectories[key], *new] for key, new in series.trajectories.items()},
     )
 
 
@@ -284,5 +283,4 @@ def _part(series: Series, start: int, stop: int | None) -> Series:
         series.stamps_ns[start:stop],
         series.arrivals_ns[start:stop],
         {key: values[start:stop] for key, values in series.values.items()},
-        {key: items[start:stop] for key, items in series.trajectories.items()},
     )

@@ -16,7 +16,6 @@ from ema_inputs.motion import Motion
 from ema_inputs.resampling import Losses
 
 _LEAST_TRAVEL: Final = 1e-3
-_FROZEN_SHARE: Final = 0.5
 _RATIO_WITHIN: Final = 0.03
 _CURRENT_SIZE: Final = 8.0
 _MANY: Final = 0.01
@@ -74,7 +73,6 @@ def find_defects(
     if motion is None:
         return found
     found += _frozen(columns, motion)
-    found += _frozen_for_a_while(columns, stamps_ns)
     frozen = {item.name for item in found}
     found += _wrong_factors(motion, mapping, description, frozen)
     if not any(item.is_error for item in found):
@@ -214,51 +212,6 @@ def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator
             "moves",
             remedy,
         )
-
-
-def _frozen_for_a_while(
-    columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64]
-) -> Iterator[Defect]:
-    """Yield columns that stop changing while another moves to and fro."""
-    position, speed = columns["position"], columns["speed"]
-    if np.nanmax(position) - np.nanmin(position) < _LEAST_TRAVEL:
-        return
-    others: dict[str, NDArray[np.float64]] = {
-        name: position for name in ("command", "speed", "current")
-    }
-    if len(speed):
-        seconds = np.diff(stamps_ns, prepend=stamps_ns[0]) * 1e-9
-        others["position"] = np.cumsum(np.nan_to_num(speed) * seconds)
-    for name, angle in others.items():
-        values = columns[name]
-        if not len(values):
-            continue
-        first, last = _longest_run(values)
-        if last - first == len(values):
-            continue
-        part = angle[first:last]
-        part = part[np.isfinite(part)]
-        if not len(part) or not np.isfinite(values[first]):
-            continue
-        # One way alone may be a steady motion, of which a coarse column sees nothing.
-        rise = np.max(part - np.minimum.accumulate(part))
-        fall = np.max(np.maximum.accumulate(part) - part)
-        if min(rise, fall) > _FROZEN_SHARE * (np.nanmax(angle) - np.nanmin(angle)):
-            yield Defect(
-                f"{name}_frozen",
-                True,
-                f"{name} is {values[first]:g} in {counted(last - first, 'sample')} in a row, from "
-                f"the {first + 1}th on, while {'speed' if name == 'position' else 'position'} goes "
-                "to and fro",
-                "the source has stopped there: leave that part out",
-            )
-
-
-def _longest_run(values: NDArray[np.float64]) -> tuple[int, int]:
-    """Return begin and end of the longest run of equal values."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1, [len(values)]])
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1])
 
 
 def _wrong_factors(

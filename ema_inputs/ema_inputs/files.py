@@ -1,7 +1,6 @@
 """A file or bag of any make, with what it holds."""
 
 from collections.abc import Mapping as ByTopic
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from ema_core.description import ActuatorDescription
 from ema_inputs.bags import AnyBag, bag_series, is_bag
 from ema_inputs.guess import Guess, guess_columns, guess_topics, refine
 from ema_inputs.importing import primary_stamps
-from ema_inputs.joining import Samples, join_topics
+from ema_inputs.joining import join_topics
 from ema_inputs.mapping import Mapping
 from ema_inputs.series import Series
 from ema_inputs.tables import Columns, read_columns, table_series
@@ -46,7 +45,6 @@ class InputFile:
         self.remarks: list[str] = []
         self._columns: Columns | None = None
         self._bag: AnyBag | None = None
-        self._elements: dict[str, int] = {}
         if not path.exists():
             raise FileNotFoundError(2, "there is no such file", str(path))
         if is_bag(path):
@@ -94,10 +92,9 @@ class InputFile:
             first = guess_columns(self._columns)
         else:
             first = guess_topics(*self._topics_and_joints())
-        guesses = [first, *_other_elements(first, self._elements)]
-        joined = [self._joined(guess.mapping) for guess in guesses]
-        best = max(range(len(guesses)), key=lambda i: _agreement(joined[i]))
-        return refine(guesses[best], joined[best], description)
+        series = self.series(first.mapping)
+        stamps, _ = primary_stamps(series[first.mapping.position.topic], first.mapping)
+        return refine(first, join_topics(series, first.mapping, stamps), stamps, description)
 
     def contents(self) -> list[str]:
         """Return what the file holds, a line a column or topic."""
@@ -127,22 +124,14 @@ class InputFile:
         if self._bag.damage:
             self.remarks.append(self._bag.damage)
 
-    def _joined(self, mapping: Mapping) -> Samples:
-        series = self.series(mapping)
-        stamps, _ = primary_stamps(series[mapping.position.topic], mapping)
-        return join_topics(series, mapping, stamps)
-
     def _topics_and_joints(self) -> tuple[dict[str, str], dict[str, list[str]]]:
         assert self._bag is not None
         topics = {name: topic.type_name for name, topic in self._bag.topics.items() if topic.count}
-        joints: dict[str, list[str]] = {}
-        for name, kind in topics.items():
-            if kind == "sensor_msgs/msg/JointState":
-                joints[name] = self._joints_by_travel(name)
-            elif kind.endswith("MultiArray"):
-                first = next(self._bag.messages([name]), None)
-                if first is not None:
-                    self._elements[name] = len(first[1].data)
+        joints = {
+            name: self._joints_by_travel(name)
+            for name, kind in topics.items()
+            if kind == "sensor_msgs/msg/JointState"
+        }
         return topics, joints
 
     def _joints_by_travel(self, topic: str) -> list[str]:
@@ -154,29 +143,3 @@ class InputFile:
                 low, high = reach.get(name, (position, position))
                 reach[name] = min(low, position), max(high, position)
         return sorted(reach, key=lambda name: reach[name][0] - reach[name][1])
-
-
-def _other_elements(guess: Guess, elements: ByTopic[str, int]) -> list[Guess]:
-    """Return the guess with the other elements of an array as command."""
-    command = guess.mapping.command
-    if command is None or command.source != "data[0]":
-        return []
-    return [
-        Guess(
-            replace(guess.mapping, command=replace(command, source=f"data[{i}]")),
-            [*guess.remarks, f"command.source data[{i}]: of all elements the position follows it"],
-        )
-        for i in range(1, elements.get(command.topic, 1))
-    ]
-
-
-def _agreement(samples: Samples) -> float:
-    """Return how well the position follows the command, from 0 to 1."""
-    if "command" not in samples.raw:
-        return 0.0
-    command, position = samples.raw["command"], samples.raw["position"]
-    known = np.isfinite(command) & np.isfinite(position)
-    command, position = command[known], position[known]
-    if len(command) < 2 or np.ptp(command) == 0.0 or np.ptp(position) == 0.0:
-        return 0.0
-    return abs(float(np.corrcoef(command, position)[0, 1]))

@@ -1,5 +1,6 @@
 """A mapping guessed from names, magnitudes and relations, to be confirmed by who knows."""
 
+import re
 from collections.abc import Mapping as ByName
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -11,7 +12,6 @@ from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_inputs.conversion import convert
 from ema_inputs.factors import explain
-from ema_inputs.joining import Samples
 from ema_inputs.mapping import (
     AngleSource,
     Clock,
@@ -22,13 +22,41 @@ from ema_inputs.mapping import (
     Table,
 )
 from ema_inputs.motion import Motion
-from ema_inputs.naming import kinds_of, unit_in_name, unit_of, words_of
 from ema_inputs.tables import Columns
 from ema_inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
 _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 _JOINT_STATE: Final = "sensor_msgs/msg/JointState"
+_WORDS: Final = {
+    "command": r"cmd|command\w*|set ?points?|sp|ref|reference|target|demand\w*|desired|soll\w*|"
+    r"commanded|input",
+    "error": r"err|error|deviation|following|tracking",
+    "position": r"pos|position|angle|theta|winkel|enc|encoder|ist\w*|deflection|phi|pos estimate",
+    "speed": r"vel|velocity|speed|omega|drehzahl|rpm|w|rate",
+    "current": r"current|cur|iq|i q|i eq|ieq|strom|amps?|effort|torque|trq|moment|drehmoment|i",
+    "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us",
+}
+_SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z])(?=[A-Z])")
+_UNITS: Final = {
+    "rad": ("rad", "radian", "radians"),
+    "deg": ("deg", "°", "degree", "degrees", "grad"),
+    "mrad": ("mrad",),
+    "turn": ("rev", "revs", "turn", "turns", "u", "cycles"),
+    "rad/s": ("rad/s", "rad s", "rads", "rad/sec", "rad*s^-1"),
+    "deg/s": ("deg/s", "°/s", "deg s", "deg/sec", "dps", "grad/s"),
+    "rpm": ("rpm", "1/min", "u/min", "r/min", "rev/min", "min^-1", "min-1"),
+    "turn/s": ("rev/s", "turn/s", "turns/s", "u/s", "rps", "hz"),
+    "A": ("a", "amp", "amps", "ampere"),
+    "mA": ("ma", "milliamp"),
+    "N.m": ("nm", "n.m", "n*m", "n m", "newton meter"),
+    "mN.m": ("mnm", "mn.m", "mn*m"),
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "millis"),
+    "us": ("us", "µs", "usec", "micros"),
+    "ns": ("ns", "nsec", "nanos", "nanoseconds"),
+}
+_BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 _NUMBER_TYPES: Final = {
     "std_msgs/msg/Float64": "data",
     "std_msgs/msg/Float32": "data",
@@ -55,7 +83,7 @@ def guess_columns(columns: Columns) -> Guess:
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
     clock, unused = _clock(columns, remarks)
-    kinds = {name: kinds_of(name) for name in unused}
+    kinds = {name: _kinds_of(name) for name in unused}
     taken: dict[str, str] = {}
     for quantity, without in (
         ("position", {"command", "error", "speed"}),
@@ -92,7 +120,7 @@ def guess_columns(columns: Columns) -> Guess:
         )
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
-        unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
+        unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
         sources[quantity] = _source(quantity, name, unit, remarks)
     if "current" not in sources and len(phases) >= 2:
         remarks += _phases_remark(phases)
@@ -146,6 +174,8 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
             f"no topic seems to be the command; topics: {listed}: write a mapping by "
             "hand, the examples show how"
         )
+    if command.source.endswith("[0]"):
+        remarks.append(f"command.source {command.source} is a guess")
     remarks.append("effort may be a current, a torque of motor or joint, or nothing: confirm kind")
     mapping = Mapping(
         position=of(AngleSource, "position"),
@@ -158,19 +188,24 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
     return Guess(mapping, remarks)
 
 
-def refine(guess: Guess, samples: Samples, description: ActuatorDescription) -> Guess:
+def refine(
+    guess: Guess,
+    raw: ByName[str, NDArray[np.float64]],
+    stamps_ns: NDArray[np.int64],
+    description: ActuatorDescription,
+) -> Guess:
     """Return a guess with units, signs and shafts by which its columns agree with each other."""
     mapping, remarks = guess.mapping, list(guess.remarks)
-    if "current" in samples.raw and _is_still(samples.raw["current"]):
+    if "current" in raw and _is_still(raw["current"]):
         mapping = replace(mapping, current=None)
         remarks.append("current never changes: it is taken as not measured")
-    if "speed" in samples.raw and _is_still(samples.raw["speed"]):
+    if "speed" in raw and _is_still(raw["speed"]):
         mapping = replace(mapping, speed=None)
         remarks.append("speed never changes: it is taken as not measured")
 
     def moving(of: Mapping) -> Motion | None:
-        columns = convert(samples.raw, of, description)
-        return Motion.of(columns, samples.stamps_ns, description.parameters.tau)
+        columns = convert(raw, of, description)
+        return Motion.of(columns, stamps_ns, description.parameters.tau)
 
     motion = moving(mapping)
     if motion is None:
@@ -214,7 +249,7 @@ def _refined_current(
 def _clock(columns: Columns, remarks: list[str]) -> tuple[Clock, list[str]]:
     """Return the clock and the names of the other columns."""
     names = list(columns.values)
-    named = [name for name in names if name in columns.dates or "time" in kinds_of(name)]
+    named = [name for name in names if name in columns.dates or "time" in _kinds_of(name)]
     growing = [name for name in (named or names) if _grows(columns.values[name])]
     if not growing:
         why = "no column seems to be the time"
@@ -223,7 +258,7 @@ def _clock(columns: Columns, remarks: list[str]) -> tuple[Clock, list[str]]:
         remarks.append(f"{why}: give clock.rate_hz, here 1000 as a guess")
         return Clock(rate_hz=1000.0), [name for name in names if name not in named]
     name = growing[0]
-    unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
+    unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
     if unit not in TIMES_NS:
         unit = _unit_of_times(columns.values[name])
         if name not in columns.dates:
@@ -263,7 +298,7 @@ def _unit_of_times(values: NDArray[Any]) -> str:
 
 
 def _shared(name: str, other: str) -> int:
-    return len(words_of(name) & words_of(other))
+    return len(_words_of(name) & _words_of(other))
 
 
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
@@ -297,15 +332,13 @@ def _phases_remark(phases: dict[str, str]) -> list[str]:
 
 
 def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
-    ranked = sorted(topics, key=lambda name: "command" not in kinds_of(name))
+    ranked = sorted(topics, key=lambda name: "command" not in _kinds_of(name))
     for name in ranked:
         kind = topics[name]
         if kind == "control_msgs/msg/JointTrajectoryControllerState":
             return AngleSource(source="reference.positions", topic=name)
         if kind == "control_msgs/msg/SingleDOFStateStamped":
             return AngleSource(source="dof_state.reference", topic=name)
-        if kind == "trajectory_msgs/msg/JointTrajectory":
-            return AngleSource(source="points", topic=name)
         if kind in _NUMBER_TYPES:
             return AngleSource(source=_NUMBER_TYPES[kind], topic=name, between="hold")
     return None
@@ -314,3 +347,48 @@ def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
 def _is_still(values: NDArray[np.float64]) -> bool:
     finite = values[np.isfinite(values)]
     return len(finite) == 0 or float(np.ptp(finite)) == 0.0
+
+
+def _unit_of(text: str) -> str:
+    """Return the unit that is meant by a text, such as "1/min"; empty where it is none known."""
+    plain = text.strip().lower().replace("²", "^2").replace("·", ".")
+    for unit, spellings in _UNITS.items():
+        if plain in spellings or plain == unit.lower():
+            return unit
+    return ""
+
+
+def _unit_in_name(name: str) -> str:
+    """Return the unit at the end of a name, as in ``pos_deg``; empty without one."""
+    words = _words(name)
+    for count in (2, 1):
+        if len(words) > count:
+            joined = " ".join(words[-count:])
+            unit = _unit_of(joined)
+            # A single letter at the end is a phase or an axis more often than a unit.
+            if unit and (len(joined) > 1 or joined == "s"):
+                return unit
+    return ""
+
+
+def _kinds_of(name: str) -> set[str]:
+    """Return what a column may be by its name: keys of a mapping, "time" or "phase_a" to "c"."""
+    words = _words(_BRACKETS.sub(" ", name))
+    text = " ".join(words)
+    found = {
+        kind for kind, pattern in _WORDS.items() if re.search(rf"(?:^| )(?:{pattern})(?: |$)", text)
+    }
+    if match := re.fullmatch(
+        r"(?:i|current|strom|phase)(?: phase)?(?: current)? ?([abcuvw])", text
+    ):
+        return {f"phase_{'abcabc'['abcuvw'.index(match[1])]}"}
+    return found
+
+
+def _words_of(name: str) -> set[str]:
+    """Return the words of a name without its unit in brackets, in small letters."""
+    return set(_words(_BRACKETS.sub(" ", name)))
+
+
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in _SPLIT.split(name) if word]

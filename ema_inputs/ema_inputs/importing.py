@@ -91,8 +91,7 @@ def import_series(
         # They are on a line: what it moves as it follows the clock is no jitter of the samples.
         rate = replace(rate, jitter=0.0)
     described = replace(description, sample_period=rate.period, acquisition=mapping.acquisition)
-    samples = join_topics(by_topic, mapping, stamps)
-    columns = convert(samples.raw, mapping, described)
+    columns = convert(join_topics(by_topic, mapping, stamps), mapping, described)
     filled = tuple(name for name in COLUMNS if len(columns[name]))
     resampler = Resampler(rate)
     runs = resampler.push(stamps, np.column_stack([columns[name] for name in filled]))

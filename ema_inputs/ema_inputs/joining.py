@@ -1,7 +1,6 @@
 """Sources of several topics, joined at the samples of the position."""
 
 from collections.abc import Mapping as ByTopic
-from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -9,32 +8,8 @@ from numpy.typing import NDArray
 
 from ema_inputs.mapping import Mapping
 from ema_inputs.series import NO_STAMP, Series
-from ema_inputs.trajectory import Trajectory, evaluate
 
 _WIDEST: Final = 10.0
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Samples of a mapping, in the order they came.
-
-    Attributes
-    ----------
-    stamps_ns
-        Their stamps, ``(n,)`` [ns].
-    raw
-        What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)`` each; not a number
-        where a source has nothing.
-    begun
-        Trajectories by key; those that have begun hold where they began.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    raw: dict[str, NDArray[np.float64]]
-    begun: dict[str, list[Trajectory]] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.stamps_ns)
 
 
 def uses_arrival(series: Series, mapping: Mapping) -> bool:
@@ -64,8 +39,10 @@ def stamped(series: Series) -> tuple[NDArray[np.int64], int]:
 
 def join_topics(
     by_topic: ByTopic[str, Series], mapping: Mapping, stamps_ns: NDArray[np.int64]
-) -> Samples:
-    """Return the samples of the position with what the other topics hold then.
+) -> dict[str, NDArray[np.float64]]:
+    """Return what the sources hold at the samples of the position, by the keys of ``wanted``.
+
+    Each is ``(n,)``; not a number where a source has nothing.
 
     Parameters
     ----------
@@ -78,7 +55,6 @@ def join_topics(
     own = by_topic[mapping.position.topic]
     count = len(stamps_ns)
     raw = {key: values[:count] for key, values in own.values.items()}
-    begun: dict[str, list[Trajectory]] = {}
     arrivals = own.arrivals_ns[:count]
     for key, _, item in mapping.wanted():
         if item.topic == mapping.position.topic:
@@ -88,18 +64,9 @@ def join_topics(
         # transport may differ, and a loop that is late sends command and position late alike.
         is_stamped = bool(np.any(other.stamps_ns != NO_STAMP))
         times = stamped(other)[0] if is_stamped else other.arrivals_ns
-        if key in other.trajectories:
-            if not is_stamped and count:
-                times = times + np.int64(np.median(stamps_ns - arrivals))
-            given = [
-                replace(trajectory, start_ns=int(time))
-                for trajectory, time in zip(other.trajectories[key], times, strict=True)
-            ]
-            raw[key], begun[key] = evaluate(given, stamps_ns, raw["position"])
-            continue
         value_at = _held if item.between == "hold" else _between
         raw[key] = value_at(times, other.values[key], stamps_ns if is_stamped else arrivals)
-    return Samples(stamps_ns, raw, begun)
+    return raw
 
 
 def _held(

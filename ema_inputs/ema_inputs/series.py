@@ -1,7 +1,7 @@
 """What one table or topic holds of what a mapping wants."""
 
 from collections.abc import Mapping as Columns
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -9,15 +9,11 @@ from numpy.typing import NDArray
 
 from ema_core.wording import counted
 from ema_inputs.field_path import FieldPath
-from ema_inputs.mapping import CLOCKS, Mapping, Source
-from ema_inputs.trajectory import Trajectory, trajectory_of
+from ema_inputs.mapping import CLOCKS, Mapping
 from ema_inputs.units import TIMES_NS
 
 NO_STAMP: Final = -(2**63)
 """Stamp of a sample that carries none [ns]."""
-
-POINTS: Final = "points"
-"""Field of trajectories: a source of this name is a command given as trajectories."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +28,11 @@ class Series:
         When they were sent or, where that is not known, received, ``(n,)`` [ns].
     values
         By key, ``(n,)`` each, as the source gives them.
-    trajectories
-        By key, instead of values.
     """
 
     stamps_ns: NDArray[np.int64]
     arrivals_ns: NDArray[np.int64]
     values: Columns[str, NDArray[np.float64]]
-    trajectories: Columns[str, list[Trajectory]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -51,7 +44,6 @@ class _Topic:
     def __init__(self, clock: FieldPath | None) -> None:
         self.clock = clock
         self.readers: dict[str, tuple[FieldPath, str]] = {}
-        self.trajectories: dict[str, tuple[str, list[Trajectory]]] = {}
         self.clear()
 
     def clear(self) -> None:
@@ -86,7 +78,7 @@ class Collector:
         self.reason = ""
         self._sent_first = mapping.clock.source != "arrival"
         source = mapping.clock.source or "header"
-        path = FieldPath(source) if source not in CLOCKS else None
+        clock = FieldPath(source) if source not in CLOCKS else None
         self._reads_header = source == "header"
         self._clock_unit = TIMES_NS[mapping.clock.unit]
         self._topics: dict[str, _Topic] = {}
@@ -95,15 +87,12 @@ class Collector:
         for key, text, item in mapping.wanted():
             # Only the clock of the position: other messages need not have such a field.
             is_primary = item.topic == mapping.position.topic
-            topic = self._topics.setdefault(item.topic, _Topic(path if is_primary else None))
+            topic = self._topics.setdefault(item.topic, _Topic(clock if is_primary else None))
             self.types[item.topic] = self.types.get(item.topic) or item.type
             if item.names_topic:
                 self._names.setdefault(item.names_topic, None)
-            if text == POINTS:
-                topic.trajectories[key] = (item.joint or mapping.joint, [])
-            else:
-                joint = _joint_of(item, mapping)
-                topic.readers[key] = (FieldPath(text, joint), item.names_topic)
+            path = FieldPath(text, item.joint or mapping.joint)
+            topic.readers[key] = (path, item.names_topic)
         for topic in self._topics.values():
             topic.clear()
 
@@ -135,8 +124,6 @@ class Collector:
         arrival = sent_ns if sent_ns and self._sent_first else received_ns
         try:
             stamp = self._stamp(own, message)
-            for joint, found in own.trajectories.values():
-                found.append(trajectory_of(message, joint))
             row = {}
             for key, (path, names) in own.readers.items():
                 if names and self._names[names] is None:
@@ -160,9 +147,6 @@ class Collector:
         found = self.series()
         for topic in self._topics.values():
             topic.clear()
-            topic.trajectories = {
-                key: (joint, []) for key, (joint, _) in topic.trajectories.items()
-            }
         return found
 
     def problem(self) -> str:
@@ -180,14 +164,9 @@ class Collector:
         return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec or NO_STAMP
 
 
-def _joint_of(item: Source, mapping: Mapping) -> str:
-    return item.joint or mapping.joint
-
-
 def _series_of(topic: _Topic) -> Series:
     return Series(
         np.array(topic.stamps, dtype=np.int64),
         np.array(topic.arrivals, dtype=np.int64),
         {key: np.array(values, dtype=float) for key, values in topic.values.items()},
-        {key: found for key, (_, found) in topic.trajectories.items()},
     )

@@ -99,25 +99,6 @@ def write_joint_states(
         bag.write("/joint_states", state, received)
 
 
-def write_dynamic_states(bag: OtherBag, telemetry: Telemetry) -> None:
-    names = ["velocity", "position", "current"]
-    for i, stamp in enumerate(stamps_of(telemetry)):
-        values = [telemetry.speed[i] * TAU, telemetry.position[i], telemetry.current[i]]
-        inner = bag.make("control_msgs/msg/InterfaceValue", names, np.array(values))
-        other = bag.make("control_msgs/msg/InterfaceValue", ["position"], np.zeros(1))
-        state = bag.make(
-            "control_msgs/msg/DynamicJointState",
-            bag.header(stamp),
-            ["other", "flap"],
-            [other, inner],
-        )
-        numbers = (telemetry.command[i], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        dof = bag.make("control_msgs/msg/SingleDOFState", "flap", *numbers)
-        single = bag.make("control_msgs/msg/SingleDOFStateStamped", bag.header(stamp), dof)
-        bag.write("/dynamic_joint_states", state, stamp)
-        bag.write("/pid/controller_state", single, stamp)
-
-
 def write_interface_values(bag: OtherBag, telemetry: Telemetry) -> None:
     """Values of interfaces, whose names follow a little later, as a late recorder sees them."""
     keys = ["flap/position", "flap/velocity", "flap/current", "flap/reference"]
@@ -133,27 +114,6 @@ def write_interface_values(bag: OtherBag, telemetry: Telemetry) -> None:
         if i == 5:
             names = bag.make("control_msgs/msg/Keys", bag.header(stamp), keys)
             bag.write("/broadcaster/names", names, stamp)
-
-
-def write_controller_states(bag: OtherBag, telemetry: Telemetry) -> None:
-    zero = bag.make("builtin_interfaces/msg/Duration", 0, 0)
-    empty = np.empty(0)
-
-    def point(position: float, speed: float, effort: float) -> Any:
-        rows = (np.array([0.0, value]) for value in (position, speed))
-        return bag.make(
-            "trajectory_msgs/msg/JointTrajectoryPoint", *rows, empty, np.array([0.0, effort]), zero
-        )
-
-    for i, stamp in enumerate(stamps_of(telemetry)):
-        state = bag.make(
-            "control_msgs/msg/JointTrajectoryControllerState",
-            bag.header(stamp),
-            ["other", "flap"],
-            point(telemetry.command[i], 0.0, 0.0),
-            point(telemetry.position[i], telemetry.speed[i] * TAU, telemetry.current[i]),
-        )
-        bag.write("/jtc/controller_state", state, stamp)
 
 
 def write_odrive(bag: OtherBag, telemetry: Telemetry, delays: Any) -> None:

@@ -57,12 +57,6 @@ def test_joint_states_of_both_storages_are_the_telemetry(telemetry, tmp_path, st
     assert_same(imported(path, joint_states()), telemetry)
 
 
-def test_single_file_of_sqlite3_is_read(telemetry, tmp_path):
-    with OtherBag(tmp_path / "bag") as bag:
-        other_makes.write_joint_states(bag, telemetry)
-    assert_same(imported(tmp_path / "bag" / "bag.db3", joint_states()), telemetry)
-
-
 def test_each_malformed_message_is_counted_once(telemetry, tmp_path):
     """However often the bag is read, and where several were received at once."""
     with OtherBag(tmp_path / "bag") as bag:
@@ -89,22 +83,6 @@ def test_stamps_that_are_zero_are_rebuilt_and_said(telemetry, tmp_path):
     assert np.std(np.diff(run.stamps_ns)) < 2e4
 
 
-def test_dynamic_joint_states_and_controller_state_are_the_telemetry(telemetry, tmp_path):
-    with OtherBag(tmp_path / "bag", "mcap") as bag:
-        other_makes.write_dynamic_states(bag, telemetry)
-    inner = "interface_values[joint_names=flap].values[interface_names={}]"
-    topic = "/dynamic_joint_states"
-    mapping = mapping_from(
-        {
-            "position": source(topic, inner.format("position")),
-            "speed": source(topic, inner.format("velocity"), shaft="user"),
-            "current": source(topic, inner.format("current")),
-            "command": source("/pid/controller_state", "dof_state.reference"),
-        }
-    )
-    assert_same(imported(tmp_path / "bag", mapping), telemetry)
-
-
 def test_interface_values_are_found_by_names_on_another_topic(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_interface_values(bag, telemetry)
@@ -119,22 +97,6 @@ def test_interface_values_are_found_by_names_on_another_topic(telemetry, tmp_pat
             "speed": of("velocity", shaft="user"),
             "current": of("current"),
             "command": of("reference"),
-        }
-    )
-    assert_same(imported(tmp_path / "bag", mapping), telemetry)
-
-
-def test_state_of_the_trajectory_controller_is_the_telemetry(telemetry, tmp_path):
-    with OtherBag(tmp_path / "bag") as bag:
-        other_makes.write_controller_states(bag, telemetry)
-    topic = "/jtc/controller_state"
-    mapping = mapping_from(
-        {
-            "joint": "flap",
-            "position": source(topic, "feedback.positions"),
-            "command": source(topic, "reference.positions"),
-            "speed": source(topic, "feedback.velocities", shaft="user"),
-            "current": source(topic, "feedback.effort"),
         }
     )
     assert_same(imported(tmp_path / "bag", mapping), telemetry)
@@ -169,10 +131,11 @@ def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry)
     guess = InputFile(tmp_path / "bag").guess(FLAP)
-    assert guess.mapping == joint_states(clock="header")
+    command = source("/commands", "data[0]", between="hold")
+    assert guess.mapping == joint_states(clock="header", command=command)
     words = "\n".join(guess.remarks)
     assert "joint 'flap' on /joint_states is a guess, it moves most; others: other" in words
-    assert "command.source data[1]: of all elements the position follows it" in words
+    assert "command.source data[0] is a guess" in words
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_inputs.conversion import convert
 from ema_inputs.mapping_file import mapping_from
-from ema_inputs.trajectory import Trajectory, evaluate
 
 FLAP = ActuatorDescription()
 P = FLAP.parameters
@@ -108,34 +107,3 @@ def test_phase_currents_of_six_steps_are_half_their_magnitudes():
     section = {"kind": "phase_currents", "phases": ["a", "b", "c"], "torque_sign": "q"}
     raw = {"phase_a": 4.0, "phase_b": -3.9, "phase_c": -0.1, "torque_sign": 1.0}
     assert converted(raw, current=section)["current"][0] == pytest.approx(4.0)
-
-
-def trajectory(start_s, times, positions, velocities=(), accelerations=()):
-    arrays = (np.array(item, float) for item in (times, positions, velocities, accelerations))
-    return Trajectory(round(start_s * 1e9), *arrays)
-
-
-def command(trajectories, seconds, position=0.0):
-    stamps = np.rint(np.asarray(seconds) * 1e9).astype(np.int64)
-    return evaluate(trajectories, stamps, np.full(len(stamps), position))[0]
-
-
-def test_trajectory_begins_at_the_measured_position_and_ends_at_its_last_point():
-    found = command([trajectory(1.0, [2.0], [3.0])], [0.5, 1.0, 2.0, 3.0, 9.0], position=1.0)
-    assert np.isnan(found[0])
-    assert list(found[1:]) == [1.0, 2.0, 3.0, 3.0]
-
-
-def test_later_trajectory_replaces_the_one_before_from_where_it_is():
-    both = [trajectory(0.0, [0.0, 4.0], [0.0, 4.0]), trajectory(2.0, [1.0], [0.0])]
-    assert list(command(both, [1.0, 2.0, 2.5, 3.0, 4.0])) == pytest.approx([1.0, 2.0, 1.0, 0, 0])
-
-
-@pytest.mark.parametrize("order", [3, 5])
-def test_splines_are_exact_for_polynomials_of_their_order(order):
-    polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -1.5, 0.7][: order + 1])
-    times = np.array([0.0, 0.4, 1.0])
-    rows = [polynomial(times), polynomial.deriv()(times), polynomial.deriv(2)(times)]
-    given = trajectory(0.0, times, *rows[: 2 if order == 3 else 3])
-    at = np.linspace(0.0, 1.0, 23)
-    assert command([given], at) == pytest.approx(polynomial(np.rint(at * 1e9) * 1e-9), abs=1e-12)

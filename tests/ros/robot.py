@@ -1,23 +1,18 @@
 """A robot of another make, as a process: one joint of our simulator, published as others do it.
 
-python robot.py RATE_HZ CYCLES FRICTION COMMAND: JointState on /joint_states with the current as
-effort, and the command on /command, as Float64MultiArray sent before each state ("numbers"), or as
-JointTrajectory, a message a cycle ("trajectory").
+python robot.py RATE_HZ CYCLES FRICTION: JointState on /joint_states with the current as effort, and
+the command on /command, as Float64MultiArray sent before each state.
 """
 
 import array
 import sys
 import time
 
-import numpy as np
 import rclpy
-from builtin_interfaces.msg import Duration
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_ros.stamps import stamp_to_message
 from ema_sim import simulate
@@ -25,18 +20,16 @@ from ema_sim import simulate
 JOINT = "flap_joint"
 
 
-def main(rate_hz: float, cycles: int, friction: float, kind: str) -> None:
+def main(rate_hz: float, cycles: int, friction: float) -> None:
     h = 1.0 / rate_hz
     description = ActuatorDescription(sample_period=h)
     telemetry = simulate({"friction": friction}, cycles, description=description)
-    in_cycle = len(build_cycle(THESIS_CHIRP, h).samples)
     tau = description.parameters.tau
     rclpy.init()
     node = rclpy.create_node("robot")
     many = QoSProfile(depth=5000)
     states = node.create_publisher(JointState, "/joint_states", many)
-    message_class = JointTrajectory if kind == "trajectory" else Float64MultiArray
-    commands = node.create_publisher(message_class, "/command", many)
+    commands = node.create_publisher(Float64MultiArray, "/command", many)
     while not (states.get_subscription_count() and commands.get_subscription_count()):
         time.sleep(0.05)
     time.sleep(0.5)  # the subscriptions learn of their match after the publishers
@@ -48,10 +41,7 @@ def main(rate_hz: float, cycles: int, friction: float, kind: str) -> None:
         if late > 0.0:
             time.sleep(late)
         stamp_ns = start_ns + round((i + 1) * h * 1e9)
-        if kind == "numbers":
-            commands.publish(Float64MultiArray(data=array.array("d", [0.1, telemetry.command[i]])))
-        elif i % in_cycle == 0:
-            commands.publish(trajectory(telemetry.command[i : i + in_cycle], stamp_ns, h))
+        commands.publish(Float64MultiArray(data=array.array("d", [0.1, telemetry.command[i]])))
         state.header.stamp = stamp_to_message(stamp_ns)
         state.position = array.array("d", [0.0, telemetry.position[i]])
         state.velocity = array.array("d", [0.0, telemetry.speed[i] * tau])
@@ -62,18 +52,5 @@ def main(rate_hz: float, cycles: int, friction: float, kind: str) -> None:
     rclpy.shutdown()
 
 
-def trajectory(command: np.ndarray, stamp_ns: int, h: float) -> JointTrajectory:
-    message = JointTrajectory(joint_names=[JOINT])
-    message.header.stamp = stamp_to_message(stamp_ns)
-    points = []
-    for i, value in enumerate(command):
-        seconds, nanoseconds = divmod(round(i * h * 1e9), 1_000_000_000)
-        point = JointTrajectoryPoint(positions=[float(value)])
-        point.time_from_start = Duration(sec=seconds, nanosec=nanoseconds)
-        points.append(point)
-    message.points = points
-    return message
-
-
 if __name__ == "__main__":
-    main(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), sys.argv[4])
+    main(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))

@@ -68,19 +68,16 @@ def calibrated(rate_hz: int, path: Path) -> ActuatorDescription:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("rate_hz", "kind"), [(1000, "numbers"), (500, "numbers"), (1000, "trajectory")]
-)
-def test_robot_with_joint_states_is_estimated_live(rate_hz, kind, mapping_file, tmp_path):
+def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
+    rate_hz = 1000
     calibrated(rate_hz, tmp_path / "calibration.yaml")
-    command = {"topic": "/command", "source": "points"}
-    mapping = mapping_file(**({"command": command} if kind == "trajectory" else {}))
+    mapping = mapping_file()
     with Graph() as graph:
         graph.start("monitor", calibration_file=tmp_path / "calibration.yaml")
         graph.start("bridge", mapping_file=mapping)
         for name in ("monitor", "bridge"):
             graph.wait_for(lambda name=name: active(graph, name), f"{name} is active")
-        arguments = [str(rate_hz), "3", str(FRICTION), kind]
+        arguments = [str(rate_hz), "3", str(FRICTION)]
         graph.start_other("robot", [sys.executable, ROBOT, *arguments])
         graph.wait_for(lambda: len(graph.estimates) >= 2, "two estimates")
         for estimate in graph.estimates[:2]:
