@@ -36,7 +36,7 @@ from ema_monitor.design.certifying import certify
 from ema_monitor.design.designing import FINEST, design_command
 from ema_monitor.design.information import Information
 from ema_monitor.design.limits import MotionLimits
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
 

@@ -26,7 +26,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 
 _NOMINAL: Final = ActuatorParameters()
 _DESCRIPTION: Final = ActuatorDescription()

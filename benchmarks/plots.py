@@ -29,8 +29,8 @@ from ema_core.faults import FAULTS, estimation_error, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.search import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identifying import Identification, identify
 from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.window import Window
 

@@ -24,10 +24,10 @@ from trials import run_benchmark, workers
 from unknown_units import FastUnit, SlowUnit
 
 from ema_core.levels import OK
-from ema_monitor.calibration.loading import calibrate_unit
+from ema_monitor.calibrations import calibrate_unit
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 
 WITHIN: Final = 0.02
 RANKED: Final = 0.95

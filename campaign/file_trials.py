@@ -26,7 +26,7 @@ from rclpy.qos import QoSProfile
 from ema_core.files import complete_file
 from ema_interfaces.msg import FaultVectorStamped
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import load_calibration
+from ema_monitor.calibrations import load_calibration
 from ema_monitor.prognosis.history import History
 from ema_recording.reader import Bag
 from ema_recording.writer import BagWriter

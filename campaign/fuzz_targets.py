@@ -18,7 +18,7 @@ from ema_core.yaml_file import load_yaml
 from ema_inputs.files import InputFile
 from ema_inputs.importing import import_series
 from ema_inputs.mapping_file import load_mapping, mapping_from, mapping_text
-from ema_monitor.calibration.loading import load_calibration
+from ema_monitor.calibrations import load_calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts

@@ -12,7 +12,7 @@ from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import content_digest, local_copy
 from ema_archive.tables import count_row, estimate_row
 from ema_core.description import ActuatorDescription
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
 from ema_recording.reader import Bag

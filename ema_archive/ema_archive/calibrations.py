@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from ema_archive.sources import local_copy, mark_of, time_of
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import AnyCalibration, load_calibration
+from ema_monitor.calibrations import AnyCalibration, load_calibration
 
 _KEPT = 256
 

@@ -8,11 +8,11 @@ from typing import Any, Self
 
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.windows.measurements import MAX_AGE_S
 from ema_monitor.windows.trigger import TriggerSettings
 
 

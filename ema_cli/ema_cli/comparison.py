@@ -15,7 +15,7 @@ from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.search import Identification
+from ema_monitor.identifying import Identification
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.window import Window
 from ema_recording.windows import BagWindows, RecordedWindow

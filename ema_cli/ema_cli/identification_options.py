@@ -9,7 +9,7 @@ import click
 from ema_cli.errors import NameChoice
 from ema_cli.gathered_options import gathered
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import AnyCalibration, load_calibration
+from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings

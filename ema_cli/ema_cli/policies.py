@@ -13,9 +13,8 @@ import click
 from ema_cli.access import Access, node_access
 from ema_cli.errors import one_clear_line
 from ema_core.description import ActuatorDescription
-from ema_inputs.bridging import Bridge
+from ema_inputs.bridging import Bridge, BridgeSettings
 from ema_inputs.mapping_file import load_mapping
-from ema_inputs.bridging import BridgeSettings
 from ema_ros.topics import NAMESPACE
 
 FOLDER: Final = Path("ros2_ws/src/ema_bringup/policies")

@@ -14,7 +14,7 @@ from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_bes
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.prognosis_options import PrognosisOptions
 from ema_cli.show.advice import advice_in_words
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.advice import Advice, advise
 from ema_monitor.prognosis.advisory import Costs

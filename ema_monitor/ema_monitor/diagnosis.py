@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import Generation, Identification
+from ema_monitor.identification.search import Generation
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
+from ema_monitor.identifying import Identification
 from ema_monitor.unknown_drive.combining import CurrentCombination
 from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal

@@ -7,7 +7,7 @@ from pathlib import Path
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.search import Generation
 from ema_monitor.identification.settings import SearchSettings

@@ -18,8 +18,8 @@ from ema_core.telemetry import Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.model.measured import measured_causes
+from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
 from ema_monitor.windows.finder import Segment, WindowFinder
-from ema_monitor.windows.measurements import MAX_AGE_S, MeasurementLog
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_recording.reader import Bag, Place

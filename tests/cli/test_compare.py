@@ -16,8 +16,8 @@ from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identifying import Identification
 from ema_monitor.optimizers import ALGORITHMS
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter

@@ -8,8 +8,8 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import AnyCalibration
-from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.node.calibration_store import CalibrationStore
 
 FLAP = ActuatorDescription()
 RUDDER = replace(FLAP, actuator_id="rudder", serial_number="SIM-0002")

@@ -19,7 +19,7 @@ from ema_monitor.design.certificate import (
 from ema_monitor.design.prediction import prospect
 from ema_monitor.design.rehearsal import HALF_WIDTH, FaultProspect
 from ema_monitor.design.states import N_COMBINED, combined_faults, present, single_faults
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
 
 H = 1e-4

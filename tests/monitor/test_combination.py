@@ -18,7 +18,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.knowledge import Before, Knowledge, information
 from ema_monitor.identification.objective import Coordinates, Objective
 from ema_monitor.identification.preview import NUISANCES, Motion
-from ema_monitor.identification.search import Generation, Identification
+from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import sandwich_covariance, shifts_of
@@ -342,7 +342,7 @@ def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_alre
     causes = Before(known, NUISANCES).causes(calibration.parameters, stretches[0])
     alone = Objective(stretches[0], calibration, causes=causes)
     [at_start] = alone.residuals(alone.encode(faults)[None])
-    run = Identification(
+    run = ModelIdentification(
         stretches[0],
         FLAP,
         calibration,

@@ -19,8 +19,8 @@ from ema_core.faults import (
 from ema_core.parameters import constants
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import identify
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identifying import identify
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest

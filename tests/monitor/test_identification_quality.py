@@ -14,7 +14,6 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.fitness import FITNESS
-from ema_monitor.identification.search import identify
 from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
@@ -22,6 +21,7 @@ from ema_monitor.identification.uncertainty import (
     USUAL_MISFIT,
     sandwich_covariance,
 )
+from ema_monitor.identifying import identify
 from ema_monitor.windows.band import band_limited, rms
 
 from .reference_cases import CASES

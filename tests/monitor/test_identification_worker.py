@@ -14,7 +14,7 @@ from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.identification import combination
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.search import Generation, Identification
+from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node import worker as identification_worker
@@ -259,7 +259,7 @@ def test_window_that_cannot_be_published_does_not_end_the_others(published: Publ
     worker.stop()
 
 
-class _Endless(Identification):
+class _Endless(ModelIdentification):
     """An identification that goes on until it is given up."""
 
     begun = threading.Event()
@@ -274,7 +274,7 @@ def test_stop_ends_the_identification_of_a_stretch_at_once(
     published: Published, monkeypatch: pytest.MonkeyPatch
 ):
     """What was combined before it is published; the stretch itself is no news."""
-    monkeypatch.setattr(combination, "Identification", _Endless)
+    monkeypatch.setattr(combination, "ModelIdentification", _Endless)
     monkeypatch.setattr(Combination, "_is_worthwhile", lambda *_: True)
     estimate = refusal(Refusal(5, 6, ""), "", SearchSettings(), "combined so far")
     monkeypatch.setattr(Combination, "finish", lambda _: [estimate])

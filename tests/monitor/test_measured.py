@@ -12,12 +12,12 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.api import find_windows
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import HIDDEN_CAUSES
 from ema_monitor.model.measured import expected_causes, measured_causes, measured_causes_of
-from ema_monitor.windows.measurements import MeasurementLog
+from ema_monitor.model.measurements import MeasurementLog
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.api import Command, simulate

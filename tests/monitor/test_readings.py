@@ -13,7 +13,7 @@ from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.evidence import Evidence
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.relations import Relations
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import COLUMNS, NAMES, hidden_causes
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.readings import read

@@ -10,8 +10,8 @@ import pytest
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.calibration_store import CalibrationStore
 from ema_monitor.unit import Unit
 from ema_ros import topics
 

@@ -12,7 +12,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate
-from ema_monitor.calibration.loading import calibrate_unit
+from ema_monitor.calibrations import calibrate_unit
 from ema_monitor.health import TORQUE_PER_AMPERE
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings

@@ -7,7 +7,7 @@ import click
 
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.show.progress import progress_bar
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.model.monitor_model import compile_kernels

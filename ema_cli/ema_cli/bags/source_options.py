@@ -9,7 +9,7 @@ import click
 
 from ema_cli.gathered_options import Command, gathered
 from ema_monitor.model.measured import GRAMMAR, describe_measurable
-from ema_monitor.windows.measurements import MAX_AGE_S
+from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.windows.trigger import ANY_MOTION, TEST_CYCLE, TriggerSettings
 
 USE_OPTIONS: Final = (

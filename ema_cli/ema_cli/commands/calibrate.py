@@ -10,7 +10,7 @@ from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
-from ema_monitor.calibration.loading import calibrate_unit
+from ema_monitor.calibrations import calibrate_unit
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal

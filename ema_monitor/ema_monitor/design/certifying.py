@@ -23,7 +23,7 @@ from ema_monitor.design.rehearsal import (
 )
 from ema_monitor.design.states import Recorder, present
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
 

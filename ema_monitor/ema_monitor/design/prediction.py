@@ -12,7 +12,7 @@ from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.search import identify
+from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
 
 # The noise of the speed cancels out over a longer time than that of the current lasts.

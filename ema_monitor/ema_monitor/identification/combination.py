@@ -17,7 +17,7 @@ from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.knowledge import Before, Knowledge
 from ema_monitor.identification.objective import Coordinates
 from ema_monitor.identification.preview import NUISANCES, Motion, Preview
-from ema_monitor.identification.search import Generation, Identification
+from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
@@ -58,7 +58,7 @@ class Combination:
     previous
         Faults at which the first search begins, ``(8,)``; None for a healthy actuator.
     force
-        As of ``Identification``.
+        As of ``ModelIdentification``.
 
     Attributes
     ----------
@@ -207,9 +207,9 @@ class Combination:
         """Faults at which the next search begins, ``(8,)``."""
         return np.array(self._parts[-1].estimate.faults) if self._parts else self._previous
 
-    def _identification(self, stretch: Window, known: Knowledge) -> Identification:
+    def _identification(self, stretch: Window, known: Knowledge) -> ModelIdentification:
         """Return the identification of a stretch."""
-        return Identification(
+        return ModelIdentification(
             stretch,
             self._description,
             self._calibration,
@@ -220,13 +220,13 @@ class Combination:
         )
 
     @staticmethod
-    def _is_valid(run: Identification) -> bool:
+    def _is_valid(run: ModelIdentification) -> bool:
         return run.estimate is not None and run.estimate.valid and run.knowledge is not None
 
-    def _belongs(self, run: Identification) -> bool:
+    def _belongs(self, run: ModelIdentification) -> bool:
         return self._is_valid(run) and run.surprise <= MOST_SURPRISE
 
-    def _refuse(self, run: Identification) -> list[Estimate]:
+    def _refuse(self, run: ModelIdentification) -> list[Estimate]:
         """Count a stretch that is refused; several in a row without any estimate are said once."""
         if run.estimate is None:
             raise RuntimeError("the identification ended without an estimate")
@@ -238,7 +238,7 @@ class Combination:
             return []
         return [self._signed(replace(run.estimate, stretches=1))]
 
-    def _accept(self, run: Identification) -> list[Estimate]:
+    def _accept(self, run: ModelIdentification) -> list[Estimate]:
         part = Part.of(run)
         self._refused_in_a_row = 0
         if not self._parts:

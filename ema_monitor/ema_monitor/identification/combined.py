@@ -23,7 +23,7 @@ from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.evidence import EQUAL_SHORTS
 from ema_monitor.identification.knowledge import Knowledge
-from ema_monitor.identification.search import Identification
+from ema_monitor.identification.search import ModelIdentification
 from ema_monitor.identification.uncertainty import widening
 from ema_monitor.identification.verdict import (
     Misfit,
@@ -64,7 +64,7 @@ class Part:
     unlearned: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, run: Identification) -> Self:
+    def of(cls, run: ModelIdentification) -> Self:
         """Return that of a stretch that was identified."""
         if run.estimate is None or run.knowledge is None or run.misfit is None:
             raise RuntimeError("the identification ended without an estimate")

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Final
+from functools import cached_property
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,27 @@ from numpy.typing import NDArray
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector
 from ema_core.wording import text_table
-from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 CURRENT_DRIVEN: Final = "current_driven"
 """Algorithm of the estimates of a unit whose drive is unknown."""
+
+
+class Calibrated(Protocol):
+    """A calibration of any drive."""
+
+    @cached_property
+    def calibration_id(self) -> str:
+        """Its identity."""
+        ...
+
+    @property
+    def windows(self) -> int:
+        """Number of windows it was made of."""
+        ...
+
 
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
@@ -166,7 +180,7 @@ class Estimate:
 
 def refusal(
     window: Window | Refusal,
-    calibration: Calibration | UnknownDriveUnit | str,
+    calibration: Calibrated | str,
     settings: SearchSettings,
     reason: str,
 ) -> Estimate:

@@ -1,7 +1,7 @@
 """Identification: from a window, or its refusal, to the estimate of the faults."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,6 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
@@ -20,13 +19,9 @@ from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledg
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.verdict import Misfit, contradicted_by
-from ema_monitor.model.measured import measured_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
-from ema_monitor.unknown_drive.calibrating import motion_defect
-from ema_monitor.unknown_drive.identifying import identify_unknown
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -41,8 +36,8 @@ class Generation:
     faults: NDArray[np.float64]
 
 
-class Identification:
-    """One identification: iterate over its generations, then read ``estimate``.
+class ModelIdentification:
+    """One identification by a model: iterate over its generations, then read ``estimate``.
 
     Parameters
     ----------
@@ -86,7 +81,7 @@ class Identification:
         self,
         window: Window | Refusal,
         description: ActuatorDescription,
-        calibration: AnyCalibration | str,
+        calibration: Calibration | str,
         settings: SearchSettings,
         *,
         force: bool = False,
@@ -115,8 +110,6 @@ class Identification:
             self.estimate = self._refuse(self._window.reason)
         elif isinstance(self._calibration, str):
             self.estimate = self._refuse(self._calibration)
-        elif isinstance(self._calibration, UnknownDriveUnit):
-            self.estimate = self._by_current(self._window, self._calibration)
         elif self._description.drive == "unknown":
             self.estimate = self._refuse(
                 "drive = unknown, and the calibration is of a drive that is known; calibrate on "
@@ -212,19 +205,6 @@ class Identification:
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 
-    def _by_current(self, window: Window, unit: UnknownDriveUnit) -> Estimate:
-        """Return the estimate where nothing is known of the drive; there is no search."""
-        mismatch = unit.unit_mismatch(self._description)
-        if reason := unit.shape_mismatch(window) or motion_defect(window, self._description):
-            return self._refuse(reason)
-        if mismatch and not self._force:
-            return self._refuse(f"the calibration does not fit: {mismatch}")
-        self.caveats = [f"forced although {mismatch}"] if mismatch else []
-        found = identify_unknown(
-            [window], self._description, unit, self._settings.goodness_limit, self.caveats
-        )
-        return self._refuse(found) if isinstance(found, str) else found
-
     def _mismatches(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and reservations about one that can."""
         if defect := drive_defect(window, self._description.parameters):
@@ -255,47 +235,3 @@ def _consequences(window: Window) -> list[str]:
         "takes its place",
     }
     return [meanings[name] for name in window.telemetry.missing]
-
-
-def identify(
-    window: Window | Refusal,
-    description: ActuatorDescription | None = None,
-    calibration: AnyCalibration | str | None = None,
-    settings: SearchSettings | None = None,
-    *,
-    force: bool = False,
-    previous: ArrayLike | None = None,
-    measured: Mapping[str, tuple[float, float]] | None = None,
-) -> Estimate:
-    """Identify the faults in a window, without progress.
-
-    Parameters
-    ----------
-    window, description, calibration, settings, force, previous
-        As of ``Identification``. Description and calibration are those of the built-in actuator
-        when None.
-    measured
-        Hidden causes that were measured, value and standard deviation by name, as of
-        ``measured_causes``; those of the window when None.
-
-    Raises
-    ------
-    ValueError
-        As of ``measured_causes``.
-    """
-    if measured is not None:
-        known = measured_causes(measured)
-        window = window if isinstance(window, Refusal) else replace(window, measured=known)
-    identification = Identification(
-        window,
-        description or ActuatorDescription(),
-        Calibration.builtin() if calibration is None else calibration,
-        settings or SearchSettings(),
-        force=force,
-        previous=previous,
-    )
-    for _ in identification:
-        pass
-    if identification.estimate is None:
-        raise RuntimeError("the identification ended without an estimate")
-    return identification.estimate

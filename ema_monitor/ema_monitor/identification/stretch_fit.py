@@ -11,7 +11,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.knowledge import Before, Knowledge
 from ema_monitor.identification.objective import Coordinates
 from ema_monitor.identification.preview import NUISANCES, Preview
-from ema_monitor.identification.search import Identification
+from ema_monitor.identification.search import ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import MISMATCH_SIGMA, SPANS
 from ema_monitor.windows.window import Window
@@ -44,7 +44,7 @@ def in_stretch(
     covariance = np.diag((MISMATCH_SIGMA / SPANS) ** 2)
     known = Knowledge(point, covariance, nothing[:, :0], 1.0, nothing)
     preview = Preview.of(stretch, calibration, known, faults)
-    run = Identification(
+    run = ModelIdentification(
         stretch,
         description,
         calibration,

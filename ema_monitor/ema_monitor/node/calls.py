@@ -16,13 +16,13 @@ from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate, ForgetActuator
-from ema_monitor.calibration.loading import calibrate_unit
-from ema_monitor.calibration.store import CalibrationStore
-from ema_monitor.identification.search import Identification
+from ema_monitor.calibrations import calibrate_unit
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identifying import Identification
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.actuators import Actuators
+from ema_monitor.node.calibration_store import CalibrationStore
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.settings import Operation
 from ema_monitor.node.summary import unknown_estimate

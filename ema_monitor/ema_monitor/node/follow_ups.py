@@ -11,7 +11,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from ema_core.description import ActuatorDescription
 from ema_core.steady_thread import SteadyThread
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message

@@ -12,14 +12,14 @@ from rclpy.parameter import Parameter
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
-from ema_monitor.calibration.loading import AnyCalibration
-from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.duty.meter import DutyLog
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.admission import Admission
+from ema_monitor.node.calibration_store import CalibrationStore
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.intake import Intake

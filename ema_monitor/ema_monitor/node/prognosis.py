@@ -16,7 +16,7 @@ from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_interfaces.srv import GetHistory, PredictRemainingLife
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.duty.meter import DutyLog
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate

@@ -9,7 +9,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.steady_thread import SteadyThread
 from ema_core.wording import counted
-from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.tally import Tally

@@ -12,10 +12,11 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, ECCENTRICITY, FRICTION, N_FAULTS, FaultVector, healthy_faults
 from ema_monitor.health import USUAL_TORQUE_CHANGE
-from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate
-from ema_monitor.identification.settings import MOST_UNEXPLAINED
+from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate, refusal
+from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, UNOBSERVABLE_SIGMA
 from ema_monitor.unknown_drive.balance import Balance
+from ema_monitor.unknown_drive.calibrating import motion_defect
 from ema_monitor.unknown_drive.choosing import chosen_ripples, evidence
 from ema_monitor.unknown_drive.fitting import Fit, Prior, fit
 from ema_monitor.unknown_drive.priors import basic_terms, of_unit, prior_of
@@ -70,6 +71,37 @@ class Motion:
     friction_sigma: float
     backlash: float
     backlash_sigma: float
+
+
+def identify_by_current(
+    window: Window,
+    description: ActuatorDescription,
+    unit: UnknownDriveUnit,
+    settings: SearchSettings,
+    *,
+    force: bool = False,
+) -> Estimate:
+    """Return the estimate of a window where nothing is known of the drive, or its refusal.
+
+    Parameters
+    ----------
+    window, description, unit, settings
+        The window, its actuator and calibration, and how to identify.
+    force
+        Make an estimate although the calibration is of another unit.
+    """
+
+    def refuse(reason: str) -> Estimate:
+        return refusal(window, unit, settings, reason)
+
+    mismatch = unit.unit_mismatch(description)
+    if reason := unit.shape_mismatch(window) or motion_defect(window, description):
+        return refuse(reason)
+    if mismatch and not force:
+        return refuse(f"the calibration does not fit: {mismatch}")
+    caveats = [f"forced although {mismatch}"] if mismatch else []
+    found = identify_unknown([window], description, unit, settings.goodness_limit, caveats)
+    return refuse(found) if isinstance(found, str) else found
 
 
 def identify_unknown(
