@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long test-campaign quick soak pip-check lint style types demo bench bench-peers campaign calibration sample lock sbom clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers campaign size calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -26,10 +26,7 @@ tests: setup
 	$(activate) && $(pytest) -n 3 -m "not long" $(ARGS)
 
 test-long: setup ## what `make test` leaves out: the study of the thesis, long bags, many repetitions
-	$(activate) && $(pytest) -n 2 -m long --ignore tests/campaign $(ARGS)
-
-test-campaign: setup ## more cases of each part of the campaign than `make test` does; they need idle cores
-	$(activate) && $(pytest) -n 1 -m long tests/campaign $(ARGS)
+	$(activate) && $(pytest) -n 2 -m long --ignore tests/attacks $(ARGS)
 
 quick: setup ## the tests of the numerics that are done in seconds; they need no ROS
 	$(activate) && $(pytest) -n 2 --without-ros -m "not slow and not long" $(numerics) $(ARGS)
@@ -75,6 +72,7 @@ lint: style types ## style, types and import contracts
 style: setup
 	$(activate) && ruff check
 	$(activate) && lint-imports --no-logo
+	@python3 tools/size.py >/dev/null || python3 tools/size.py
 
 types: setup
 	$(activate) && basedpyright
@@ -115,8 +113,11 @@ bench-peers: setup ## identification, optimizers and a drive beside those of oth
 	tools/peers.sh python benchmarks/optimizer_peers.py \
 	    --json benchmarks/optimizer_peers.json
 
-campaign: setup ## attack the monitor for an hour: fuzzing, faults of files, kills, soak (docs/campaign.md)
-	$(activate) && cd campaign && python run.py $(ARGS)
+campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks, fuzzing, a soak (docs/campaign.md)
+	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 tests/attacks $(ARGS)
+
+size: ## lines, packages and circles against their bounds
+	@python3 tools/size.py
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
@@ -137,7 +138,7 @@ sbom: setup ## ema.cdx.json: all packages that are installed or shipped, as Cycl
 clean: ## remove what was built
 	rm -rf activate.sh ros2_ws/build ros2_ws/install ros2_ws/log
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache
-	find ema_* tests benchmarks campaign -name __pycache__ -type d -prune -exec rm -rf {} +
+	find ema_* tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
 	rm -rf .venv .venv-peers .venv-sbom

@@ -14,7 +14,6 @@ setup(
         "ema_core",
         "ema_monitor",
         "ema_ros",
-        "lz4>=4.3,<5",
         "mcap>=1.2,<2",
         "numpy>=1.26,<3",
         "pyyaml>=6,<7",

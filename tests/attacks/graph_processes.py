@@ -27,7 +27,7 @@ from ema_ros.topics import FAULT_ESTIMATE, NAMESPACE, STREAM, TELEMETRY
 DEADLINE_S: Final = 60.0
 """How long what has to happen is waited for [s]; nothing takes a tenth of this when it is idle."""
 
-_PROFILE: Final = Path(__file__).resolve().parents[1] / "tools" / "fastdds.xml"
+_PROFILE: Final = Path(__file__).resolve().parents[2] / "tools" / "fastdds.xml"
 
 
 class GraphError(Exception):

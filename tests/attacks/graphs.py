@@ -16,10 +16,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from graph_checker import check
-from graph_processes import Graph, GraphError
-from graph_record import read_graph
-from part import Case, Part
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -28,6 +24,11 @@ from ema_interfaces.srv import SeekPlayback
 from ema_ros.stamps import stamp_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, LATCHED, NAMESPACE, STREAM
 
+from .case import Case
+from .graph_checker import check
+from .graph_processes import Graph, GraphError
+from .graph_record import read_graph
+
 SETTLED_S: Final = 12.0
 DISTURBED_S: Final = 18.0
 """How long a graph goes on before, and after, it is disturbed [s]: longer than answers may take."""
@@ -35,11 +36,6 @@ DISTURBED_S: Final = 18.0
 _BUSY: Final = 4
 _ACTUATORS: Final = 4
 _TAKES_S: Final = 1.0
-
-
-def run(case: Case) -> None:
-    """Do a case: the disturbances in turn."""
-    run_condition(case, list(CONDITIONS)[case.number % len(CONDITIONS)])
 
 
 def run_condition(
@@ -262,12 +258,3 @@ CONDITIONS: Final[dict[str, Callable[[Graph, np.random.Generator, Path, float], 
     "four times the load": _load,
 }
 """Disturbances by name."""
-
-PART: Final = Part(
-    "graphs",
-    "no window identified twice or unanswered, no health of a refused test, order, stamps, counts",
-    run,
-    usual_s=70.0,
-    limit_s=400.0,
-    share=2.0,
-)

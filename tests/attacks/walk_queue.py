@@ -5,7 +5,6 @@ from collections import Counter
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
-from stateful import Walk
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
@@ -13,6 +12,8 @@ from ema_monitor.node.window_queue import MOST_REFUSALS, QueueClosedError, Windo
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+from .stateful import Walk
 
 _ROW = np.linspace(0.0, 1.0, 3)
 _WINDOW = Window(Telemetry(0, 1e-4, 0, _ROW, _ROW, _ROW, _ROW), 0.0)

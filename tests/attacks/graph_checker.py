@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, StatusNote
+from .graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, StatusNote
 
 ANSWER_S: Final = 15.0
 """Time after a window's last sample within which it is answered [s], under load as well."""

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, rule
-from made_tests import FIRST_NS, PERIOD_NS, UNIT, estimate_at
-from stateful import Walk
 
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
@@ -18,6 +16,9 @@ from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
+
+from .made_tests import FIRST_NS, PERIOD_NS, UNIT, estimate_at
+from .stateful import Walk
 
 _SETTINGS = PrognosisSettings()
 _HOURS = 8.0

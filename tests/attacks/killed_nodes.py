@@ -19,11 +19,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from graph_processes import Graph, GraphError
-from kill_losses import MOST_LOST_S, TELEMETRY, check_bag, check_history, measure_loss
-from part import Case
-
 from ema_monitor.prognosis.history import history_path
+
+from .case import Case
+from .graph_processes import Graph, GraphError
+from .kill_losses import MOST_LOST_S, TELEMETRY, check_bag, check_history, measure_loss
 
 LIVE_KILLS: Final = 8
 PLAYER_KILLS: Final = 2

@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Final
 
-from graph_checker import check
-from graph_processes import Graph
-from graph_record import read_graph
-from part import Case
-
 from ema_monitor.prognosis.history import History
 from ema_recording.reader import Bag
 from ema_recording.recorder_settings import RecorderSettings
+
+from .case import Case
+from .graph_checker import check
+from .graph_processes import Graph
+from .graph_record import read_graph
 
 LOSSES_MS: Final = (100.0, 250.0, 500.0, 1000.0)
 """Losses that are counted [ms]; 500 ms are promised by ``flush_s``."""

@@ -5,7 +5,8 @@ from typing import Any, Final
 
 import hypothesis
 from hypothesis.stateful import RuleBasedStateMachine, run_state_machine_as_test
-from part import Case, Goal
+
+from .case import Case
 
 LEAST_SHARE: Final = 0.01
 """Of the walks that are to reach each state [-]."""
@@ -82,17 +83,11 @@ def walk(case: Case, kind: type[Walk], walks: int, steps: int) -> None:
         case.fail(f"{kind.machine()}: {error!r}\n    {told}"[:4000])
 
 
-def judged(counts: Mapping[str, int], kind: type[Walk]) -> Goal:
-    """Return how many walks there were, of those that it takes to judge their states."""
-    name = f"{kind.machine()}: walks"
-    return Goal(f"walks of {kind.machine()}", LEAST_WALKS, counts.get(name, 0), "not judged")
-
-
 def unreached(counts: Mapping[str, int], kind: type[Walk]) -> list[str]:
     """Return the states that too few walks have reached, in words."""
     walks = counts.get(f"{kind.machine()}: walks", 0)
     if walks < LEAST_WALKS:
-        return []  # as `judged` says
+        return []
     return [
         f"{kind.machine()}: {counts.get(f'{kind.machine()}: {state}', 0)} of {walks} walks reach "
         f"{state!r}, expected {LEAST_SHARE:.0%} of them"

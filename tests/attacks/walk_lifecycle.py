@@ -6,9 +6,10 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
-from stateful import Walk
 
 from ema_ros.managed_node import ManagedNode
+
+from .stateful import Walk
 
 _STEPS = {
     Transition.TRANSITION_CONFIGURE: ("configure", "unconfigured", "inactive"),

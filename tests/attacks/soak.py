@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from graph_checker import check
-from graph_processes import Graph, GraphError
-from graph_record import read_graph
 from numpy.typing import NDArray
-from part import Case, Part
 
 from ema_ros.topics import ACTUATOR_TOPICS, NAMESPACE
+
+from .case import Case
+from .graph_checker import check
+from .graph_processes import Graph, GraphError
+from .graph_record import read_graph
 
 MINUTES: Final = 120.0
 SETTLED_MIN: Final = 10.0
@@ -252,14 +253,3 @@ def line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
     independent = max(len(x) * (1.0 - rho) / (1.0 + rho), 3.0)
     variance = power / len(x) / (independent - 2.0) / float(np.var(x))
     return float(slope), float(np.sqrt(variance))
-
-
-PART: Final = Part(
-    "soak",
-    "for two hours no process grows by more than 0.05 MB/min, and nothing is lost",
-    run,
-    usual_s=60.0 * MINUTES + 60.0,
-    limit_s=60.0 * MINUTES + 600.0,
-    slots=2,
-    most_cases=len(SIZES),
-)

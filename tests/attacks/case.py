@@ -1,0 +1,57 @@
+"""A case of an attack: it is repeated by its seed and number."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass
+class Case:
+    """One case: what it is made of, and what was found in it.
+
+    Attributes
+    ----------
+    seed, number
+        All that is random in a case follows from these: it is repeated by them.
+    folder
+        An empty folder of its own, which is kept where the case fails.
+    steps
+        How many steps it has; None for as many as are usual. Fewer are the first of these.
+    counts
+        How often what happened, by name; summed over all cases.
+    worst
+        Largest values by name, with their units in the name; the maximum over all cases.
+    failures
+        What did not hold, in words.
+    """
+
+    seed: int
+    number: int
+    folder: Path
+    steps: int | None = None
+    counts: Counter[str] = field(default_factory=Counter)
+    worst: dict[str, float] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
+
+    def rng(self, *more: int) -> np.random.Generator:
+        """Return a generator of its own for each sequence of further numbers."""
+        return np.random.default_rng([self.seed, self.number, *more])
+
+    def count(self, what: str, times: int = 1) -> None:
+        """Add to a count."""
+        self.counts[what] += times
+
+    def measure(self, what: str, value: float) -> None:
+        """Keep the largest of the values of a name."""
+        self.worst[what] = max(value, self.worst.get(what, value))
+
+    def fail(self, what: str) -> None:
+        """Note what did not hold; the case goes on."""
+        self.failures.append(what)
+
+    def require(self, holds: bool, what: str) -> None:
+        """Note what does not hold."""
+        if not holds:
+            self.fail(what)
