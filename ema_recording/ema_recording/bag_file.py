@@ -119,6 +119,16 @@ class BagFile:
         }
         self._mcap.add_metadata(GAP, record)
 
+    def write_waiting(self) -> None:
+        """Hand what waits to the operating system, without the chunk that is being gathered.
+
+        Raises
+        ------
+        OSError
+            When that could not be written; it waits.
+        """
+        self._file.flush()
+
     def flush(self) -> None:
         """Hand everything so far to the operating system.
 

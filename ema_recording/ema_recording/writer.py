@@ -27,6 +27,7 @@ from ema_recording.metadata import (
 from ema_recording.qos import offered_qos, offered_qos_profiles
 from ema_recording.schema import schema_text, trimmer
 
+_WRITE_BYTES: Final = 64 * 1024
 _MOST_WAITING: Final = 16 * 1024 * 1024
 _DESCRIBING: Final = (ActuatorDescription, Usage)
 
@@ -236,6 +237,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                     self._begin_next(log_time_ns)
             self._write(topic, data, log_time_ns, publish_time_ns)
             self._note_state(topic, data, publish_time_ns)
+            if self._file.waiting >= _WRITE_BYTES:
+                with self._trying():
+                    self._file.write_waiting()
             # The thread that flushes may get no processor while messages keep coming.
             if time.monotonic() - self._flushed_s >= self._flush_s:
                 self._flush()
