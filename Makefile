@@ -44,13 +44,13 @@ pip-check: setup ## install the library by pip where there is no ROS, and identi
 	tools/pip_check.sh
 
 # The page's packages are not for users: what is shipped is the bundle.
-web = ema_dashboard/web
+web = ros2_ws/src/ema_dashboard/web
 $(web)/node_modules: $(web)/package-lock.json
 	@command -v npm >/dev/null || { echo "npm is not on the path: install nodejs and npm" >&2; exit 1; }
 	cd $(web) && npm ci --no-progress
 	@touch $@
 
-page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a change in ema_dashboard/web
+page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a change in $(web)
 	$(activate) && python $(web)/registry.py
 	cd $(web) && npx tsc && node build.mjs
 
@@ -138,7 +138,7 @@ sbom: setup ## ema.cdx.json: all packages that are installed or shipped, as Cycl
 clean: ## remove what was built
 	rm -rf activate.sh ros2_ws/build ros2_ws/install ros2_ws/log
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache
-	find ema_* tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	find ema_* ros2_ws/src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
 	rm -rf .venv .venv-peers .venv-sbom

@@ -35,9 +35,9 @@ from ema_archive.partitions import write_whole
 from ema_archive.query import answer
 from ema_archive.running import Tally, run_bags, run_units, scan
 from ema_archive.summaries import UNITS, write_summaries
+from ema_bags.reader import Bag
 from ema_core.linear_algebra import one_thread
 from ema_core.tasks import Workers
-from ema_recording.reader import Bag
 
 FLEET_BAGS: Final = 6_000_000
 """Of 200 aircraft with 8 actuators each, tested daily for ten years."""

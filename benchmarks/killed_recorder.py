@@ -62,9 +62,9 @@ def lost_by_a_kill(folder: Path, rng: random.Random, flush_s: float) -> tuple[in
     from rclpy.context import Context
     from rclpy.node import Node
 
-    from ema_recording.reader import Bag
+    from ema_bags.reader import Bag
 
-    command = [sys.executable, "-m", "ema_recording.recorder_node", "--ros-args"]
+    command = [sys.executable, "-m", "ema_bags.recorder_node", "--ros-args"]
     bag = folder / f"bag_{rng.getrandbits(40)}"
     options = ["-p", f"output:={bag}", "-p", f"flush_s:={flush_s}", "-p", "topics:=['telemetry']"]
     context = Context()

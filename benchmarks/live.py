@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ema_recording.reader import Bag
+from ema_bags.reader import Bag
 from ema_ros.stamps import stamp_from_message
 
 _TELEMETRY: Final = "/ema/telemetry"

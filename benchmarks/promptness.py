@@ -26,8 +26,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rich.console import Console
 from rich.table import Table
 
+from ema_bags.reader import Bag
 from ema_cli.processes.bringup import program
-from ema_recording.reader import Bag
 
 END_S: Final = 2.0
 LOST_S: Final = 0.5

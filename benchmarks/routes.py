@@ -10,14 +10,14 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.importing import import_series
+from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping_file import mapping_from
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_inputs.bridging import Bridge, BridgeSettings
-from ema_inputs.files import InputFile
-from ema_inputs.importing import import_series
-from ema_inputs.mapping import Mapping
-from ema_inputs.mapping_file import mapping_from
 
 _START_NS: Final = 1_700_000_000_000_000_000
 _STATES: Final = "/joint_states"

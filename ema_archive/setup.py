@@ -14,7 +14,7 @@ setup(
     install_requires=[
         "ema_core",
         "ema_monitor",
-        "ema_recording",
+        "ema_bags",
         "duckdb>=1.4,<2",
         "fsspec>=2025.9",
         "numpy>=1.26,<3",

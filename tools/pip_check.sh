@@ -14,12 +14,12 @@ trap 'rm -rf "$place"' EXIT
 # Without hashes: with them pip would want hashes of our own folders, too.
 grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
 # Copies: pip would build within the sources.
-for package in ema_core ema_ros ema_sim ema_monitor ema_recording ema_archive; do
-    cp -r "$root/$package" "$place/$package"
+for package in ema_core ema_sim ema_monitor ema_archive ros2_ws/src/ema_ros ros2_ws/src/ema_bags; do
+    cp -r "$root/$package" "$place"
 done
 cd "$place"
 venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_recording ./ema_archive
+    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_bags ./ema_archive
 rm -rf ema_*
 XDG_CACHE_HOME=$place venv/bin/python - "$root/bags/faulty_flap.mcap" <<'EOF'
 import sys
@@ -30,7 +30,7 @@ from ema_archive.query import answer
 from ema_archive.running import run, scan
 from ema_core.tasks import Workers
 from ema_monitor import identify
-from ema_recording import read_windows
+from ema_bags import read_windows
 
 found = read_windows(sys.argv[1])
 estimate = identify(found.usable[0], found.description)

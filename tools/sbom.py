@@ -112,7 +112,7 @@ def _hexadecimal(integrity: str) -> str:
 def own() -> list[dict[str, Any]]:
     """Return our packages, by their manifests."""
     components = []
-    manifests = [*ROOT.glob("ema_*/package.xml"), *ROOT.glob("ros2_ws/src/ema_bringup/package.xml")]
+    manifests = [*ROOT.glob("ema_*/package.xml"), *ROOT.glob("ros2_ws/src/ema_*/package.xml")]
     for path in sorted(manifests):
         manifest = ElementTree.parse(path).getroot()
         values = {name: manifest.findtext(name, "") for name in ("name", "version", "description")}

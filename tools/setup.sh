@@ -12,6 +12,8 @@ venv=$root/.venv
 ws=$root/ros2_ws
 lock=$root/requirements/lock.txt
 log=$ws/log/setup.log
+# The packages: of the library at the top, those for ROS alone in the workspace.
+bases=("$root"/ema_* "$ws"/src/ema_*)
 
 die() {
     echo "setup: $*" >&2
@@ -194,7 +196,7 @@ build() {
     MAKEFLAGS=-j$(nproc)
     export MAKEFLAGS
     cd "$ws"
-    "$venv/bin/python" "$colcon" --log-base log build --symlink-install \
+    "$venv/bin/python" "$colcon" --log-base log build --symlink-install --paths "${bases[@]}" \
         --event-handlers console_direct+ --cmake-args "${cmake_args[@]}"
 }
 
@@ -251,7 +253,7 @@ compile_kernels() {
 # Of what this Python imports from here. Where PYTHONDONTWRITEBYTECODE is set, every process of a
 # node or command would compile it anew. What is up to date is left as it is, in a twentieth of a
 # second.
-compile_bytecode() { "$venv/bin/python" -m compileall -q "$root"/ema_*/; }
+compile_bytecode() { "$venv/bin/python" -m compileall -q "$root"/ema_*/ "$ws"/src/ema_*/; }
 
 # ---- What has to be done
 if [[ $root == *[[:space:]\'\"]* ]]; then
@@ -275,10 +277,10 @@ packages=$({
 sources=$({
     echo "$packages"
     cat "$root/tools/wheel_includes.cmake"
-    find -L "$ws/src" -type f \( -name package.xml -o -name CMakeLists.txt -o -name 'setup.*' \
+    find "${bases[@]}" -type f \( -name package.xml -o -name CMakeLists.txt -o -name 'setup.*' \
         -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -print0 |
         sort -z | xargs -0 sha256sum
-    find -L "$ws/src" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/policies/*' \
+    find "${bases[@]}" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/policies/*' \
         -o -path '*/layouts/*' \) \
         -not -name '*.pyc' | sort
 } | digest)

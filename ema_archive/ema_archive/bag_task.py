@@ -11,14 +11,14 @@ from ema_archive.provenance import estimation_software
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import content_digest, local_copy
 from ema_archive.tables import count_row, estimate_row
+from ema_bags.reader import Bag
+from ema_bags.telemetry import DESCRIPTION_TYPE, read_telemetry
+from ema_bags.usage import read_counts
+from ema_bags.windows import BagWindows, find_recorded_windows
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
-from ema_recording.reader import Bag
-from ema_recording.telemetry import DESCRIPTION_TYPE, read_telemetry
-from ema_recording.usage import read_counts
-from ema_recording.windows import BagWindows, find_recorded_windows
 
 DONE: Final = "done"
 DAMAGED: Final = "damaged"

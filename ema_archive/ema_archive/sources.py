@@ -14,7 +14,7 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.utils import get_protocol
 
-from ema_recording.metadata import METADATA_FILE
+from ema_bags.metadata import METADATA_FILE
 
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""

@@ -7,6 +7,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.windows import BagWindows, RecordedWindow
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
@@ -18,7 +19,6 @@ from ema_monitor.identification.objective import Objective
 from ema_monitor.identifying import Identification
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.window import Window
-from ema_recording.windows import BagWindows, RecordedWindow
 
 
 @dataclass(frozen=True, eq=False)

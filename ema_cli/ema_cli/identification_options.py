@@ -10,11 +10,11 @@ from ema_cli.errors import NameChoice
 from ema_cli.gathered_options import gathered
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
+from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.optimizers import ALGORITHMS
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 
 _ALGORITHM = click.option(
     "--algorithm",

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ema_recording.writer import BagWriter
+from ema_bags.writer import BagWriter
 
 
 @contextmanager

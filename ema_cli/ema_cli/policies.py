@@ -10,11 +10,11 @@ from typing import Final
 
 import click
 
+from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.mapping_file import load_mapping
 from ema_cli.access import Access, node_access
 from ema_cli.errors import one_clear_line
 from ema_core.description import ActuatorDescription
-from ema_inputs.bridging import Bridge, BridgeSettings
-from ema_inputs.mapping_file import load_mapping
 from ema_ros.topics import NAMESPACE
 
 FOLDER: Final = Path("ros2_ws/src/ema_bringup/policies")

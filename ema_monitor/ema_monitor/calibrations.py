@@ -8,8 +8,8 @@ from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.files import built_of
 from ema_monitor.calibration.fit import calibrate
-from ema_monitor.unknown_drive.calibrating import calibrate_unknown
-from ema_monitor.unknown_drive.unit import FORMAT, UnknownDriveUnit
+from ema_monitor.current_balance.calibrating import calibrate_unknown
+from ema_monitor.current_balance.unit import FORMAT, UnknownDriveUnit
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | UnknownDriveUnit

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.current_balance.combining import CurrentCombination
+from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Generation
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identifying import Identification
-from ema_monitor.unknown_drive.combining import CurrentCombination
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 

@@ -8,12 +8,12 @@ from numpy.typing import ArrayLike
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.current_balance.identifying import identify_by_current
+from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import measured_causes
-from ema_monitor.unknown_drive.identifying import identify_by_current
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 

@@ -22,7 +22,7 @@ RUNS_IT = {
         (
             "bag_task",
             provenance._ESTIMATION,
-            ("ema_core", "ema_recording", "ema_ros", "ema_archive"),
+            ("ema_core", "ema_bags", "ema_ros", "ema_archive"),
         ),
         ("unit_task", provenance._PROGNOSIS, ("ema_core", "ema_archive", "ema_monitor.prognosis")),
     ],

@@ -15,10 +15,10 @@ from ema_archive.bag_task import DONE, BagResult, diagnose_bag
 from ema_archive.manifest import Manifest
 from ema_archive.query import answer
 from ema_archive.running import run, scan
+from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.tasks import Workers
 from ema_monitor.calibration.calibration import Calibration
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.actuator_messages import messages_of_block
 from ema_ros.messages import description_to_message

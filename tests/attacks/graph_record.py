@@ -7,12 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from ema_bags.reader import Bag, Recorded
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
-from ema_recording.reader import Bag, Recorded
 from ema_ros.messages import description_from_message, telemetry_from_message
 from ema_ros.stamps import stamp_from_message
 
@@ -146,7 +146,7 @@ def read_graph(path: Path) -> GraphRecord:
     Raises
     ------
     ValueError, FileNotFoundError
-        As of ``ema_recording.reader.Bag``.
+        As of ``ema_bags.reader.Bag``.
     """
     bag = Bag(path)
     record = GraphRecord()

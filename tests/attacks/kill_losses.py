@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Final
 
+from ema_bags.reader import Bag
+from ema_bags.recorder_settings import RecorderSettings
 from ema_monitor.prognosis.history import History
-from ema_recording.reader import Bag
-from ema_recording.recorder_settings import RecorderSettings
 
 from .case import Case
 from .graph_checker import check

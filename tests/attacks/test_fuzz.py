@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ema_inputs.mapping_file import load_mapping
+from ema_bags.inputs.mapping_file import load_mapping
+from ema_bags.reader import Bag
+from ema_bags.windows import read_windows
 from ema_monitor.calibrations import load_calibration
 from ema_monitor.prognosis.history import History
-from ema_recording.reader import Bag
-from ema_recording.windows import read_windows
 from ema_ros.actuator_file import load_description
 
 from .conftest import CASES, SEED
@@ -95,7 +95,9 @@ TARGETS: dict[str, tuple[Callable[[Path], bytes], Change, str, Callable[[Path], 
     ),
     "description": (lambda _: DESCRIPTION, change_yaml, "input.yaml", load_description),
     "mapping": (
-        lambda _: sorted((ROOT / "ema_inputs" / "mappings").glob("*.yaml"))[0].read_bytes(),
+        lambda _: sorted((ROOT / "ros2_ws" / "src" / "ema_bags" / "mappings").glob("*.yaml"))[
+            0
+        ].read_bytes(),
         change_yaml,
         "input.yaml",
         load_mapping,

@@ -8,7 +8,7 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from ema_recording.metadata import METADATA_FILE
+from ema_bags.metadata import METADATA_FILE
 
 
 def by_message(source: Path, folder: Path, *, with_metadata: bool = True) -> Path:

@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from ema_recording.reader import Bag, Recorded
+from ema_bags.reader import Bag, Recorded
 
 
 def ros_messages(bag: Bag, topics: Iterable[str] | None = None) -> list[Recorded]:

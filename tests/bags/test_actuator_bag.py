@@ -5,12 +5,12 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.reader import Bag
+from ema_bags.writer import BagWriter
 from ema_core.cause_profiles import cause_profiles
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.reader import Bag
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.messages import description_from_message, stamped_faults_from_message
 from ema_sim.actuator import SimulatedActuator

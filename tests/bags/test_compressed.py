@@ -10,7 +10,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from ema_recording.reader import Bag
+from ema_bags.reader import Bag
 
 from . import compressed
 from .test_reader import STRING, N, Written, as_read, record_by_mcap, record_by_us

@@ -11,9 +11,9 @@ import pytest
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from ema_recording import bag_file, writer
-from ema_recording.reader import Bag
-from ema_recording.writer import BagWriter
+from ema_bags import bag_file, writer
+from ema_bags.reader import Bag
+from ema_bags.writer import BagWriter
 
 from ..waiting import wait_for
 

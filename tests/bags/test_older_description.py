@@ -11,15 +11,15 @@ from mcap.writer import Writer
 from rclpy.serialization import deserialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.message_type import type_hash
+from ema_bags.reader import Bag
+from ema_bags.schema import schema_text, to_installed
+from ema_bags.telemetry import DESCRIPTION_TYPE, read_telemetry
+from ema_bags.writer import BagWriter
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.message_type import type_hash
-from ema_recording.reader import Bag
-from ema_recording.schema import schema_text, to_installed
-from ema_recording.telemetry import DESCRIPTION_TYPE, read_telemetry
-from ema_recording.writer import BagWriter
 from ema_ros.messages import description_from_message
 from ema_sim.bench import ActuatorBench
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from rclpy.serialization import deserialize_message
 
+from ema_bags import playback
+from ema_bags.playback import Playback
+from ema_bags.played_bag import PlayedBag, PlayerSettings
+from ema_bags.reader import Recorded
+from ema_bags.writer import BagWriter
 from ema_interfaces.msg import Health
-from ema_recording import playback
-from ema_recording.playback import Playback
-from ema_recording.played_bag import PlayedBag, PlayerSettings
-from ema_recording.reader import Recorded
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 
 START_NS = 1_700_000_000_000_000_000

@@ -16,11 +16,11 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Header, String
 
-from ema_recording.gaps import GAP
-from ema_recording.message_type import type_hash
-from ema_recording.reader import Bag
-from ema_recording.schema import schema_text
-from ema_recording.writer import BagWriter
+from ema_bags.gaps import GAP
+from ema_bags.message_type import type_hash
+from ema_bags.reader import Bag
+from ema_bags.schema import schema_text
+from ema_bags.writer import BagWriter
 
 QOS = QoSProfile(depth=10)
 STEP_NS = 10_000_000

@@ -3,8 +3,8 @@
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
-from ema_recording.recorded_topic import SequenceGaps
+from ema_bags.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
+from ema_bags.recorded_topic import SequenceGaps
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)

@@ -20,9 +20,9 @@ from std_msgs.msg import Header, String
 from visualization_msgs.msg import InteractiveMarkerUpdate
 
 import ema_interfaces.msg
-from ema_recording.message_type import definition, message_class, type_hash, type_name
-from ema_recording.qos import offered_qos, offered_qos_profiles
-from ema_recording.schema import decoder, schema_text, to_installed
+from ema_bags.message_type import definition, message_class, type_hash, type_name
+from ema_bags.qos import offered_qos, offered_qos_profiles
+from ema_bags.schema import decoder, schema_text, to_installed
 
 OWN_TYPES = [
     item

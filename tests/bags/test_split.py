@@ -16,16 +16,16 @@ from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 
 import ema_interfaces.msg
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.message_type import type_name
+from ema_bags.reader import Bag
+from ema_bags.schema import trimmer
+from ema_bags.windows import read_windows
+from ema_bags.writer import BagWriter
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock, Usage
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.message_type import type_name
-from ema_recording.reader import Bag
-from ema_recording.schema import trimmer
-from ema_recording.windows import read_windows
-from ema_recording.writer import BagWriter
 from ema_sim.actuator import SimulatedActuator
 
 QOS = QoSProfile(depth=10)

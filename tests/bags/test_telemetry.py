@@ -10,13 +10,13 @@ import pytest
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from ema_bags.reader import Bag
+from ema_bags.telemetry import Malformed, RecordedTelemetry, read_telemetry
+from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
-from ema_recording.reader import Bag
-from ema_recording.telemetry import Malformed, RecordedTelemetry, read_telemetry
-from ema_recording.writer import BagWriter
 from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.stamps import stamp_from_message
 

@@ -18,12 +18,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2
 from std_msgs.msg import Header, String
 
+from ema_bags.message_type import type_hash
+from ema_bags.qos import offered_qos
+from ema_bags.reader import Bag
+from ema_bags.schema import schema_text
+from ema_bags.writer import BagWriter
 from ema_interfaces.msg import FaultHealth, Health, TelemetryBlock
-from ema_recording.message_type import type_hash
-from ema_recording.qos import offered_qos
-from ema_recording.reader import Bag
-from ema_recording.schema import schema_text
-from ema_recording.writer import BagWriter
 
 from ..waiting import started, wait_for
 from .recorded_messages import ros_messages
@@ -330,7 +330,7 @@ KILLED = """
 import sys, time
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
-from ema_recording.writer import BagWriter
+from ema_bags.writer import BagWriter
 
 writer = BagWriter(sys.argv[1])
 writer.add_topic("/t", String, QoSProfile(depth=10))

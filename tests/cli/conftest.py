@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_cli.main import main
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 from ema_sim.actuator import SimulatedActuator
 
 Ema = Callable[..., Result]

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from ema_bags.reader import Bag
+from ema_bags.telemetry import read_telemetry
 from ema_core.acquisition import Acquisition
-from ema_recording.reader import Bag
-from ema_recording.telemetry import read_telemetry
 
 WAYS = {
     "filtered": ["--sample-current", "filtered", "--current-filter", "1e-3"],

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_cli import comparison
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
@@ -19,8 +21,6 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identifying import Identification
 from ema_monitor.optimizers import ALGORITHMS
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 
 SOURCE = Source(None, None, 1e-6, 0.02, None)
 QUICK = ("--algorithms", "least_squares,pso", "--budget", "400")

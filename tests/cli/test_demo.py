@@ -14,6 +14,9 @@ from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
 from rich.console import Console
 
+from ema_bags.reader import Bag
+from ema_bags.telemetry import HEALTH_TYPE
+from ema_bags.windows import truth_at
 from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, read_history
 from ema_cli.figures.history import draw_history
 from ema_cli.processes.demo_run import SHOWN
@@ -22,9 +25,6 @@ from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import Health
-from ema_recording.reader import Bag
-from ema_recording.telemetry import HEALTH_TYPE
-from ema_recording.windows import truth_at
 from ema_ros.messages import StampedFaults
 from ema_ros.stamps import stamp_from_message
 

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 import yaml
 
+from ema_bags import read_telemetry
 from ema_core.telemetry import join
-from ema_recording import read_telemetry
 
 RPM = 60.0 / (2.0 * np.pi)
 
@@ -160,8 +160,8 @@ def test_description_is_that_of_the_file_with_the_rate_and_acquisition_found(ema
     output = tmp_path / "out.mcap"
     result = ema("import", table(), "--mapping", mapping, "--actuator", actuator, "-o", output)
     assert result.exit_code == 0, result.output
-    from ema_recording.reader import Bag
-    from ema_recording.telemetry import read_telemetry as find
+    from ema_bags.reader import Bag
+    from ema_bags.telemetry import read_telemetry as find
 
     [description] = find(Bag(output)).descriptions
     assert (description.serial_number, description.sample_period) == ("4711", 1e-4)

@@ -3,7 +3,7 @@ import subprocess
 
 import pytest
 
-from ema_recording.reader import Bag
+from ema_bags.reader import Bag
 
 from ..waiting import DEADLINE_S, started, wait_for
 

@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ema_bags import read_telemetry
+from ema_bags.reader import Bag
 from ema_cli.bags.unit_record import CALIBRATION_FILE
 from ema_cli.lives import making
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
-from ema_recording import read_telemetry
-from ema_recording.reader import Bag
 from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 
 from ..waiting import DEADLINE_S, started, wait_for

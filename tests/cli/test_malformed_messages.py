@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from ema_recording.message_type import message_class
-from ema_recording.qos import joint_offer, recorded_qos
-from ema_recording.reader import Bag
-from ema_recording.telemetry import DESCRIPTION_TYPE, TELEMETRY_TYPE
-from ema_recording.writer import BagWriter
+from ema_bags.message_type import message_class
+from ema_bags.qos import joint_offer, recorded_qos
+from ema_bags.reader import Bag
+from ema_bags.telemetry import DESCRIPTION_TYPE, TELEMETRY_TYPE
+from ema_bags.writer import BagWriter
 
 from ..bags.recorded_messages import ros_messages
 

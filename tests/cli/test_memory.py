@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_bags.windows import RecordedWindow, WindowsOnDemand
 from ema_cli.bags.outline import BINS, Outline
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
@@ -20,7 +21,6 @@ from ema_monitor.calibration.fit import calibrate
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
-from ema_recording.windows import RecordedWindow, WindowsOnDemand
 
 SOURCE = Source(None, None, 1e-6, 0.02)
 SHORT, LONG = 4, 16
@@ -83,7 +83,7 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
 
 @pytest.mark.long
 def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
-    monkeypatch.setattr("ema_recording.windows._KEPT_WINDOWS", 2)
+    monkeypatch.setattr("ema_bags.windows._KEPT_WINDOWS", 2)
     found = read_windows(bags[1], SOURCE)
     assert len(found.windows) == LONG
     unit = ActuatorDescription()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ema_recording.reader import Bag
+from ema_bags.reader import Bag
 
 
 def test_fault_may_be_written_as_its_label(ema, tmp_path):

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.unit_course import Course, follow, true_remaining_life
 from ema_cli.bags.unit_record import CALIBRATION_FILE, UnitRecord, find_bags, read_unit
@@ -30,8 +32,6 @@ from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 from ema_ros.actuator_messages import usage_at_cycle
 from ema_ros.messages import StampedFaults
 from ema_sim.lives import SimulatedLife, WindowKind

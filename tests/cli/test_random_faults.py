@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from ema_bags.windows import BagWindows
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.telemetry import Telemetry, join
-from ema_recording.windows import BagWindows
 
 NOISE = ("--noise-gain", "1", "--current-noise", "0.05")
 SEED_OF_A_CLIPPED_DRAW = 65

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_bags.reader import Bag
 from ema_cli.bags.diagnoses import read_history
 from ema_cli.figures.history import draw_history
-from ema_recording.reader import Bag
 
 from ..waiting import DEADLINE_S, wait_for
 
@@ -141,8 +141,8 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
         given.append([item for item in arguments if ":=" in item])
         return 0
 
-    monkeypatch.setattr("ema_recording.recorder_node.main", main)
-    monkeypatch.setattr("ema_recording.player_node.main", main)
+    monkeypatch.setattr("ema_bags.recorder_node.main", main)
+    monkeypatch.setattr("ema_bags.player_node.main", main)
     assert (
         ema("record", "-o", "12", "--topic", "telemetry", "--topic", "b", "--force").exit_code == 0
     )

@@ -7,7 +7,7 @@ from mcap.writer import Writer
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from ema_recording.reader import Bag
+from ema_bags.reader import Bag
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from ema_bags.reader import Bag
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import Supervisor
-from ema_recording.reader import Bag
 
 from ..waiting import DEADLINE_S, started, wait_for
 

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from ema_bags.reader import Bag
 from ema_core import __version__
-from ema_recording.reader import Bag
 
 ROOT = Path(__file__).parents[2]
 DECLARED = sorted(
     path.relative_to(ROOT)
-    for pattern in ("ema_*/setup.py", "ema_*/package.xml", "ros2_ws/src/ema_bringup/package.xml")
+    for folder in ("ema_*", "ros2_ws/src/*")
+    for pattern in (f"{folder}/setup.py", f"{folder}/package.xml")
     for path in ROOT.glob(pattern)
 )
 
@@ -35,8 +36,8 @@ def test_changelog_begins_with_the_version():
 
 def test_recording_names_the_version_that_wrote_it(ema, record, faulty_blocks):
     path = record(faulty_blocks)
-    assert Bag(path).writers == [f"ema_recording {__version__}"]
-    assert f"written by ema_recording {__version__}" in ema("info", path).output
+    assert Bag(path).writers == [f"ema_bags {__version__}"]
+    assert f"written by ema_bags {__version__}" in ema("info", path).output
 
 
 def test_recording_cut_off_in_its_header_names_no_writer(record, faulty_blocks):

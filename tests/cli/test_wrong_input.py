@@ -9,8 +9,8 @@ import pytest
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from ema_bags.writer import BagWriter
 from ema_interfaces.msg import TelemetryBlock
-from ema_recording.writer import BagWriter
 from ema_ros.messages import telemetry_to_message
 
 

@@ -7,7 +7,11 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 QUALITY = ROOT / "docs" / "quality.md"
-PACKAGES = sorted(path.parent for path in (ROOT / "ros2_ws" / "src").glob("*/package.xml"))
+PACKAGES = sorted(
+    path.parent
+    for pattern in ("ema_*/package.xml", "ros2_ws/src/*/package.xml")
+    for path in ROOT.glob(pattern)
+)
 LINK = re.compile(r"\]\(([^)#]+)(?:#([^)]*))?\)")
 
 
@@ -29,7 +33,6 @@ def check_links(document: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_declares_its_quality(package):
-    # The links of the workspace lead to the packages.
     declaration = package.resolve() / "QUALITY_DECLARATION.md"
     text = declaration.read_text(encoding="utf-8")
     assert text.startswith(f"# Quality declaration of {package.name}\n")

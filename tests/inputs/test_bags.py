@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_inputs.bags import AnyBag
-from ema_inputs.files import InputFile
-from ema_inputs.importing import import_series
-from ema_inputs.mapping_file import mapping_from
+from ema_bags.inputs.bags import AnyBag
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.importing import import_series
+from ema_bags.inputs.mapping_file import mapping_from
 
 from . import other_makes
 from .conftest import described

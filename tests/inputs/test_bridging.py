@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.mapping_file import mapping_from
 from ema_core.acquisition import Acquisition
-from ema_inputs.bridging import Bridge, BridgeSettings
-from ema_inputs.mapping_file import mapping_from
 
 from .conftest import cycle, described
 

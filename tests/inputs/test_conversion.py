@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_bags.inputs.conversion import convert
+from ema_bags.inputs.mapping_file import mapping_from
 from ema_core.description import ActuatorDescription
-from ema_inputs.conversion import convert
-from ema_inputs.mapping_file import mapping_from
 
 FLAP = ActuatorDescription()
 P = FLAP.parameters

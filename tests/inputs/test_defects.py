@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_bags.inputs.defects import find_defects, refused, stream_defects
+from ema_bags.inputs.resampling import Losses
 from ema_core.parameters import ActuatorParameters
-from ema_inputs.defects import find_defects, refused, stream_defects
-from ema_inputs.resampling import Losses
 from ema_sim import simulate
 
 from .conftest import described

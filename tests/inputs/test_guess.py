@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_inputs.files import InputFile
-from ema_inputs.mapping_file import mapping_from
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.mapping_file import mapping_from
 
 from .conftest import described
 

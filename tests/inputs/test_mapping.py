@@ -5,11 +5,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from ema_bags.inputs.field_path import FieldPath
+from ema_bags.inputs.mapping_file import load_mapping, mapping_from, mapping_text
 from ema_core.acquisition import Acquisition
-from ema_inputs.field_path import FieldPath
-from ema_inputs.mapping_file import load_mapping, mapping_from, mapping_text
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "ema_inputs" / "mappings").glob("*.yaml"))
+SHIPPED = Path(__file__).parents[2] / "ros2_ws" / "src" / "ema_bags" / "mappings"
+EXAMPLES = sorted(SHIPPED.glob("*.yaml"))
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

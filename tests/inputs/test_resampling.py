@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ema_inputs.arrival import ArrivalClock
-from ema_inputs.rate import find_rate
-from ema_inputs.resampling import Resampler
+from ema_bags.inputs.arrival import ArrivalClock
+from ema_bags.inputs.rate import find_rate
+from ema_bags.inputs.resampling import Resampler
 
 H_NS = 1_000_000
 START_NS = 1_700_000_000_000_000_000

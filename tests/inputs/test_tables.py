@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_inputs.mapping import Table
-from ema_inputs.mapping_file import mapping_from
-from ema_inputs.series import NO_STAMP
-from ema_inputs.tables import read_columns, stamps_of, table_series
+from ema_bags.inputs.mapping import Table
+from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.series import NO_STAMP
+from ema_bags.inputs.tables import read_columns, stamps_of, table_series
 
 VALUES = np.array([[0.0, 1.5, -2.25], [0.001, 1.625, 3.125e-7], [0.002, 1.75, 12345.678]])
 

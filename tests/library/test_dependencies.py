@@ -10,7 +10,12 @@ import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = sorted(path.parent.name for path in ROOT.glob("ema_*/setup.py"))
+FOLDERS = {
+    path.parent.name: path.parent
+    for pattern in ("ema_*/setup.py", "ros2_ws/src/*/setup.py")
+    for path in ROOT.glob(pattern)
+}
+PACKAGES = sorted(FOLDERS)
 DISTRIBUTIONS = {
     "yaml": "pyyaml",
     "prometheus_client": "prometheus-client",
@@ -41,7 +46,7 @@ def is_node(path: Path) -> bool:
 def imports(package: str, *, nodes: bool) -> set[str]:
     """Return the modules from elsewhere that a package imports, with its nodes or without."""
     found = set()
-    for path in (ROOT / package / package).rglob("*.py"):
+    for path in (FOLDERS[package] / package).rglob("*.py"):
         if not nodes and is_node(path):
             continue
         for item in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -54,7 +59,7 @@ def imports(package: str, *, nodes: bool) -> set[str]:
 
 def requirements(package: str) -> list[Requirement]:
     """Return what a setup.py requires, extras included."""
-    tree = ast.parse((ROOT / package / "setup.py").read_text(encoding="utf-8"))
+    tree = ast.parse((FOLDERS[package] / "setup.py").read_text(encoding="utf-8"))
     given = {
         item.arg: ast.literal_eval(item.value)
         for item in ast.walk(tree)
@@ -73,7 +78,7 @@ def test_setup_requires_what_is_imported_without_ros(package):
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_depends_on_what_is_imported(package):
-    root = ElementTree.parse(ROOT / package / "package.xml").getroot()
+    root = ElementTree.parse(FOLDERS[package] / "package.xml").getroot()
     declared = {item.text for item in root.iter("exec_depend")}
     expected = {
         name if is_ros(name) or name.startswith("ema_") else KEYS.get(name, f"python3-{name}")

@@ -9,8 +9,8 @@ import numpy as np
 import pandas
 import pytest
 
+import ema_bags
 import ema_monitor
-import ema_recording
 import ema_sim
 from ema_core.faults import FAULTS, FaultVector
 from ema_core.wording import text_table
@@ -66,10 +66,10 @@ def test_estimates_make_a_table(estimate):
 
 
 def test_recorded_windows_are_those_of_the_bag():
-    found = ema_recording.read_windows(SAMPLE)
+    found = ema_bags.read_windows(SAMPLE)
     [window] = found.usable
     assert str(found).splitlines()[1].endswith("usable")
-    [again] = ema_monitor.find_windows(ema_recording.read_telemetry(SAMPLE))
+    [again] = ema_monitor.find_windows(ema_bags.read_telemetry(SAMPLE))
     assert (again.start_ns, again.play) == (window.start_ns, window.play)
     np.testing.assert_array_equal(again.current, window.current)
 
@@ -112,7 +112,7 @@ def test_picture_of_a_fit_shows_current_and_speed_measured_and_modelled(window, 
     assert np.array_equal(residual.lines[0].get_ydata(), rest)
 
 
-@pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_recording])
+@pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_bags])
 def test_interface_lists_what_it_offers(package):
     names = dir(package)
     assert names == sorted(names)
@@ -127,7 +127,7 @@ def test_importing_the_packages_imports_no_library():
         [
             sys.executable,
             "-c",
-            "import sys, ema_sim, ema_monitor, ema_recording\n"
+            "import sys, ema_sim, ema_monitor, ema_bags\n"
             "print([name for name in ('numpy', 'numba', 'matplotlib') if name in sys.modules])",
         ],
         capture_output=True,

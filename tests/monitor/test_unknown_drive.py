@@ -16,14 +16,14 @@ from ema_core.levels import OK, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import calibrate_unit, load_calibration
+from ema_monitor.current_balance.columns import Columns
+from ema_monitor.current_balance.play import free_play
+from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.health import TORQUE_PER_AMPERE, HealthLimits, assess
 from ema_monitor.identification.estimate import estimate_of, estimate_record
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.identifying import identify
-from ema_monitor.unknown_drive.columns import Columns
-from ema_monitor.unknown_drive.play import free_play
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.unit_record import UnitRecord, read_unit
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.stamps import stamp_to_message
 from ema_sim.actuator import SimulatedActuator

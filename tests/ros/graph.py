@@ -24,11 +24,11 @@ from .spinning import end, ros_context, spinning
 
 PACKAGES = {
     "actuator": "ema_sim",
-    "bridge": "ema_inputs",
+    "bridge": "ema_bags",
     "dashboard": "ema_dashboard",
     "monitor": "ema_monitor",
-    "player": "ema_recording",
-    "recorder": "ema_recording",
+    "player": "ema_bags",
+    "recorder": "ema_bags",
 }
 
 

@@ -17,8 +17,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from ema_bags.inputs.bridge_node import BridgeNode
 from ema_core.description import ActuatorDescription
-from ema_inputs.bridge_node import BridgeNode
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
 from ema_monitor import calibrate, find_windows

@@ -11,14 +11,14 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
+from ema_bags.inputs.bridge_node import BridgeNode
+from ema_bags.player_node import PlayerNode
+from ema_bags.recorder_node import RecorderNode
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.shards import file_for
 from ema_dashboard.dashboard_node import DashboardNode
-from ema_inputs.bridge_node import BridgeNode
 from ema_monitor.node.monitor_node import MonitorNode
-from ema_recording.player_node import PlayerNode
-from ema_recording.recorder_node import RecorderNode
 from ema_ros.rclpy_private import given_parameters
 from ema_ros.topics import ACTUATOR_TOPICS
 from ema_sim.actuator_node import ActuatorNode

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ema_recording.reader import Bag
+from ema_bags.reader import Bag
 
 from .graph import Graph
 

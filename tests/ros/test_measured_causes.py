@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
@@ -18,8 +20,6 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_sim.actuator import SimulatedActuator

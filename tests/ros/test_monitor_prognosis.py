@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
 from ema_monitor.prognosis.requirements import requirements as requirements_module
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, Requirements
 from ema_monitor.unit import Unit
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 
 from ..waiting import DEADLINE_S, wait_for

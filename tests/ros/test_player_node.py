@@ -17,12 +17,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
+from ema_bags import played_bag
+from ema_bags.player_node import PlayerNode
+from ema_bags.reader import Bag, Recorded
+from ema_bags.recorder_node import RecorderNode
+from ema_bags.writer import BagWriter
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
-from ema_recording import played_bag
-from ema_recording.player_node import PlayerNode
-from ema_recording.reader import Bag, Recorded
-from ema_recording.recorder_node import RecorderNode
-from ema_recording.writer import BagWriter
 from ema_ros.managed_node import ManagedNode
 from ema_ros.status import ERROR, OK, WARN, Task
 
@@ -249,7 +249,7 @@ def test_recording_what_is_played_gives_the_same_messages(graph: Graph, bag: Pat
 def player_process(*parameters: str) -> subprocess.Popen[str]:
     options = [word for item in parameters for word in ("-p", item)]
     return subprocess.Popen(
-        [sys.executable, "-m", "ema_recording.player_node", "--ros-args", *options],
+        [sys.executable, "-m", "ema_bags.player_node", "--ros-args", *options],
         stderr=subprocess.PIPE,
         text=True,
     )

@@ -11,11 +11,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from ema_bags.player_node import PlayerNode
+from ema_bags.reader import Bag
+from ema_bags.writer import BagWriter
 from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
 from ema_interfaces.srv import BurstPlayback, GetPlaybackRate, IsPlaybackPaused
-from ema_recording.player_node import PlayerNode
-from ema_recording.reader import Bag
-from ema_recording.writer import BagWriter
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import WARN
 from ema_ros.topics import LATCHED as STATE

@@ -22,11 +22,11 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
+from ema_bags import recorded_topic
+from ema_bags.qos import offered_qos, recorded_qos
+from ema_bags.reader import Bag
+from ema_bags.recorder_node import RecorderNode
 from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health, TelemetryBlock
-from ema_recording import recorded_topic
-from ema_recording.qos import offered_qos, recorded_qos
-from ema_recording.reader import Bag
-from ema_recording.recorder_node import RecorderNode
 from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..bags.recorded_messages import ros_messages
@@ -363,7 +363,7 @@ def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
 
 
 def recorder_process(path: Path, *, script: str = "") -> subprocess.Popen[str]:
-    command = ["-c", script] if script else ["-m", "ema_recording.recorder_node"]
+    command = ["-c", script] if script else ["-m", "ema_bags.recorder_node"]
     parameters = ["--ros-args", "-p", f"output:={path}", "-p", "topics:=['text']"]
     return subprocess.Popen(
         [sys.executable, *command, *parameters], stderr=subprocess.PIPE, text=True
@@ -430,8 +430,8 @@ import resource, sys
 from pathlib import Path
 sys.dont_write_bytecode = True  # Python 3.11 would leave a cut off .pyc
 from ema_ros.run import run
-from ema_recording import writer
-from ema_recording.recorder_node import RecorderNode
+from ema_bags import writer
+from ema_bags.recorder_node import RecorderNode
 
 writer._MOST_WAITING = 20_000
 

@@ -12,6 +12,11 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from ema_bags.bag_file import BagFile
+from ema_bags.metadata import METADATA_FILE
+from ema_bags.reader import Bag
+from ema_bags.recorder_settings import RecorderSettings
+from ema_bags.recording import Recording
 from ema_interfaces.msg import (
     ActuatorDescription,
     FaultEstimate,
@@ -19,11 +24,6 @@ from ema_interfaces.msg import (
     HealthSummary,
     TelemetryBlock,
 )
-from ema_recording.bag_file import BagFile
-from ema_recording.metadata import METADATA_FILE
-from ema_recording.reader import Bag
-from ema_recording.recorder_settings import RecorderSettings
-from ema_recording.recording import Recording
 from ema_ros.status import WARN
 
 from ..waiting import wait_for

@@ -11,13 +11,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from ema_bags.reader import Bag
+from ema_bags.recorder_node import RecorderNode
+from ema_bags.writer import BagWriter
 from ema_core import steady_thread
 from ema_dashboard.dashboard_node import DashboardNode
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.monitor_node import MonitorNode
-from ema_recording.reader import Bag
-from ema_recording.recorder_node import RecorderNode
-from ema_recording.writer import BagWriter
 from ema_ros import run as running
 from ema_ros.executor import NodeExecutor
 from ema_ros.managed_node import ManagedNode

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
 
-WEB = Path(__file__).parents[2] / "ema_dashboard/web"
+WEB = Path(__file__).parents[2] / "ros2_ws/src/ema_dashboard/web"
 
 
 def _registry_writer() -> ModuleType:

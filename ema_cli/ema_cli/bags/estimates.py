@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from ema_bags.windows import BagWindows, RecordedWindow
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibrations import AnyCalibration
@@ -12,7 +13,6 @@ from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.window import MIN_TRAVEL
-from ema_recording.windows import BagWindows, RecordedWindow
 
 
 def estimate_windows(

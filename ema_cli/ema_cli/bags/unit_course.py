@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.windows import truth_at
 from ema_cli.bags.unit_record import UnitRecord
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS, N_FAULTS
@@ -20,7 +21,6 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
-from ema_recording.windows import truth_at
 
 
 @dataclass(frozen=True)

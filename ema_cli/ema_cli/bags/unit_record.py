@@ -7,17 +7,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, Self
 
+from ema_bags.metadata import METADATA_FILE
+from ema_bags.reader import Bag
+from ema_bags.telemetry import DESCRIPTION_TYPE
+from ema_bags.usage import read_counts
+from ema_bags.windows import RecordedWindow
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
 from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.prognosis.history_entry import Count
-from ema_recording.metadata import METADATA_FILE
-from ema_recording.reader import Bag
-from ema_recording.telemetry import DESCRIPTION_TYPE
-from ema_recording.usage import read_counts
-from ema_recording.windows import RecordedWindow
 from ema_ros.messages import StampedFaults
 
 CALIBRATION_FILE: Final = "calibration.yaml"

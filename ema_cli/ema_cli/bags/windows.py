@@ -5,15 +5,15 @@ from pathlib import Path
 
 import click
 
+from ema_bags.reader import Bag
+from ema_bags.telemetry import read_telemetry
+from ema_bags.windows import BagWindows, find_recorded_windows
 from ema_cli.bags.chosen_description import choose_description
 from ema_cli.bags.source_options import Source
 from ema_cli.show.progress import progress_bar
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import measured_causes_of
 from ema_monitor.windows.window import MIN_TRAVEL
-from ema_recording.reader import Bag
-from ema_recording.telemetry import read_telemetry
-from ema_recording.windows import BagWindows, find_recorded_windows
 
 
 def read_windows(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.output_path import require_free
 from ema_cli.bags.source_options import Source, source_options
 from ema_cli.bags.windows import identifiable_windows
@@ -14,7 +15,6 @@ from ema_monitor.calibrations import calibrate_unit
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
-from ema_recording.windows import WindowsOnDemand
 
 _ENOUGH_WINDOWS = 5
 

@@ -9,6 +9,7 @@ import click
 import numpy as np
 from rich.console import Console
 
+from ema_bags.windows import BagWindows
 from ema_cli.bags.estimates import as_object
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import identifiable_windows
@@ -20,7 +21,6 @@ from ema_cli.identification_options import IdentificationOptions, comparison_opt
 from ema_cli.show.compare_table import table_of_faults, table_of_runs
 from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
-from ema_recording.windows import BagWindows
 
 
 class _Algorithms(click.ParamType):

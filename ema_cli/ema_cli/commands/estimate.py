@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Column, Table
 
+from ema_bags.windows import BagWindows
 from ema_cli.bags.estimates import as_object, estimate_windows
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import identifiable_windows
@@ -24,7 +25,6 @@ from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import MIN_TRAVEL
-from ema_recording.windows import BagWindows
 
 _NOTHING: Final = "no significant fault"
 _REASON_WIDTH: Final = 90

@@ -6,15 +6,15 @@ from typing import Any, Final
 
 import click
 
+from ema_bags.inputs.defects import refused
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.importing import Imported, import_series
+from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping_file import load_mapping, mapping_text
 from ema_cli.bags.output_path import require_free
 from ema_cli.errors import one_clear_line
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
-from ema_inputs.defects import refused
-from ema_inputs.files import InputFile
-from ema_inputs.importing import Imported, import_series
-from ema_inputs.mapping import Mapping
-from ema_inputs.mapping_file import load_mapping, mapping_text
 from ema_ros.actuator_file import load_description
 
 _PAUSE_NS: Final = 1_000_000_000

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
+from ema_bags.reader import Bag
 from ema_cli.bags.source_options import Source, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.errors import one_clear_line
 from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
-from ema_recording.reader import Bag
 
 
 @click.command()

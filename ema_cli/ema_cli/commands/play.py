@@ -64,6 +64,6 @@ def play(
     with one_clear_line():
         set_reach(network)
         arguments = ros_arguments("player", assignments=assignments_of(parameters))
-    from ema_recording.player_node import main
+    from ema_bags.player_node import main
 
     sys.exit(main(arguments))

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 from matplotlib.figure import Figure
 
+from ema_bags.windows import BagWindows
 from ema_cli.bags.diagnoses import read_history
 from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.outline import Outline
@@ -19,7 +20,6 @@ from ema_cli.figures.telemetry import draw_telemetry
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_core.wording import counted
 from ema_monitor.windows.trigger import Refusal
-from ema_recording.windows import BagWindows
 
 
 @click.command()

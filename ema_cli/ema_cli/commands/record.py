@@ -65,6 +65,6 @@ def record(
     with one_clear_line():
         set_reach(network)
         arguments = ros_arguments("recorder", assignments=assignments_of(parameters))
-    from ema_recording.recorder_node import main
+    from ema_bags.recorder_node import main
 
     sys.exit(main(arguments))

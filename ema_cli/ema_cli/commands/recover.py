@@ -6,17 +6,17 @@ from pathlib import Path
 import click
 from rclpy.qos import QoSProfile
 
+from ema_bags.message_type import message_class
+from ema_bags.qos import joint_offer, recorded_qos
+from ema_bags.reader import Bag, Recorded, Topic
+from ema_bags.schema import decoder, schema_text, to_installed
+from ema_bags.telemetry import TELEMETRY_TYPE
 from ema_cli.bags.output_path import require_apart
 from ema_cli.errors import one_clear_line
 from ema_cli.new_bag import new_bag
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
-from ema_recording.message_type import message_class
-from ema_recording.qos import joint_offer, recorded_qos
-from ema_recording.reader import Bag, Recorded, Topic
-from ema_recording.schema import decoder, schema_text, to_installed
-from ema_recording.telemetry import TELEMETRY_TYPE
 from ema_ros.messages import telemetry_from_message
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Column, Table
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.bench_options import (
     acquisition_options,
     actuator_option,
@@ -29,7 +30,6 @@ from ema_cli.show.progress import progress_bar
 from ema_core.cause_profiles import GRAMMAR, describe_causes
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.wording import as_identifier, counted
-from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_sim.bench import ActuatorBench, BenchSettings
 
 _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of the same seed

@@ -7,10 +7,10 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from ema_bags.windows import BagWindows
 from ema_cli.bags.outline import Outline
 from ema_monitor.plot.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION, stacked_panels
 from ema_monitor.windows.trigger import Refusal
-from ema_recording.windows import BagWindows
 
 _SHADE: Final = 0.12
 

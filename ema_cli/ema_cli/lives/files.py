@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.lives.tests_of_life import LifeTest, calibration_of_life
 from ema_cli.new_bag import new_bag
 from ema_core.description import ActuatorDescription
@@ -13,7 +14,6 @@ from ema_monitor.identification.estimate import Estimate, by_fault, estimate_rec
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_recording.actuator_bag import SimulatedActuatorBag
 
 _MEASURED: Final = ("faults", "covariance", "unobservable", "goodness_of_fit")
 

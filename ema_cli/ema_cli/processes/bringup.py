@@ -17,20 +17,20 @@ from ema_ros.managed_node import ManagedNode
 
 NODES: Final = {
     "actuator": ("ema_sim", "actuator_node"),
-    "bridge": ("ema_inputs", "bridge_node"),
+    "bridge": ("ema_bags", "bridge_node"),
     "monitor": ("ema_monitor", "monitor_node"),
-    "recorder": ("ema_recording", "recorder_node"),
-    "player": ("ema_recording", "player_node"),
+    "recorder": ("ema_bags", "recorder_node"),
+    "player": ("ema_bags", "player_node"),
     "dashboard": ("ema_dashboard", "dashboard_node"),
 }
 """Package and executable of each node, as for ``ros2 run``."""
 
 _CLASSES: Final = {
     "actuator": ("ema_sim.actuator_node", "ActuatorNode"),
-    "bridge": ("ema_inputs.bridge_node", "BridgeNode"),
+    "bridge": ("ema_bags.inputs.bridge_node", "BridgeNode"),
     "monitor": ("ema_monitor.node.monitor_node", "MonitorNode"),
-    "recorder": ("ema_recording.recorder_node", "RecorderNode"),
-    "player": ("ema_recording.player_node", "PlayerNode"),
+    "recorder": ("ema_bags.recorder_node", "RecorderNode"),
+    "player": ("ema_bags.player_node", "PlayerNode"),
     "dashboard": ("ema_dashboard.dashboard_node", "DashboardNode"),
 }
 

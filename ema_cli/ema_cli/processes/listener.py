@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from ema_recording.message_type import type_name
+from ema_bags.message_type import type_name
 
 
 class Listener:

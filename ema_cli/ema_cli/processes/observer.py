@@ -7,9 +7,9 @@ from typing import Any, Final
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
 
+from ema_bags.message_type import type_name
 from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog
 from ema_cli.processes.listener import Listener
-from ema_recording.message_type import type_name
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
     ACTUATOR_TOPICS,

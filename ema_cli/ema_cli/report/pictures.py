@@ -8,7 +8,7 @@ from ema_cli.figures.svg import inline_svg
 from ema_cli.report.words import moment
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core.wording import counted
-from ema_monitor.unknown_drive.unit import UnknownDriveUnit
+from ema_monitor.current_balance.unit import UnknownDriveUnit
 
 
 class Picture(NamedTuple):

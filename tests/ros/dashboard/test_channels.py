@@ -7,10 +7,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
+from ema_bags.message_type import type_name
+from ema_bags.schema import schema_text
 from ema_dashboard.known_topics import known_topics
 from ema_interfaces.msg import Health, TelemetryBlock, WindowFit
-from ema_recording.message_type import type_name
-from ema_recording.schema import schema_text
 from ema_ros import topics
 
 from ...waiting import wait_for

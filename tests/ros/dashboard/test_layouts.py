@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
+from ema_bags.message_type import message_class
 from ema_dashboard.known_topics import known_topics
-from ema_recording.message_type import message_class
 
 FOLDER = Path(get_package_share_directory("ema_dashboard"), "layouts")
 CLASSES = {topic.name: topic.message_class for topic in known_topics(["/ema"])}

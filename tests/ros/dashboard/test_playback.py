@@ -14,12 +14,12 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from ema_bags.player_node import PlayerNode
+from ema_bags.writer import BagWriter
 from ema_dashboard.hub import Hub
 from ema_dashboard.playback_control import PlaybackControl
 from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
-from ema_recording.player_node import PlayerNode
-from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 

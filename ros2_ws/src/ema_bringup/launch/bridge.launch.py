@@ -6,8 +6,9 @@ ros2 launch ema_bringup bridge.launch.py mapping_file:=/path/mapping.yaml
 import sys
 from pathlib import Path
 
-from launch import LaunchContext, LaunchDescription
 from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ema_launch_arguments as ema
@@ -29,4 +30,4 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(context: LaunchContext) -> list[Node]:
     files = ema.chosen(context, "mapping_file", "actuator_file")
-    return [ema.node(context, "bridge", "ema_inputs", parameters=files), *ema.monitors(context)]
+    return [ema.node(context, "bridge", "ema_bags", parameters=files), *ema.monitors(context)]

@@ -6,8 +6,9 @@ ros2 launch ema_bringup ema.launch.py bag:=worn_flap
 import sys
 from pathlib import Path
 
-from launch import LaunchContext, LaunchDescription
 from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ema_launch_arguments as ema
@@ -32,6 +33,6 @@ def _nodes(context: LaunchContext) -> list[Node]:
     ]
     bag = {"output": ema.value_of(context, "bag")}
     if bag["output"]:
-        recorder = ema.node(context, "recorder", "ema_recording", parameters=bag, ends_all=True)
+        recorder = ema.node(context, "recorder", "ema_bags", parameters=bag, ends_all=True)
         nodes.append(recorder)
     return nodes

@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
-from ema_core.linear_algebra import one_thread
-from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
+from ema_core.linear_algebra import one_thread
+from launch import LaunchContext, LaunchDescription
 
 AS_CONFIGURED = "of the parameter file"
 """Value of an argument that leaves the parameter as it is in the parameter file."""

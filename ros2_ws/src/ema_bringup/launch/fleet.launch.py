@@ -1,6 +1,6 @@
-"""Simulated actuators, monitors with a calibration for each of them, and the dashboard.
+r"""Simulated actuators, monitors with a calibration for each of them, and the dashboard.
 
-ros2 launch ema_bringup fleet.launch.py actuators:=left,right \\
+ros2 launch ema_bringup fleet.launch.py actuators:=left,right \
     calibration_file:=/path/{actuator_id}.yaml
 
 One monitor follows all, with ``monitors:=N`` each of N a share of them.
@@ -11,8 +11,9 @@ of the monitor by remapping.
 import sys
 from pathlib import Path
 
-from launch import LaunchContext, LaunchDescription
 from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ema_launch_arguments as ema

@@ -8,8 +8,9 @@ With ``monitors:=N`` there are N of them, and each follows a share of the actuat
 import sys
 from pathlib import Path
 
-from launch import LaunchContext, LaunchDescription
 from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ema_launch_arguments as ema

@@ -10,10 +10,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from launch import LaunchContext, LaunchDescription
 from launch.actions import ExecuteProcess, Shutdown
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.substitutions import FindPackagePrefix
+
+from launch import LaunchContext, LaunchDescription
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ema_launch_arguments as ema
@@ -58,7 +59,7 @@ def _nodes(context: LaunchContext) -> list[Any]:
         ema.node(
             context,
             "player",
-            "ema_recording",
+            "ema_bags",
             parameters={**played, "actuator_only": True, "stay": not ends},
             respawns=False,
         ),

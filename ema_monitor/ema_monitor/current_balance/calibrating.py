@@ -1,0 +1,168 @@
+"""Calibrating a unit whose drive is unknown, on healthy motion (M44)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.current_balance.balance import Balance
+from ema_monitor.current_balance.columns import has_speed
+from ema_monitor.current_balance.fitting import Fit, Prior, fit
+from ema_monitor.current_balance.priors import Known, load_sigmas, taken_for_known_loads
+from ema_monitor.current_balance.terms import BASIC, OF_CURRENT, columns_of, ripples
+from ema_monitor.current_balance.unit import UnknownDriveUnit
+from ema_monitor.windows.window import Window
+
+_KNEE: Final = 0.15
+_KNEE_WITHOUT_SPEED: Final = 0.2
+_FEWEST_ROWS: Final = 30
+_LEAST_NOISE: Final = 1e-4
+_SMALL: Final = 0.1
+_VISCOUS: Final = 0.5
+_SMALL_SHARE: Final = 0.02
+
+
+def calibrate_unknown(
+    windows: Sequence[Window], description: ActuatorDescription
+) -> UnknownDriveUnit:
+    """Find inertia, friction, play and what repeats with the angle on healthy motion.
+
+    Parameters
+    ----------
+    windows
+        Healthy windows of any motion, at least one. Loads that were measured are taken for known.
+    description
+        The unit: gear ratio, pole pairs, nominal play, and how its telemetry is acquired. The
+        product of torque constant and current is a torque only where the torque constant is given;
+        nothing depends on it.
+
+    Raises
+    ------
+    ValueError
+        When there is no window, the motion is too little to tell inertia and friction, or the
+        figures are impossible.
+    """
+    if description.acquisition.current == "none":
+        raise ValueError(
+            "drive = unknown needs a measured current: acquisition says that there is none"
+        )
+    if not windows:
+        raise ValueError("calibration needs at least one healthy window, got none")
+    for number, window in enumerate(windows):
+        if reason := motion_defect(window, description):
+            raise ValueError(f"window {number}: {reason}")
+    # One window after the other: they may be read when needed.
+    strong = [float(np.percentile(np.abs(one.current), 95.0)) for one in windows]
+    share = _KNEE if description.acquisition.speed else _KNEE_WITHOUT_SPEED
+    knee = share * float(np.median(strong))
+    if not knee > 0.0:
+        raise ValueError("the current is 0 throughout the healthy windows: is it measured?")
+    balances, known = [], []
+    h = windows[0].sample_period
+    for number, window in enumerate(windows):
+        if abs(window.sample_period / h - 1.0) > 1e-6:
+            raise ValueError(
+                f"window {number}: the sample period is {window.sample_period:g} s, that of the "
+                f"first one {h:g} s"
+            )
+        balances.append(Balance.of(window.telemetry, description, knee))
+        known.append(taken_for_known_loads(window, description.parameters))
+    rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
+    if rows < _FEWEST_ROWS:
+        raise ValueError(
+            f"the healthy windows have {rows} means of steady motion one way, at least "
+            f"{_FEWEST_ROWS} are needed: give longer motion"
+        )
+    found = _fit(balances, known, description.parameters)
+    plays = [one.play for one in balances if one.play is not None]
+    play = play_sigma = float("nan")
+    if plays:
+        weights = np.array([1.0 / max(one.sigma, 1e-9) ** 2 for one in plays])
+        widths = np.array([one.width for one in plays])
+        play = float(weights @ widths / weights.sum())
+        scatter = float(np.std(widths)) / np.sqrt(max(1, len(plays) - 1))
+        play_sigma = max(float(weights.sum() ** -0.5), scatter if len(plays) > 1 else 0.0)
+    loads = found.loads.mean(axis=0)
+    return UnknownDriveUnit(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        parameters=description.parameters,
+        sample_period=h,
+        speed_measured=description.acquisition.speed,
+        windows=len(windows),
+        terms=found.values,
+        covariance=found.covariance,
+        load=float(loads[0]),
+        stiffness=float(loads[1]),
+        knee=knee,
+        noise=max(found.rms, _LEAST_NOISE),
+        play=play,
+        play_sigma=play_sigma,
+        fastest=max(one.fastest for one in balances),
+    )
+
+
+def motion_defect(window: Window, description: ActuatorDescription) -> str:
+    """Return why nothing can be told from the motion of a window; empty when something can."""
+    telemetry = window.telemetry
+    if not len(telemetry.current):
+        return "drive = unknown needs a measured current, and the telemetry has none"
+    measured = has_speed(telemetry, description)
+    if measured != description.acquisition.speed:
+        return "the speed is not measured, although the description says so"
+    moves = np.any(telemetry.speed) if measured else np.ptp(telemetry.position) > 0.0
+    if not moves:
+        flows = float(np.median(np.abs(telemetry.current)))
+        if np.ptp(telemetry.command) > 0.0 and flows > 0.0:
+            return (
+                f"no excitation: the motor stands still although the command moves and {flows:.2g} "
+                "A flow; a blocked shaft, an open phase or a frozen sensor"
+            )
+        return "no excitation: the motor stands still"
+    return ""
+
+
+def _fit(
+    balances: Sequence[Balance], loads: Sequence[Known], parameters: ActuatorParameters
+) -> Fit:
+    """Fit the terms, without knowing anything of the unit."""
+    groups = ripples(parameters.P)
+    where = columns_of(groups)
+    size = balances[0].design.shape[1]
+    usual = float(np.median(np.concatenate([np.abs(one.current) for one in balances])))
+    fastest = max(one.fastest for one in balances)
+    accelerations = np.concatenate([np.abs(one.design[:, 0]) for one in balances])
+    sigma = np.full(size, usual)
+    sigma[0] = 1e3 * usual / max(float(np.percentile(accelerations, 90.0)), 1e-9)
+    sigma[1] = 1e3 * usual
+    sigma[2] = usual / fastest
+    sigma[3] = 0.5 * usual
+    sigma[4] = 3e-3
+    spreads = load_sigmas(parameters, balances)
+    prior = Prior(
+        np.zeros(size),
+        sigma,
+        np.array([[known[0][0], known[1][0]] for known in loads]),
+        np.array(
+            [
+                [min(known[0][1], spread[0]), min(known[1][1], spread[1])]
+                for known, spread in zip(loads, spreads, strict=True)
+            ]
+        ),
+    )
+    basic = np.arange(size) < len(BASIC)
+    first = fit(balances, prior, basic, 1e-6 * usual)
+    # What no motor is free of; left out, it would be taken for friction where the motor turns
+    # less than once.
+    small = np.full(size, _SMALL * abs(first.values[1]))
+    sigma[3] = _SMALL * abs(first.values[1])
+    sigma[2] = _VISCOUS * abs(first.values[1]) / fastest
+    for group in groups:
+        if group.scales_with == OF_CURRENT:
+            small[where[group.name]] = _SMALL_SHARE
+    sigma = np.where(basic, sigma, small)
+    noise = max(first.rms, _LEAST_NOISE)
+    return fit(balances, replace(prior, sigma=sigma), np.ones(size, dtype=bool), noise)

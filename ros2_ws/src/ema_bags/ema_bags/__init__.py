@@ -1,0 +1,14 @@
+"""Reads and writes recordings as rosbag2 does, in MCAP.
+
+``import ema_bags`` offers the names of ``ema_bags.api``; docs/python.md shows how to use
+them. Reading needs no ROS.
+"""
+
+from typing import TYPE_CHECKING
+
+from ema_core.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ema_bags.api import *  # noqa: F403
+else:
+    __getattr__, __dir__ = lazy_names(__name__)

@@ -1,0 +1,111 @@
+"""Columns of telemetry in SI units from what the sources hold."""
+
+import math
+from collections.abc import Mapping as Columns
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.mapping import AngleSource, CurrentSource, Mapping, SpeedSource
+from ema_bags.inputs.units import ANGLES, CURRENTS, SPEEDS, TORQUES
+from ema_core.description import ActuatorDescription
+
+PEAK: Final = {"peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
+"""Amplitude of the phase currents over i_q, by its convention."""
+
+_PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
+"""Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
+torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
+
+
+def convert(
+    raw: Columns[str, NDArray[np.float64]], mapping: Mapping, description: ActuatorDescription
+) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of telemetry, ``(n,)`` each; what is not measured is empty.
+
+    Parameters
+    ----------
+    raw
+        What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)``.
+    description
+        Gives torque constant, gear ratio and drive.
+    """
+    tau = description.parameters.tau
+    position = _angle(raw["position"], mapping.position, tau)
+    if mapping.command is not None:
+        command = _angle(raw["command"], mapping.command, tau)
+    else:
+        assert mapping.error is not None
+        command = position + _angle(raw["error"], mapping.error, tau)
+    speed, current = np.empty(0), np.empty(0)
+    if mapping.speed is not None:
+        speed = _speed(raw["speed"], mapping.speed, tau)
+    if mapping.measured_current is not None:
+        current = _current(raw, mapping.measured_current, description)
+    return {"command": command, "current": current, "position": position, "speed": speed}
+
+
+def angle_factor(source: AngleSource, tau: float) -> float:
+    """Return the angle of the user shaft over that of the source [rad]."""
+    shaft = tau if source.shaft == "motor" else 1.0
+    return source.sign * source.scale * ANGLES[source.unit] * shaft
+
+
+def speed_factor(source: SpeedSource, tau: float) -> float:
+    """Return the speed of the motor shaft over that of the source [rad/s]."""
+    shaft = 1.0 / tau if source.shaft == "user" else 1.0
+    return source.sign * source.scale * SPEEDS[source.unit] * shaft
+
+
+def current_factor(source: CurrentSource, description: ActuatorDescription) -> float:
+    """Return the equivalent current over the source [A]; of phases that of their magnitude."""
+    p = description.parameters
+    factor = source.sign * source.scale
+    if source.kind == "motor_torque":
+        return factor * TORQUES[source.unit] / p.k_t
+    if source.kind == "joint_torque":
+        return factor * TORQUES[source.unit] * p.tau / p.k_t
+    if source.kind == "i_q":
+        constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0
+        return factor * CURRENTS[source.unit] * PEAK[source.amplitude or "peak"] * constant
+    return factor * CURRENTS[source.unit]
+
+
+def _angle(raw: NDArray[np.float64], source: AngleSource, tau: float) -> NDArray[np.float64]:
+    factor = angle_factor(source, tau)
+    return _scaled(raw, factor, source.offset)
+
+
+def _speed(raw: NDArray[np.float64], source: SpeedSource, tau: float) -> NDArray[np.float64]:
+    return _scaled(raw, speed_factor(source, tau), source.offset)
+
+
+def _current(
+    raw: Columns[str, NDArray[np.float64]],
+    source: CurrentSource,
+    description: ActuatorDescription,
+) -> NDArray[np.float64]:
+    if source.kind == "phase_currents":
+        values = _of_phases(raw, description.drive != "six_step")
+    else:
+        values = raw["current"]
+    return _scaled(values, current_factor(source, description), source.offset)
+
+
+def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> NDArray[np.float64]:
+    """Return the equivalent current of phases; the third of two closes their sum to zero."""
+    a, b = raw["phase_a"], raw["phase_b"]
+    c = raw["phase_c"] if "phase_c" in raw else -a - b
+    if is_sinusoidal:
+        # The magnitude of the space vector is the peak of i_q, as i_d is zero.
+        magnitude = np.sqrt((a * a + b * b + c * c) * (2.0 / 3.0))
+    else:
+        magnitude = (np.abs(a) + np.abs(b) + np.abs(c)) / 2.0
+    return np.sign(raw["torque_sign"]) * magnitude
+
+
+def _scaled(raw: NDArray[np.float64], factor: float, offset: float) -> NDArray[np.float64]:
+    # As it is, to the last bit, where there is nothing to convert.
+    values = raw if factor == 1.0 else raw * factor
+    return values if offset == 0.0 else values + offset

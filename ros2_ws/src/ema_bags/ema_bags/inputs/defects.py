@@ -1,0 +1,305 @@
+"""What is wrong with a mapping or with what it maps, named before anything is estimated."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.factors import Change, explain
+from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.motion import Motion
+from ema_bags.inputs.resampling import Losses
+from ema_core.description import ActuatorDescription
+from ema_core.wording import counted
+
+_LEAST_TRAVEL: Final = 1e-3
+_RATIO_WITHIN: Final = 0.03
+_CURRENT_SIZE: Final = 8.0
+_MANY: Final = 0.01
+_WITH_PREFIX: Final = ("A", "mA", "N.m", "mN.m")
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Something wrong.
+
+    Attributes
+    ----------
+    name
+        Its stable name, by which a mapping can accept it.
+    is_error
+        Whether estimates would be wrong; else it costs some data, or is worth knowing.
+    text
+        What is wrong, with values.
+    remedy
+        What to write in the mapping, or where else to look.
+    """
+
+    name: str
+    is_error: bool
+    text: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: {self.text}: {self.remedy}"
+            if self.remedy
+            else (f"{self.name}: {self.text}")
+        )
+
+
+def find_defects(
+    columns: dict[str, NDArray[np.float64]],
+    stamps_ns: NDArray[np.int64],
+    mapping: Mapping,
+    description: ActuatorDescription,
+) -> list[Defect]:
+    """Return what is wrong with the columns of telemetry that a mapping gives.
+
+    What needs motion to be told, as a sign or a unit, is only looked for where there is motion.
+
+    Parameters
+    ----------
+    columns
+        As of ``ema_bags.inputs.conversion.convert``, ``(n,)`` or empty.
+    stamps_ns
+        Stamps of the samples, ``(n,)`` [ns].
+    """
+    found = [*_other_drive(mapping, description), *_not_finite(columns)]
+    motion = Motion.of(columns, stamps_ns, description.parameters.tau)
+    if motion is None:
+        return found
+    found += _frozen(columns, motion)
+    frozen = {item.name for item in found}
+    found += _wrong_factors(motion, mapping, description, frozen)
+    if not any(item.is_error for item in found):
+        found += _wrong_current(motion, mapping, description)
+    if mapping.position.shaft == "motor":
+        found.append(
+            Defect(
+                "position_at_motor",
+                False,
+                "the position is measured at the motor, before the backlash",
+                "backlash cannot be seen in it; an encoder at the user shaft shows it",
+            )
+        )
+    return found
+
+
+def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> list[Defect]:
+    """Return what is wrong with the stamps and the completeness of samples.
+
+    Parameters
+    ----------
+    of_table
+        Whether they are rows of a table, which have no arrival.
+    """
+    found = []
+    n = max(losses.samples, 1)
+    if losses.lost:
+        found.append(
+            Defect(
+                "lost_samples",
+                False,
+                f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
+                f"{counted(losses.gaps, 'place')}",
+                "no window spans a gap",
+            )
+        )
+    if losses.jumps or losses.repeated:
+        bad = losses.jumps + losses.repeated
+        found.append(
+            Defect(
+                "time_not_monotonic",
+                bad > _MANY * n,
+                f"the time goes back {counted(losses.jumps, 'time')} and stands still "
+                f"{counted(losses.repeated, 'time')} in {counted(n, 'sample')}",
+                "is clock.source the right one? "
+                + (
+                    "Rows have to be in the order of time"
+                    if of_table
+                    else "clock: {source: arrival} rebuilds the stamps"
+                )
+                if bad > _MANY * n
+                else "samples that repeat a stamp are left out, and no window spans a jump",
+            )
+        )
+    if losses.missing:
+        found.append(
+            Defect(
+                "not_finite",
+                losses.missing > 0.5 * n,
+                f"{losses.missing} of {counted(n, 'sample')} have a value that is not a finite "
+                "number",
+                "they are left out; a column that is mostly empty should not be mapped",
+            )
+        )
+    if rebuilt:
+        found.append(
+            Defect(
+                "stamps_rebuilt",
+                False,
+                f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival",
+                "have the source fill header.stamp, if it can",
+            )
+        )
+    return found
+
+
+def refused(defects: Iterable[Defect], mapping: Mapping) -> list[Defect]:
+    """Return the defects that forbid estimates: errors that the mapping does not accept."""
+    return [item for item in defects if item.is_error and item.name not in mapping.accept]
+
+
+def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[Defect]:
+    current = mapping.measured_current
+    if current is not None and current.kind == "i_q" and description.drive == "six_step":
+        yield Defect(
+            "drive_of_i_q",
+            True,
+            "the current is i_q, which is of a field-oriented drive, and the description has drive "
+            "six_step",
+            "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
+            "current: {kind: equivalent}",
+        )
+
+
+def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[Defect]:
+    for name, values in columns.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(values) and len(bad) == len(values):
+            yield Defect(
+                "not_finite",
+                True,
+                f"{name} is not a finite number in any of {counted(len(values), 'sample')}",
+                f"{name}: choose another source, or leave {name} out if it is not measured",
+            )
+
+
+def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator[Defect]:
+    moves = {name: motion.travel(name) > _LEAST_TRAVEL for name in ("command", "position")}
+    moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
+    for name in ("command", "position", "speed", "current"):
+        values = columns[name]
+        others = [other for other, moving in moves.items() if moving and other != name]
+        if not len(values) or not others:
+            continue
+        # A blocked shaft stands still in position and speed alike, and is no defect of the data.
+        if name in ("position", "speed") and not moves["position" if name == "speed" else "speed"]:
+            continue
+        finite = values[np.isfinite(values)]
+        if not len(finite) or np.ptp(finite) > 0.0:
+            continue
+        remedy = f"{name}: choose another source"
+        if name == "current" and finite[0] == 0.0:
+            yield Defect(
+                "current_zero",
+                True,
+                f"current is 0 in all {counted(len(finite), 'sample')} while {others[0]} moves: "
+                "the drive does not publish it",
+                "current: {sampling: none, ...}, or leave current out",
+            )
+            continue
+        if name in ("current", "speed"):
+            remedy += f", or leave {name} out"
+        yield Defect(
+            f"{name}_frozen",
+            True,
+            f"{name} is {finite[0]:g} in all {counted(len(finite), 'sample')} while {others[0]} "
+            "moves",
+            remedy,
+        )
+
+
+def _wrong_factors(
+    motion: Motion, mapping: Mapping, description: ActuatorDescription, frozen: set[str]
+) -> Iterator[Defect]:
+    """Yield units, signs and shafts that the relations of the columns contradict."""
+    if frozen & {"command_frozen", "position_frozen", "speed_frozen"}:
+        return
+    explained = explain(motion, mapping, description)
+    if explained is None:
+        tau = description.parameters.tau
+        ratio = motion.speed_ratio
+        if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
+            yield Defect(
+                "gear_ratio",
+                True,
+                f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
+                f"description has {_as_ratio(tau)}",
+                "parameters: {tau: "
+                f"{tau * ratio:.6g}}} in the description, or speed: {{scale: {ratio:.6g}}}",
+            )
+        if motion.gain is not None and not 0.5 < motion.gain < 2.0:
+            yield Defect(
+                "command_position",
+                True,
+                f"the position moves {motion.gain:.3g} times as far as the command",
+                f"command: {{scale: {motion.gain:.6g}}} if both are of the same shaft, or choose "
+                "another source",
+            )
+        return
+    for change in explained:
+        yield _changed(change)
+
+
+def _changed(change: Change) -> Defect:
+    name = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}[
+        change.entry
+    ]
+    return Defect(f"{change.quantity}_{name}", True, change.reason, change.remedy)
+
+
+def _wrong_current(
+    motion: Motion, mapping: Mapping, description: ActuatorDescription
+) -> Iterator[Defect]:
+    """Yield a sign or size of the current that acceleration and friction contradict."""
+    source = mapping.measured_current
+    if source is None or motion.current is None:
+        return
+    found = motion.current_against_torque(description.parameters)
+    if found is None:
+        return
+    slope, correlation = found
+    if correlation < -0.4:
+        yield Defect(
+            "current_sign_reversed",
+            True,
+            "the current is negative where the motor accelerates and drives friction in the "
+            f"positive direction (correlation {correlation:.2f})",
+            f"current: {{sign: {-source.sign}}}",
+        )
+        return
+    # Inertia and friction of a drive of which nothing is known say nothing of the size.
+    if correlation < 0.4 or description.drive == "unknown":
+        return
+    for factor in (1e3, 1e-3):
+        if not 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
+            continue
+        meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
+        is_unit = meant in _WITH_PREFIX and meant != source.unit
+        remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
+        yield Defect(
+            "current_unit",
+            True,
+            f"the current is {slope:.3g} times as large as inertia and friction of the "
+            "description need",
+            f"current: {{{remedy}}}",
+        )
+        return
+    if not 1.0 / 30.0 < slope < 30.0:
+        yield Defect(
+            "current_size",
+            True,
+            f"the current is {slope:.3g} times as large as inertia and friction of the "
+            "description need",
+            "is current.kind right (current or torque, motor or joint)? Are J_m, J_u and the "
+            "friction of the description?",
+        )
+
+
+def _as_ratio(tau: float) -> str:
+    return f"1/{1.0 / tau:.4g}" if tau and math.isfinite(tau) else f"{tau:g}"

@@ -1,0 +1,394 @@
+"""A mapping guessed from names, magnitudes and relations, to be confirmed by who knows."""
+
+import re
+from collections.abc import Mapping as ByName
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.conversion import convert
+from ema_bags.inputs.factors import explain
+from ema_bags.inputs.mapping import (
+    AngleSource,
+    Clock,
+    CurrentSource,
+    Mapping,
+    Source,
+    SpeedSource,
+    Table,
+)
+from ema_bags.inputs.motion import Motion
+from ema_bags.inputs.tables import Columns
+from ema_bags.inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
+from ema_core.description import ActuatorDescription
+from ema_core.wording import counted
+
+_EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
+_STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
+_JOINT_STATE: Final = "sensor_msgs/msg/JointState"
+_WORDS: Final = {
+    "command": r"cmd|command\w*|set ?points?|sp|ref|reference|target|demand\w*|desired|soll\w*|"
+    r"commanded|input",
+    "error": r"err|error|deviation|following|tracking",
+    "position": r"pos|position|angle|theta|winkel|enc|encoder|ist\w*|deflection|phi|pos estimate",
+    "speed": r"vel|velocity|speed|omega|drehzahl|rpm|w|rate",
+    "current": r"current|cur|iq|i q|i eq|ieq|strom|amps?|effort|torque|trq|moment|drehmoment|i",
+    "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us",
+}
+_SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z])(?=[A-Z])")
+_UNITS: Final = {
+    "rad": ("rad", "radian", "radians"),
+    "deg": ("deg", "°", "degree", "degrees", "grad"),
+    "mrad": ("mrad",),
+    "turn": ("rev", "revs", "turn", "turns", "u", "cycles"),
+    "rad/s": ("rad/s", "rad s", "rads", "rad/sec", "rad*s^-1"),
+    "deg/s": ("deg/s", "°/s", "deg s", "deg/sec", "dps", "grad/s"),
+    "rpm": ("rpm", "1/min", "u/min", "r/min", "rev/min", "min^-1", "min-1"),
+    "turn/s": ("rev/s", "turn/s", "turns/s", "u/s", "rps", "hz"),
+    "A": ("a", "amp", "amps", "ampere"),
+    "mA": ("ma", "milliamp"),
+    "N.m": ("nm", "n.m", "n*m", "n m", "newton meter"),
+    "mN.m": ("mnm", "mn.m", "mn*m"),
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "millis"),
+    "us": ("us", "µs", "usec", "micros"),
+    "ns": ("ns", "nsec", "nanos", "nanoseconds"),
+}
+_BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
+_NUMBER_TYPES: Final = {
+    "std_msgs/msg/Float64": "data",
+    "std_msgs/msg/Float32": "data",
+    "std_msgs/msg/Float64MultiArray": "data[0]",
+    "std_msgs/msg/Float32MultiArray": "data[0]",
+}
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A guessed mapping and what it rests on, one remark a line."""
+
+    mapping: Mapping
+    remarks: list[str]
+
+
+def guess_columns(columns: Columns) -> Guess:
+    """Return a mapping of the columns of a table by their names and units.
+
+    Raises
+    ------
+    ValueError
+        When no column seems to be the position, or the command or position error.
+    """
+    remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
+    clock, unused = _clock(columns, remarks)
+    kinds = {name: _kinds_of(name) for name in unused}
+    taken: dict[str, str] = {}
+    for quantity, without in (
+        ("position", {"command", "error", "speed"}),
+        ("error", {"speed", "current"}),
+        ("command", {"speed", "current", "error"}),
+        ("speed", {"command", "error"}),
+        ("current", {"command", "error"}),
+    ):
+        able = [
+            name
+            for name, found in kinds.items()
+            if quantity in found and not found & without and name not in taken.values()
+        ]
+        if able:
+            # Where a table has several joints, what has the words of the position is of its joint.
+            taken[quantity] = max(able, key=lambda name: _shared(name, taken.get("position", "")))
+            able.remove(taken[quantity])
+        if able:
+            remarks.append(
+                f"{quantity} {taken[quantity]!r} is a guess; others: {', '.join(map(repr, able))}"
+            )
+    phases = {
+        kind: name for name, found in kinds.items() for kind in found if kind.startswith("phase_")
+    }
+    if "command" in taken:
+        taken.pop("error", None)
+    missing = [name for name in ("position",) if name not in taken]
+    if "command" not in taken and "error" not in taken:
+        missing.append("command (or position error)")
+    if missing:
+        raise ValueError(
+            f"{columns.path}: no column seems to be the {' or the '.join(missing)}; columns: "
+            f"{', '.join(columns.values)}: write a mapping by hand"
+        )
+    sources: dict[str, Any] = {}
+    for quantity, name in taken.items():
+        unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
+        sources[quantity] = _source(quantity, name, unit, remarks)
+    if "current" not in sources and len(phases) >= 2:
+        remarks += _phases_remark(phases)
+    for quantity in ("speed", "current"):
+        if quantity not in sources:
+            remarks.append(f"no column seems to be the {quantity}: it is taken as not measured")
+    written = columns.format
+    return Guess(
+        Mapping(**sources, clock=clock, table=Table(written.separator, written.decimal)), remarks
+    )
+
+
+def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Guess:
+    """Return a mapping of the topics of a bag by their types and names.
+
+    Parameters
+    ----------
+    topics
+        Types by topic.
+    joints
+        Names of the joints by topic of type ``sensor_msgs/msg/JointState``, the one that moves
+        most first.
+
+    Raises
+    ------
+    ValueError
+        When there is no joint state, or nothing that seems to be its command.
+    """
+    remarks: list[str] = []
+    states = [name for name, names in joints.items() if names]
+    listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
+    if not states:
+        raise ValueError(
+            f"no topic of {_JOINT_STATE} with a joint; topics: {listed}: write a "
+            "mapping by hand, the examples show how"
+        )
+    topic = states[0]
+    joint = joints[topic][0]
+    others = [name for name in joints[topic] if name != joint] + states[1:]
+    if others:
+        remarks.append(
+            f"joint {joint!r} on {topic} is a guess, it moves most; others: {', '.join(others)}"
+        )
+
+    def of(kind: Any, source: str, **more: Any) -> Any:
+        return kind(source=source, topic=topic, **more)
+
+    command = _command_topic(topics)
+    if command is None:
+        raise ValueError(
+            f"no topic seems to be the command; topics: {listed}: write a mapping by "
+            "hand, the examples show how"
+        )
+    if command.source.endswith("[0]"):
+        remarks.append(f"command.source {command.source} is a guess")
+    remarks.append("effort may be a current, a torque of motor or joint, or nothing: confirm kind")
+    mapping = Mapping(
+        position=of(AngleSource, "position"),
+        command=command,
+        speed=of(SpeedSource, "velocity", shaft="user"),
+        current=of(CurrentSource, "effort"),
+        joint=joint,
+        clock=Clock("header"),
+    )
+    return Guess(mapping, remarks)
+
+
+def refine(
+    guess: Guess,
+    raw: ByName[str, NDArray[np.float64]],
+    stamps_ns: NDArray[np.int64],
+    description: ActuatorDescription,
+) -> Guess:
+    """Return a guess with units, signs and shafts by which its columns agree with each other."""
+    mapping, remarks = guess.mapping, list(guess.remarks)
+    if "current" in raw and _is_still(raw["current"]):
+        mapping = replace(mapping, current=None)
+        remarks.append("current never changes: it is taken as not measured")
+    if "speed" in raw and _is_still(raw["speed"]):
+        mapping = replace(mapping, speed=None)
+        remarks.append("speed never changes: it is taken as not measured")
+
+    def moving(of: Mapping) -> Motion | None:
+        columns = convert(raw, of, description)
+        return Motion.of(columns, stamps_ns, description.parameters.tau)
+
+    motion = moving(mapping)
+    if motion is None:
+        remarks.append("too few samples to compare the columns")
+        return Guess(mapping, remarks)
+    for change in explain(motion, mapping, description) or ():
+        section = replace(getattr(mapping, change.quantity), **{change.entry: change.value})
+        mapping = replace(mapping, **{change.quantity: section})
+        remarks.append(f"{change.quantity}.{change.entry} {change.value}: {change.reason}")
+    return Guess(_refined_current(mapping, moving, description, remarks), remarks)
+
+
+def _refined_current(
+    mapping: Mapping, moving: Any, description: ActuatorDescription, remarks: list[str]
+) -> Mapping:
+    """Return a mapping with the sign, and the torque's shaft, that inertia and friction need."""
+    if mapping.current is None:
+        return mapping
+    found = moving(mapping).current_against_torque(description.parameters)
+    if found is None or abs(found[1]) < 0.4:
+        remarks.append("nothing tells whether sign and unit of the current are right")
+        return mapping
+    size, correlation = found
+    current = mapping.current
+    if correlation < 0.0:
+        current = replace(current, sign=-current.sign)
+        remarks.append(f"current.sign {current.sign}: it opposes the acceleration otherwise")
+    p = description.parameters
+    if current.kind == "motor_torque" and abs(np.log(size * p.tau)) < abs(np.log(size)):
+        current = replace(current, kind="joint_torque")
+        remarks.append("current.kind joint_torque: too large for the motor")
+    elif current.kind == "equivalent" and not 0.03 < size < 30.0:
+        remarks.append(
+            f"the current is {size:.3g} times as large as inertia and friction of the description "
+            "need: is it a torque?"
+        )
+    remarks.append("current.sampling cannot be told from data: mean, filtered or instantaneous?")
+    return replace(mapping, current=current)
+
+
+def _clock(columns: Columns, remarks: list[str]) -> tuple[Clock, list[str]]:
+    """Return the clock and the names of the other columns."""
+    names = list(columns.values)
+    named = [name for name in names if name in columns.dates or "time" in _kinds_of(name)]
+    growing = [name for name in (named or names) if _grows(columns.values[name])]
+    if not growing:
+        why = "no column seems to be the time"
+        if named:
+            why = f"column {named[0]!r} {_disorder(columns.values[named[0]])}"
+        remarks.append(f"{why}: give clock.rate_hz, here 1000 as a guess")
+        return Clock(rate_hz=1000.0), [name for name in names if name not in named]
+    name = growing[0]
+    unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
+    if unit not in TIMES_NS:
+        unit = _unit_of_times(columns.values[name])
+        if name not in columns.dates:
+            remarks.append(f"clock.unit {unit} by the size of the steps")
+    if name in columns.dates:
+        unit = "ns"
+    return Clock(name, unit), [item for item in names if item != name]
+
+
+def _grows(values: NDArray[Any]) -> bool:
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    if len(finite) < 2:
+        return False
+    return float(np.mean(np.diff(finite) > 0)) > 0.9
+
+
+def _disorder(values: NDArray[Any]) -> str:
+    """Return why times that do not grow are no clock."""
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    if len(finite) < 2 or np.ptp(finite) == 0:
+        return "never changes and is no clock"
+    back = int(np.count_nonzero(np.diff(finite) < 0))
+    return (
+        f"goes back {counted(back, 'time')} in {counted(len(finite), 'row')} and is no clock (sort "
+        "the rows by it, if they have lost their order)"
+    )
+
+
+def _unit_of_times(values: NDArray[Any]) -> str:
+    finite = values[np.isfinite(values)].astype(float)
+    step = float(np.median(np.diff(finite)))
+    for least, unit in _EPOCHS:
+        # Since 1970, and at a rate that somebody samples with.
+        if abs(finite[-1]) > least and 1e4 < step * TIMES_NS[unit] < 1e9:
+            return unit
+    return next((unit for least, unit in _STEPS if step > least), "s")
+
+
+def _shared(name: str, other: str) -> int:
+    return len(_words_of(name) & _words_of(other))
+
+
+def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
+    kinds: dict[str, tuple[type[Source], dict[str, float]]] = {
+        "position": (AngleSource, ANGLES),
+        "command": (AngleSource, ANGLES),
+        "error": (AngleSource, ANGLES),
+        "speed": (SpeedSource, SPEEDS),
+        "current": (CurrentSource, CURRENTS | TORQUES),
+    }
+    kind, units = kinds[quantity]
+    more: dict[str, Any] = {"unit": unit} if unit in units else {}
+    if not more:
+        remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
+    if quantity == "current":
+        words = name.lower().replace(" ", "").replace("_", "")
+        if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):
+            more["kind"] = "motor_torque"
+            more.setdefault("unit", "N.m")
+        elif "iq" in words:
+            more["kind"] = "i_q"
+    return kind(source=name, **more)
+
+
+def _phases_remark(phases: dict[str, str]) -> list[str]:
+    names = ", ".join(phases[key] for key in sorted(phases))
+    return [
+        f"phase currents {names}: map them by current: {{kind: phase_currents, phases: [{names}], "
+        "torque_sign: COLUMN}, a column whose sign is that of the torque"
+    ]
+
+
+def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
+    ranked = sorted(topics, key=lambda name: "command" not in _kinds_of(name))
+    for name in ranked:
+        kind = topics[name]
+        if kind == "control_msgs/msg/JointTrajectoryControllerState":
+            return AngleSource(source="reference.positions", topic=name)
+        if kind == "control_msgs/msg/SingleDOFStateStamped":
+            return AngleSource(source="dof_state.reference", topic=name)
+        if kind in _NUMBER_TYPES:
+            return AngleSource(source=_NUMBER_TYPES[kind], topic=name, between="hold")
+    return None
+
+
+def _is_still(values: NDArray[np.float64]) -> bool:
+    finite = values[np.isfinite(values)]
+    return len(finite) == 0 or float(np.ptp(finite)) == 0.0
+
+
+def _unit_of(text: str) -> str:
+    """Return the unit that is meant by a text, such as "1/min"; empty where it is none known."""
+    plain = text.strip().lower().replace("²", "^2").replace("·", ".")
+    for unit, spellings in _UNITS.items():
+        if plain in spellings or plain == unit.lower():
+            return unit
+    return ""
+
+
+def _unit_in_name(name: str) -> str:
+    """Return the unit at the end of a name, as in ``pos_deg``; empty without one."""
+    words = _words(name)
+    for count in (2, 1):
+        if len(words) > count:
+            joined = " ".join(words[-count:])
+            unit = _unit_of(joined)
+            # A single letter at the end is a phase or an axis more often than a unit.
+            if unit and (len(joined) > 1 or joined == "s"):
+                return unit
+    return ""
+
+
+def _kinds_of(name: str) -> set[str]:
+    """Return what a column may be by its name: keys of a mapping, "time" or "phase_a" to "c"."""
+    words = _words(_BRACKETS.sub(" ", name))
+    text = " ".join(words)
+    found = {
+        kind for kind, pattern in _WORDS.items() if re.search(rf"(?:^| )(?:{pattern})(?: |$)", text)
+    }
+    if match := re.fullmatch(
+        r"(?:i|current|strom|phase)(?: phase)?(?: current)? ?([abcuvw])", text
+    ):
+        return {f"phase_{'abcabc'['abcuvw'.index(match[1])]}"}
+    return found
+
+
+def _words_of(name: str) -> set[str]:
+    """Return the words of a name without its unit in brackets, in small letters."""
+    return set(_words(_BRACKETS.sub(" ", name)))
+
+
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in _SPLIT.split(name) if word]

@@ -1,0 +1,202 @@
+"""Samples at a fixed period from samples whose stamps jitter, jump and miss some."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.rate import Rate
+from ema_core.telemetry import elapsed_ns
+
+_PAUSE_S: Final = 1.0
+_NEAR: Final = 0.3
+
+
+@dataclass
+class Losses:
+    """What was found between the samples.
+
+    Attributes
+    ----------
+    samples
+        Samples that were given.
+    lost, gaps
+        Samples that are missing, and in how many places.
+    pauses
+        Gaps of more than 1 s: nothing was lost there, nothing was published.
+    jumps
+        Times at which the stamps went back.
+    repeated
+        Samples left out because they have the stamp of the one before.
+    missing
+        Samples left out because a value is not a finite number.
+    """
+
+    samples: int = 0
+    lost: int = 0
+    gaps: int = 0
+    pauses: int = 0
+    jumps: int = 0
+    repeated: int = 0
+    missing: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Samples at a fixed period without a gap.
+
+    Attributes
+    ----------
+    first_index
+        Running index of the first sample.
+    stamps_ns
+        Stamp of each sample, ``(n,)`` [ns].
+    values
+        ``(n, m)``, a column a quantity.
+    """
+
+    first_index: int
+    stamps_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+class Resampler:
+    """Turns samples with stamps into runs at a fixed period, in the order they come.
+
+    Samples that are regular stay as they are; others are interpolated on their stamps. A gap, a
+    pause or a clock that goes back ends a run: the index of the next one leaves room for what is
+    missing, and for one sample at least.
+
+    Parameters
+    ----------
+    rate
+        Rate of the samples.
+    index
+        Running index of the sample before them; 0 at the start.
+    """
+
+    def __init__(self, rate: Rate, index: int = 0) -> None:
+        self.losses = Losses()
+        self._rate = rate
+        self._period_ns = rate.period * 1e9
+        # Two samples apart is a loss, however much the stamps jitter.
+        self._widest_ns = 1e9 * min(
+            1.9 * rate.period, max(1.5 * rate.period, rate.period + 5.6 * rate.jitter)
+        )
+        self._index = index
+        self._last_ns: int | None = None
+        self._last_values: NDArray[np.float64] | None = None
+        self._origin_ns = 0
+        self._origin_index = 0
+        self._next = 0
+
+    @property
+    def index(self) -> int:
+        """Running index of the last sample."""
+        return self._index
+
+    def push(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
+        """Take samples and return the runs that they make.
+
+        Parameters
+        ----------
+        stamps_ns
+            Stamps in the order of the samples, ``(n,)`` [ns].
+        values
+            ``(n, m)``.
+        """
+        self.losses.samples += len(stamps_ns)
+        finite = np.all(np.isfinite(values), axis=1)
+        self.losses.missing += int(np.count_nonzero(~finite))
+        stamps_ns, values = stamps_ns[finite], values[finite]
+        runs: list[Run] = []
+        for stamps, part in self._increasing(stamps_ns, values):
+            runs += (
+                self._regular(stamps, part)
+                if self._rate.is_regular
+                else self._between(stamps, part)
+            )
+        return runs
+
+    def _increasing(
+        self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Yield stretches whose stamps grow, and begin anew before each that the clock went to."""
+        nearest = _NEAR * self._period_ns if self._rate.is_regular else 1.0
+        while len(stamps_ns):
+            first = stamps_ns[0] if self._last_ns is None else self._last_ns
+            steps = np.diff(stamps_ns, prepend=np.int64(first))
+            if self._last_ns is None:
+                steps[0] = round(self._period_ns)
+            repeated = np.abs(steps) < nearest
+            if np.any(repeated):
+                self.losses.repeated += int(np.count_nonzero(repeated))
+                stamps_ns, values = stamps_ns[~repeated], values[~repeated]
+                continue
+            back = np.flatnonzero(steps < 0)
+            stop = len(stamps_ns) if not len(back) else int(back[0])
+            if stop:
+                yield stamps_ns[:stop], values[:stop]
+            if stop < len(stamps_ns):
+                self.losses.jumps += 1
+                self._last_ns = None
+            stamps_ns, values = stamps_ns[stop:], values[stop:]
+
+    def _regular(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
+        """Return runs of samples as they are."""
+        before = stamps_ns[0] if self._last_ns is None else self._last_ns
+        steps = np.diff(stamps_ns, prepend=np.int64(before)) / self._period_ns
+        counts = np.maximum(np.rint(steps), 1.0).astype(np.int64)
+        if self._last_ns is None:
+            counts[0] = 2 if self._index else 1
+        self._note_gaps(steps)
+        indices = self._index + np.cumsum(counts)
+        self._index, self._last_ns = int(indices[-1]), int(stamps_ns[-1])
+        starts = [0, *np.flatnonzero(counts[1:] > 1) + 1, len(stamps_ns)]
+        return [Run(int(indices[a]), stamps_ns[a:b], values[a:b]) for a, b in pairwise(starts)]
+
+    def _between(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
+        """Return runs of values between the samples, at regular times."""
+        if self._last_ns is None or self._last_values is None:
+            self._origin_ns, self._next = int(stamps_ns[0]), 0
+            self._origin_index = self._index + (2 if self._index else 1)
+        else:
+            stamps_ns = np.concatenate([[self._last_ns], stamps_ns])
+            values = np.concatenate([self._last_values[None], values])
+        self._note_gaps(np.diff(stamps_ns) / self._period_ns)
+        self._last_ns, self._last_values = int(stamps_ns[-1]), values[-1]
+        last = int((self._last_ns - self._origin_ns) / self._period_ns + 1e-6)
+        numbers = np.arange(self._next, last + 1)
+        self._next = last + 1
+        times = self._origin_ns + elapsed_ns(self._rate.period, 0, numbers)
+        right = np.clip(np.searchsorted(stamps_ns, times), 0, len(stamps_ns) - 1)
+        left = np.maximum(right - 1, 0)
+        known = (stamps_ns[right] - stamps_ns[left] <= self._widest_ns) | (
+            stamps_ns[right] == times
+        )
+        numbers, times = numbers[known], times[known]
+        if not len(numbers):
+            return []
+        self._index = self._origin_index + int(numbers[-1])
+        relative, own = (
+            (times - stamps_ns[0]).astype(float),
+            (stamps_ns - stamps_ns[0]).astype(float),
+        )
+        resampled = np.column_stack([np.interp(relative, own, column) for column in values.T])
+        starts = [0, *np.flatnonzero(np.diff(numbers) > 1) + 1, len(numbers)]
+        return [
+            Run(self._origin_index + int(numbers[a]), times[a:b], resampled[a:b])
+            for a, b in pairwise(starts)
+        ]
+
+    def _note_gaps(self, steps: NDArray[np.float64]) -> None:
+        """Count what is missing by the steps between stamps, in periods."""
+        wide = steps[steps * self._period_ns > self._widest_ns]
+        is_pause = wide * self._rate.period > _PAUSE_S
+        self.losses.pauses += int(np.count_nonzero(is_pause))
+        lost = wide[~is_pause]
+        self.losses.gaps += len(lost)
+        self.losses.lost += int(np.sum(np.rint(lost) - 1.0))

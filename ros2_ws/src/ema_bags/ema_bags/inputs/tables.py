@@ -1,0 +1,301 @@
+"""CSV and Parquet files as columns of numbers."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ema_bags.inputs.mapping import Mapping, Table
+from ema_bags.inputs.series import NO_STAMP, Series
+from ema_bags.inputs.units import TIMES_NS
+from ema_core.wording import unknown_name
+
+PARQUET: Final = (".parquet", ".pq")
+"""Ends of the names of Parquet files; any other file is read as CSV."""
+
+_SAMPLE_LINES: Final = 400
+_SEPARATORS: Final = (";", "\t", ",", "|", " ")
+_COMMENT: Final = re.compile(r"^\s*[#%]+\s*")
+_UNIT_OF_NAME: Final = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]\s*$")
+_UNIT: Final = re.compile(
+    r"^[\[(]?\s*[A-Za-zµ°%][A-Za-zµ°%/.*^²0-9-]{0,9}\s*[\])]?$|^[\[(]?-?[\])]?$"
+)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    path
+        The file.
+    values
+        Columns of numbers by name, ``(n,)`` each; dates are nanoseconds.
+    units
+        Units by column where the file gives them, as it writes them.
+    dates
+        Columns that are dates [ns].
+    texts
+        Columns that hold no numbers.
+    format
+        How the file is written.
+    """
+
+    path: Path
+    values: dict[str, NDArray[Any]]
+    units: dict[str, str]
+    dates: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
+    format: Table = field(default_factory=Table)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.values.values()), ()))
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column of numbers.
+
+        Raises
+        ------
+        ValueError
+            When there is none of the name.
+        """
+        if name in self.texts:
+            raise ValueError(f"{self.path}: column {name!r} holds no numbers")
+        if name not in self.values:
+            raise ValueError(f"{self.path}: {unknown_name('column', name, self.values)}")
+        return self.values[name]
+
+
+def read_columns(path: Path, table: Table | None = None) -> Columns:
+    """Read a CSV or Parquet file.
+
+    Parameters
+    ----------
+    table
+        How a CSV file is written; what it leaves open is found out.
+
+    Raises
+    ------
+    ValueError
+        When the file is no table of numbers.
+    OSError
+        When it cannot be opened.
+    """
+    if path.suffix.lower() in PARQUET:
+        frame, units, written = _read_parquet(path), {}, Table()
+    else:
+        frame, units, written = _read_csv(path, table or Table())
+    values: dict[str, NDArray[Any]] = {}
+    dates, texts = [], []
+    for name in frame.columns:
+        column = frame[name]
+        if pd.api.types.is_datetime64_any_dtype(column.dtype):
+            dates.append(name)
+            values[name] = _nanoseconds(column)
+        elif pd.api.types.is_numeric_dtype(column.dtype):
+            # A missing whole number has no place in an array of these.
+            values[name] = (
+                column.to_numpy(float, na_value=np.nan) if column.hasnans else (column.to_numpy())
+            )
+        elif (stamps := _dates(column)) is not None:
+            dates.append(name)
+            values[name] = stamps
+        else:
+            numbers = pd.to_numeric(column, errors="coerce")
+            if numbers.notna().mean() > 0.5:
+                values[name] = numbers.to_numpy(float)
+            else:
+                texts.append(name)
+        if unit := _UNIT_OF_NAME.search(str(name)):
+            units.setdefault(name, unit[1])
+    if not values or not len(frame):
+        raise ValueError(f"{path} has no columns of numbers: {len(frame)} lines were read")
+    return Columns(path, values, units, tuple(dates), tuple(texts), written)
+
+
+def table_series(columns: Columns, mapping: Mapping) -> Series:
+    """Return what a mapping wants of a file; the stamps are of its clock, without it of the rate.
+
+    Raises
+    ------
+    ValueError
+        When a column is not there.
+    """
+    values = {key: columns.column(text).astype(float) for key, text, _ in mapping.wanted()}
+    clock = mapping.clock
+    rows = np.arange(len(columns), dtype=np.int64)
+    if not clock.source:
+        stamps = np.rint(rows * (1e9 / clock.rate_hz)).astype(np.int64)
+        return Series(stamps, stamps, values)
+    times = columns.column(clock.source)
+    unit = 1 if clock.source in columns.dates else TIMES_NS[clock.unit]
+    stamps = stamps_of(times, unit)
+    known = stamps != NO_STAMP
+    if np.count_nonzero(known) < 2:
+        raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
+    # Rows take the part of arrival: one sample after the other, at the rate of the stamps around.
+    first = stamps[known][0]
+    arrivals = first + np.rint(
+        np.interp(rows, rows[known], (stamps[known] - first).astype(float))
+    ).astype(np.int64)
+    return Series(stamps, arrivals, values)
+
+
+def stamps_of(times: NDArray[Any], unit_ns: int) -> NDArray[np.int64]:
+    """Return times as stamps, ``(n,)`` [ns]; ``NO_STAMP`` where a time is not a number."""
+    if np.issubdtype(times.dtype, np.integer):
+        return times.astype(np.int64) * unit_ns
+    finite = np.isfinite(times)
+    whole = np.where(finite, np.floor(times), 0.0)
+    # Whole units and their fraction apart: a product would lose the last digits of late times.
+    fraction = np.where(finite, times - whole, 0.0)
+    stamps = whole.astype(np.int64) * unit_ns + np.rint(fraction * unit_ns).astype(np.int64)
+    return np.where(finite, stamps, NO_STAMP)
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return parquet.read_table(path).to_pandas()
+    except pa.ArrowInvalid as error:
+        raise ValueError(f"{path} is not a Parquet file: {error}") from error
+
+
+def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], Table]:
+    encoding, lines = _first_lines(path)
+    if not any(line.strip() for line in lines):
+        raise ValueError(f"{path} is empty: expected lines of numbers below a line of names")
+    separator, decimal = _style(path, lines, table)
+    try:
+        names, units, first = _head(lines, separator, decimal)
+        frame = pd.read_csv(
+            path,
+            sep=r"\s+" if separator == " " else separator,
+            decimal=decimal,
+            header=None,
+            names=names,
+            index_col=False,
+            skiprows=first,
+            encoding=encoding,
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+        raise ValueError(f"{path} is not a table: {error}") from error
+    return frame, units, Table(separator, decimal)
+
+
+def _first_lines(path: Path) -> tuple[str, list[str]]:
+    """Return the encoding of a file and its first lines."""
+    with path.open("rb") as file:
+        data = b"".join(file.readline() for _ in range(_SAMPLE_LINES))
+    encodings = ["utf-16"] if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig"]
+    for encoding in (*encodings, "latin-1"):
+        try:
+            lines = data.decode(encoding).splitlines()
+        except UnicodeDecodeError:
+            continue
+        if "\0" in data.decode(encoding):
+            break
+        return encoding, lines
+    raise ValueError(f"{path} is not a text file: expected CSV, Parquet (.parquet) or a bag")
+
+
+def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
+    """Return separator and decimal sign: those that make most of the lines rows of numbers."""
+    best, chosen = 0.0, None
+    # What stands at the top is a heading, if anything.
+    rows = [line for line in lines if line.strip()][-max(1, len(lines) * 2 // 3) :]
+    for separator in (table.separator,) if table.separator else _SEPARATORS:
+        for decimal in (table.decimal,) if table.decimal else (".", ","):
+            if separator == decimal:
+                continue
+            cells = [_cells(line, separator) for line in rows]
+            widths = [len(row) for row in cells]
+            width = max(set(widths), key=widths.count)
+            if width < 2:
+                continue
+            whole = [row for row in cells if len(row) == width]
+            numbers = sum(_is_number(cell, decimal) for row in whole for cell in row)
+            share = numbers / (width * len(cells))
+            if share > best + 1e-9:
+                best, chosen = share, (separator, decimal)
+    if chosen is None or best < 0.3:
+        raise ValueError(
+            f"{path} is not a table of numbers: no separator of "
+            f"{', '.join(map(repr, _SEPARATORS))} divides its lines into columns of numbers"
+        )
+    return chosen
+
+
+def _head(
+    lines: Sequence[str], separator: str, decimal: str
+) -> tuple[list[str], dict[str, str], int]:
+    """Return names and units of the columns and the number of the first line of numbers."""
+    rows = [_cells(_COMMENT.sub("", line), separator) for line in lines]
+    width = max((len(row) for row in rows[-20:]), default=0)
+
+    def is_data(line: str, row: list[str]) -> bool:
+        if len(row) < 2 or _COMMENT.match(line):
+            return False
+        return sum(_is_number(cell, decimal) for cell in row) >= 0.5 * sum(map(bool, row)) > 0
+
+    first = next((i for i, row in enumerate(rows) if is_data(lines[i], row)), None)
+    if first is None:
+        raise ValueError(f"none of its first {len(lines)} lines is a row of numbers")
+    heads = [i for i in range(first) if len(rows[i]) == width]
+    units: list[str] = []
+    if len(heads) > 1 and all(_UNIT.match(cell) for cell in rows[heads[-1]]):
+        units = [cell.strip("[]() ") for cell in rows[heads.pop()]]
+    names = rows[heads[-1]] if heads else [f"column {i + 1}" for i in range(width)]
+    unique: list[str] = []
+    for number, name in enumerate(names):
+        name = name.strip() or f"column {number + 1}"
+        unique.append(f"{name} ({number + 1})" if name in unique else name)
+    given = {n: u for n, u in zip(unique, units, strict=False) if u.strip("-")}
+    return unique, given, first
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    if decimal == ",":
+        if "." in cell:
+            return False
+        cell = cell.replace(",", ".")
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _dates(column: "pd.Series[Any]") -> NDArray[np.int64] | None:
+    """Return a column of texts that are dates [ns]; None when it is none."""
+    there = column.dropna()
+    if not len(there) or not re.match(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:", str(there.iloc[0])):
+        return None
+    try:
+        return _nanoseconds(pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce"))
+    except ValueError:
+        return None
+
+
+def _nanoseconds(column: "pd.Series[Any]") -> NDArray[np.int64]:
+    moments = pd.DatetimeIndex(column)
+    if moments.tz is not None:
+        moments = moments.tz_convert(None)
+    return moments.to_numpy().astype("datetime64[ns]").astype(np.int64)

@@ -1,0 +1,335 @@
+"""What an MCAP file holds, by its index, or read through as far as it is intact.
+
+mcap parses the records. Its readers refuse a file that is cut off or has no index, and a recorder
+that is killed leaves such files: what they hold is found out here.
+"""
+
+import io
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import BinaryIO, Final, cast
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE, SeekingReader
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.summary import Summary
+
+from ema_bags.gaps import GAP, Gap
+
+_MAGIC: Final = b"\x89MCAP0\r\n"
+_COMPRESSIONS: Final = ("", "zstd", "lz4")
+_CHUNK_HEAD_BYTES: Final = 9 + 40
+_STRETCH_BYTES: Final = 1 << 20
+_MOST_BYTES: Final = 1 << 30
+
+
+class DamageError(Exception):
+    """Something in a file is cut off or not what it should be."""
+
+
+@dataclass
+class Stretch:
+    """A run of bytes that holds messages: a chunk, or messages side by side outside of chunks.
+
+    ``channels`` are those that have messages in it, empty where that is not known; log times of
+    the messages lie from ``start_ns`` to ``end_ns``.
+    """
+
+    offset: int
+    stop: int
+    start_ns: int = 2**64
+    end_ns: int = 0
+    channels: set[int] = field(default_factory=set)
+
+
+@dataclass
+class Contents:
+    """What an MCAP file holds.
+
+    Attributes
+    ----------
+    counts
+        Messages by channel.
+    stretches
+        Where the messages are, in the order of the file.
+    damage
+        What is wrong with the file, one item per defect.
+    library
+        The program that wrote it, by its header.
+    gaps
+        What its recorder could not write.
+    """
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+    stretches: list[Stretch] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    library: str = ""
+    gaps: list[Gap] = field(default_factory=list)
+
+
+class _Bounded:
+    """A file of which a damaged length or offset asks for no more than it has."""
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file, self._size = file, size
+        self.tell = file.tell
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        if whence == io.SEEK_SET and offset > self._size:
+            raise DamageError(f"byte {offset} is behind the file")
+        return self._file.seek(offset, whence)
+
+    def read(self, count: int = -1) -> bytes:
+        left = max(self._size - self._file.tell(), 0)
+        return self._file.read(left if count < 0 else min(count, left))
+
+
+def read_contents(file: BinaryIO) -> Contents:
+    """Find out what a file holds.
+
+    Parameters
+    ----------
+    file
+        An MCAP file; it may be cut off anywhere.
+
+    Raises
+    ------
+    ValueError
+        When the file is empty, not an MCAP file, or has chunks compressed by something else than
+        zstd or lz4.
+    """
+    size = file.seek(0, io.SEEK_END)
+    if size == 0:
+        raise ValueError("is empty: expected an MCAP file")
+    file.seek(0)
+    begin = file.read(len(_MAGIC))
+    if not _MAGIC.startswith(begin):
+        raise ValueError(f"is not an MCAP file: it begins with {begin!r}")
+    bounded = cast(BinaryIO, _Bounded(file, size))
+    is_whole = True
+    try:
+        with _damage():
+            if contents := _by_index(bounded, size):
+                return contents
+    except DamageError:
+        is_whole = False
+    return _by_reading(bounded, size, index_is_whole=is_whole)
+
+
+def read_messages(file: BinaryIO, stretch: Stretch, contents: Contents) -> list[Message]:
+    """Read the messages of a stretch of a file, in their order there.
+
+    Raises
+    ------
+    DamageError
+        When it is not whole, or defines a schema or channel otherwise than the file does.
+    """
+    file.seek(stretch.offset)
+    data = file.read(stretch.stop - stretch.offset)
+    if len(data) < stretch.stop - stretch.offset:
+        raise DamageError("it is cut off")
+    with _damage():
+        messages = []
+        for record in _records(data):
+            if isinstance(record, Message):
+                messages.append(record)
+            else:
+                _define(contents, record)
+        return messages
+
+
+@contextmanager
+def _damage() -> Iterator[None]:
+    """Raise DamageError for whatever mcap comes upon in records that are damaged."""
+    try:
+        yield
+    except CRCValidationError as error:
+        raise DamageError(str(error)) from error
+    except EndOfFile as error:
+        raise DamageError("a record is cut off") from error
+    except (McapError, zstandard.ZstdError, struct.error, UnicodeDecodeError) as error:
+        raise DamageError(f"{type(error).__name__} {error}".strip()) from error
+    except (RuntimeError, EOFError, OverflowError, MemoryError) as error:  # lz4, and lengths
+        raise DamageError(f"{type(error).__name__} {error}".strip()) from error
+
+
+def _records(data: bytes) -> Iterator[object]:
+    """Yield the records in a stretch."""
+    stream = ReadDataStream(io.BytesIO(data))
+    if stream.read1() == Opcode.CHUNK:
+        stream.read8()
+        yield from breakup_chunk(Chunk.read(stream), validate_crc=True)
+        return
+    source = io.BytesIO(data)
+    records = StreamReader(source, skip_magic=True).records
+    while source.tell() < len(data):
+        yield next(records)
+
+
+def _by_index(file: BinaryIO, size: int) -> Contents | None:
+    """Return the contents by the summary; None where it is incomplete."""
+    _check_summary(file, size)
+    file.seek(0)
+    reader = SeekingReader(file, record_size_limit=_MOST_BYTES)
+    header, summary = reader.get_header(), reader.get_summary()
+    if not isinstance(summary, Summary) or summary.statistics is None:
+        return None
+    contents = Contents(summary.schemas, summary.channels, library=header.library)
+    contents.counts.update(summary.statistics.channel_message_counts)
+    for chunk in summary.chunk_indexes:
+        _check_compression(chunk.compression)
+        stop = chunk.chunk_start_offset + chunk.chunk_length
+        times = chunk.message_start_time, chunk.message_end_time
+        channels = set(chunk.message_index_offsets)
+        contents.stretches.append(Stretch(chunk.chunk_start_offset, stop, *times, channels))
+    schemas = {channel.schema_id for channel in contents.channels.values()} - {0}
+    if (
+        len(contents.stretches) != summary.statistics.chunk_count
+        or contents.counts.total() != summary.statistics.message_count
+        or (contents.counts.total() and not contents.stretches)
+        or any(stretch.stop > size for stretch in contents.stretches)
+        or not contents.counts.keys() <= contents.channels.keys()
+        or not schemas <= contents.schemas.keys()
+    ):
+        return None
+    for place in summary.metadata_indexes:
+        if place.name == GAP:
+            file.seek(place.offset)
+            record = next(StreamReader(file, skip_magic=True).records)
+            _note_gap(contents, record)
+    return contents
+
+
+def _check_summary(file: BinaryIO, size: int) -> None:
+    """Compare the summary with its checksum, which mcap's reader takes at its word."""
+    if size < FOOTER_SIZE + 2 * len(_MAGIC):
+        raise DamageError("there is no footer")
+    footer_at = size - FOOTER_SIZE - len(_MAGIC)
+    file.seek(footer_at)
+    footer = file.read(FOOTER_SIZE)
+    if footer[0] != Opcode.FOOTER or file.read() != _MAGIC:
+        raise DamageError("there is no footer")
+    start, _, checksum = struct.unpack_from("<QQI", footer, 9)
+    if start and checksum:
+        file.seek(start)
+        data = file.read(max(footer_at - start, 0))
+        if zlib.crc32(data + footer[:-4]) != checksum:
+            raise DamageError("the checksum of the index is wrong")
+
+
+def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
+    """Return the contents by reading the whole file, as far as that goes."""
+    contents = Contents()
+    file.seek(0)
+    records = StreamReader(file, emit_chunks=True, record_size_limit=_MOST_BYTES).records
+    end, broken = len(_MAGIC), f"it was not closed and ends at byte {size}"
+    while True:
+        start = file.tell()
+        try:
+            with _damage():
+                record = next(records)
+        except (DamageError, StopIteration) as error:
+            if end < size:
+                broken = f"it breaks off at byte {end} of {size}: {error}"
+            break
+        end = file.tell()
+        if isinstance(record, DataEnd | Footer):
+            broken = ""
+            break
+        if isinstance(record, Chunk):
+            # Records of unknown kinds are not given, and stand before this one.
+            start = end - _CHUNK_HEAD_BYTES - len(record.compression) - len(record.data)
+        try:
+            with _damage():
+                _add(contents, record, start, end)
+        except DamageError as error:
+            kind = "chunk" if isinstance(record, Chunk) else "record"
+            contents.damage.append(f"the {kind} at byte {start} is lost: {error}")
+    for number in contents.counts.keys() - contents.channels.keys():
+        lost = contents.counts.pop(number)
+        contents.damage.append(f"{lost} messages of channel {number} are lost: it is not defined")
+    for channel in contents.channels.values():
+        if channel.schema_id and channel.schema_id not in contents.schemas:
+            contents.damage.append(
+                f"topic {channel.topic} has no type: schema {channel.schema_id} is not defined"
+            )
+    if broken:
+        contents.damage.append(f"{broken}; {_intact(contents)}; any later messages are lost")
+    elif not index_is_whole:
+        contents.damage.append(f"its index is damaged; {_intact(contents)}, no message is lost")
+    return contents
+
+
+def _add(contents: Contents, record: object, start: int, end: int) -> None:
+    """Add a record of the data section, from ``start`` to ``end`` in its file."""
+    if isinstance(record, Header):
+        contents.library = record.library
+    if isinstance(record, Metadata) and record.name == GAP:
+        _note_gap(contents, record)
+    if isinstance(record, Chunk):
+        _check_compression(record.compression)
+        records = breakup_chunk(record, validate_crc=True)
+    else:
+        records = [record]
+    for inner in records:
+        _define(contents, inner)
+    messages = [inner for inner in records if isinstance(inner, Message)]
+    if not messages:
+        return
+    last = contents.stretches[-1] if contents.stretches else None
+    is_single = last is None or isinstance(record, Chunk) or last.stop != start
+    if last is None or is_single or end - last.offset > _STRETCH_BYTES:
+        last = Stretch(start, end)
+        contents.stretches.append(last)
+    last.stop = end
+    for message in messages:
+        last.start_ns = min(last.start_ns, message.log_time)
+        last.end_ns = max(last.end_ns, message.log_time)
+        last.channels.add(message.channel_id)
+        contents.counts[message.channel_id] += 1
+
+
+def _check_compression(name: str) -> None:
+    if name not in _COMPRESSIONS:
+        raise ValueError(
+            f"has chunks compressed by {name!r}, expected 'zstd', 'lz4' or none; rewrite it by "
+            "`mcap compress --compression zstd`"
+        )
+
+
+def _define(contents: Contents, record: object) -> None:
+    if isinstance(record, Schema):
+        if contents.schemas.setdefault(record.id, record) != record:
+            raise DamageError(f"schema {record.id} is defined otherwise elsewhere")
+    elif isinstance(record, Channel):
+        known = contents.channels.setdefault(record.id, record)
+        if known != record:
+            raise DamageError(f"channel {record.id} is {record.topic} here, else {known.topic}")
+
+
+def _note_gap(contents: Contents, record: object) -> None:
+    try:
+        assert isinstance(record, Metadata)
+        values = record.metadata
+        start_ns, end_ns, count = (int(values[key]) for key in ("start_ns", "end_ns", "messages"))
+    except (AssertionError, KeyError, ValueError) as error:
+        raise DamageError(f"no record of a gap: {error!r}") from error
+    contents.gaps.append(Gap(values.get("reason", ""), start_ns, end_ns, count))
+
+
+def _intact(contents: Contents) -> str:
+    if not contents.stretches:
+        return "no message is intact"
+    last = max(stretch.end_ns for stretch in contents.stretches)
+    seconds = f"{last // 10**9}.{last % 10**9:09d}"
+    return f"{contents.counts.total()} messages are intact, up to log time {seconds} s"

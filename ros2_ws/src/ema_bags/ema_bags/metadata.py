@@ -1,0 +1,207 @@
+"""rosbag2's metadata of a recording: written at its end, read for the names of its files.
+
+rosbags writes metadata only with a whole bag, and reads none that is damaged.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import yaml
+
+from ema_core.yaml_file import load_yaml
+
+PACKED_SUFFIX: Final = ".zstd"
+"""What rosbag2 appends to the name of a file that it compresses."""
+
+METADATA_FILE = "metadata.yaml"
+_ROOT = "rosbag2_bagfile_information"
+_VERSION = 9  # of Jazzy: QoS as mappings in words
+NEVER_NS = 2**63 - 1
+"""Start of a recording without a message [ns]."""
+
+
+@dataclass
+class TopicInformation:
+    """Metadata of a topic; ``qos`` as of :func:`ema_bags.qos.offered_qos`."""
+
+    name: str
+    type_name: str
+    type_hash: str
+    qos: dict[str, Any]
+    count: int = 0
+
+
+@dataclass
+class FileInformation:
+    """Metadata of a file: its name, log times of its first and last message [ns], their number."""
+
+    name: str
+    start_ns: int = NEVER_NS
+    end_ns: int = 0
+    count: int = 0
+
+    def add(self, log_time_ns: int) -> None:
+        """Count a message."""
+        self.start_ns = min(self.start_ns, log_time_ns)
+        self.end_ns = max(self.end_ns, log_time_ns)
+        self.count += 1
+
+    def extent(self) -> dict[str, Any]:
+        """Return start, duration and number of messages as rosbag2 has them."""
+        return {
+            "starting_time": {"nanoseconds_since_epoch": self.start_ns},
+            "duration": {"nanoseconds": max(self.end_ns - self.start_ns, 0)},
+            "message_count": self.count,
+        }
+
+
+def bag_information(
+    files: Sequence[FileInformation],
+    topics: Sequence[TopicInformation],
+    custom_data: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """Return rosbag2's metadata of a recording.
+
+    Parameters
+    ----------
+    files
+        Its files so far.
+    custom_data
+        Texts by name.
+    """
+    whole = FileInformation(
+        "",
+        min((file.start_ns for file in files), default=NEVER_NS),
+        max((file.end_ns for file in files), default=0),
+        sum(file.count for file in files),
+    )
+    return {
+        "version": _VERSION,
+        "storage_identifier": "mcap",
+        **whole.extent(),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [topic.qos],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.count,
+            }
+            for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **file.extent()} for file in files],
+        "custom_data": dict(custom_data) or None,
+        "ros_distro": os.environ.get("ROS_DISTRO", ""),
+    }
+
+
+def serialized_metadata(information: dict[str, Any]) -> str:
+    """Return the text of the ``rosbag2`` metadata record inside an MCAP file."""
+    return yaml.safe_dump(information, sort_keys=False)
+
+
+def write_metadata(folder: Path, information: dict[str, Any]) -> None:
+    """Write ``metadata.yaml``, whole or not at all."""
+    part = folder / f"{METADATA_FILE}.part"
+    part.write_text(yaml.safe_dump({_ROOT: information}, sort_keys=False), encoding="utf-8")
+    part.replace(folder / METADATA_FILE)
+
+
+@dataclass(frozen=True)
+class FolderContents:
+    """Files of a recording in a folder.
+
+    Attributes
+    ----------
+    files
+        The MCAP files that are there.
+    message_count
+        How many messages ``metadata.yaml`` promises; None where it does not say.
+    damage
+        What is wrong with the folder, one item a finding.
+    """
+
+    files: list[Path]
+    message_count: int | None
+    damage: list[str]
+
+
+def folder_contents(folder: Path) -> FolderContents:
+    """Find the files of a recording in a folder, with ``metadata.yaml`` or without.
+
+    Raises
+    ------
+    FileNotFoundError
+        When there is no MCAP file.
+    ValueError
+        When the recording is stored or compressed in a way that is not read here.
+    """
+    present = _files_in(folder)
+    try:
+        information = load_yaml(folder / METADATA_FILE)[_ROOT]
+        storage, mode = information["storage_identifier"], information["compression_mode"].lower()
+        listed = [str(name) for name in information["relative_file_paths"]]
+        message_count = int(information["message_count"])
+        packing = information["compression_format"] if mode not in ("", "none") else ""
+    except FileNotFoundError:
+        return _without_metadata(folder, present, f"no {METADATA_FILE}: not closed")
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        reason = f"{METADATA_FILE} cannot be read ({type(error).__name__})"
+        return _without_metadata(folder, present, reason)
+    if storage != "mcap":
+        raise ValueError(f"{folder}: storage is {storage!r}, expected 'mcap'")
+    if mode not in ("", "none", "message", "file") or packing not in ("", "zstd"):
+        raise ValueError(
+            f"{folder}: compressed by {packing!r} in mode {mode!r}, expected 'zstd' in mode "
+            "'message' or 'file', or none; rewrite it by `ros2 bag convert -i BAG -o FILE`, with "
+            "`output_bags: [{uri: NEW, all: true}]` in FILE"
+        )
+    wanted = [Path(name).name.removesuffix(PACKED_SUFFIX) for name in listed]
+    missing = [name for name in wanted if name not in present]
+    if not wanted or len(missing) == len(wanted):
+        raise FileNotFoundError(f"{folder}: {', '.join(missing)} of the recording missing")
+    # The last file is listed when it is closed.
+    later = [name for name in present if _is_later(name, wanted[-1])]
+    damage = [f"{name} is missing" for name in missing]
+    damage += [f"{name} is not in {METADATA_FILE}: not closed" for name in later]
+    files = [present[name] for name in (*wanted, *later) if name in present]
+    return FolderContents(files, message_count, damage)
+
+
+def _files_in(folder: Path) -> dict[str, Path]:
+    """Return the MCAP files in a folder by their names when they are not compressed, in order.
+
+    One that is there also in compressed form was not compressed to its end, or unpacked by hand.
+    """
+    found = {
+        path.name.removesuffix(PACKED_SUFFIX): path
+        for pattern in (f"*.mcap{PACKED_SUFFIX}", "*.mcap")
+        for path in folder.glob(pattern)
+    }
+    return {name: found[name] for name in sorted(found, key=lambda name: (len(name), name))}
+
+
+def _is_later(name: str, last: str) -> bool:
+    """Return whether a file of a split recording comes after another one, by its number."""
+    stem, separator, number = name.removesuffix(".mcap").rpartition("_")
+    last_stem, _, last_number = last.removesuffix(".mcap").rpartition("_")
+    numbers = [item for item in (number, last_number) if item.isdecimal()]
+    if not separator or stem != last_stem or len(numbers) < 2:
+        return False
+    return int(number) > int(last_number)
+
+
+def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> FolderContents:
+    if not present:
+        raise FileNotFoundError(f"{folder} is not a recording: {reason}, and no .mcap file")
+    return FolderContents(list(present.values()), None, [reason])

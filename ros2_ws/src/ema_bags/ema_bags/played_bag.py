@@ -1,0 +1,208 @@
+"""The part of a bag that is played."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from ema_bags.message_type import message_class, type_name
+from ema_bags.qos import recorded_qos, replay_qos
+from ema_bags.reader import Bag, Place, Recorded, Topic
+from ema_bags.schema import to_installed
+from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.wording import unknown_name
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultVectorStamped,
+    MeasuredCauses,
+    PlaybackState,
+    TelemetryBlock,
+    Usage,
+)
+
+CLOCK: Final = "/clock"
+"""The topic that a player publishes itself."""
+
+_OWN: Final = type_name(PlaybackState)
+_ACTUATOR_TYPES: Final = frozenset(
+    map(
+        type_name,
+        (
+            TelemetryBlock,
+            ActuatorDescription,
+            FaultVectorStamped,
+            JointState,
+            Usage,
+            MeasuredCauses,
+        ),
+    )
+)
+
+
+@dataclass(frozen=True)
+class PlayerSettings:
+    """What to play, and how fast. Names as rosbag2 has them."""
+
+    bag: str = text("", "bag to play: a file or a folder")
+    rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")
+    start_offset: float = quantity(0.0, "s", 0.0, 1e9, "where to begin, from the bag's start")
+    playback_duration: float = quantity(
+        0.0, "s", 0.0, 1e9, "how much of the bag to play; 0: to its end"
+    )
+    loop: bool = flag(False, "begin again at the end")
+    start_paused: bool = flag(False, "wait at the beginning to be resumed")
+    actuator_only: bool = flag(
+        False, "play the topics of the actuator only, for a monitor to diagnose"
+    )
+    wait_s: float = quantity(
+        5.0, "s", 0.0, 3600.0, "timeout for a subscriber of each telemetry topic"
+    )
+    clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
+    stay: bool = flag(False, "stay at the end of the bag, for a seek, instead of ending")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+class PlayedBag:
+    """A bag with the topics and the time that are played of it.
+
+    Parameters
+    ----------
+    wanted
+        Full names of the topics; all that can be played when None.
+
+    Attributes
+    ----------
+    bag
+        The bag itself.
+    topics
+        The topics to play.
+    offers
+        What is offered of them, by topic.
+    remarks
+        Why other topics cannot be played, by topic.
+    start_ns, end_ns
+        Log time of the first message that is played, and the one at which playing ends [ns].
+
+    Raises
+    ------
+    ValueError
+        When there is nothing to play, with the reasons, or a topic that is wanted is not there.
+    """
+
+    def __init__(self, settings: PlayerSettings, wanted: set[str] | None) -> None:
+        if not settings.bag:
+            raise ValueError("parameter bag is empty: expected the path of a recording")
+        self.bag = Bag(settings.bag)
+        self.remarks: dict[str, str] = {}
+        self.topics = self._playable(settings.actuator_only, wanted)
+        self.offers: dict[str, QoSProfile] = {}
+        for name, topic in self.topics.items():
+            try:
+                self.offers[name] = replay_qos(recorded_qos(topic.qos))
+            except ValueError as error:
+                self.offers[name] = replay_qos(())
+                self.remarks[name] = f"played as a reliable stream, {error}"
+        self._upgrades = {
+            name: to_installed(*topic.identity) for name, topic in self.topics.items()
+        }
+        # What was latched up to a time of the bag, and up to which it is known.
+        self._latched: list[tuple[Recorded, str]] = []
+        self._latched_until_ns = 0
+        begin_ns, self.end_ns = self.bag.start_ns or 0, self.bag.end_ns or 0
+        length_s = (self.end_ns - begin_ns) / 1e9
+        if settings.start_offset > length_s:
+            raise ValueError(
+                f"start_offset = {settings.start_offset:g} s is beyond the end of {self.bag.path}, "
+                f"which lasts {length_s:.3f} s"
+            )
+        begin_ns += round(settings.start_offset * 1e9)
+        if settings.playback_duration:
+            self.end_ns = min(self.end_ns, begin_ns + round(settings.playback_duration * 1e9))
+        first = next(self.messages(begin_ns), None)
+        if first is None:
+            damage = f"; {self.bag.damage}" if self.bag.damage else ""
+            raise ValueError(
+                f"{self.bag.path}: there is no message to play from {settings.start_offset:g} s "
+                f"to {(self.end_ns - (self.bag.start_ns or 0)) / 1e9:.3f} s{damage}"
+            )
+        self.start_ns = first.log_time_ns
+
+    @property
+    def count(self) -> int:
+        """How many messages the bag has on the topics."""
+        return sum(topic.count for topic in self.topics.values())
+
+    def messages(self, start_ns: int) -> Iterator[Recorded]:
+        """Read what is played from a log time on [ns], of the installed types."""
+        return self._upgraded(self.bag.placed_raw_messages(self.topics, start_ns, self.end_ns))
+
+    def latched_before(self, time_ns: int) -> list[Recorded]:
+        """Read what is latched before a log time [ns], of each actuator; the bag is read once."""
+        if time_ns > self._latched_until_ns:
+            latched = DurabilityPolicy.TRANSIENT_LOCAL
+            topics = [name for name, offer in self.offers.items() if offer.durability == latched]
+            items = self.bag.placed_raw_messages(topics, self._latched_until_ns, time_ns - 1)
+            for item in self._upgraded(items if topics else ()):
+                try:
+                    message: Any = deserialize_message(item.message, message_class(item.type_name))
+                except Exception:  # whatever the middleware makes of what is no message
+                    continue
+                self._latched.append((item, getattr(message, "actuator_id", "")))
+            self._latched_until_ns = time_ns
+        latest: dict[tuple[str, str], Recorded] = {}
+        for item, actuator_id in self._latched:
+            if item.log_time_ns < time_ns:
+                latest.pop((item.topic, actuator_id), None)  # it becomes the last one
+                latest[item.topic, actuator_id] = item
+        return list(latest.values())
+
+    def check_time(self, time_ns: int) -> None:
+        """Raise ValueError for a log time [ns] that is not played."""
+        if not self.start_ns <= time_ns <= self.end_ns:
+            raise ValueError(
+                f"time = {time_ns / 1e9:.3f} s is outside {self.bag.path}, "
+                f"[{self.start_ns / 1e9:.3f}, {self.end_ns / 1e9:.3f}] s"
+            )
+
+    def _playable(self, actuator_only: bool, wanted: set[str] | None) -> dict[str, Topic]:
+        bag = self.bag
+        playable: dict[str, Topic] = {}
+        for name in sorted(wanted or ()):
+            if name not in bag.topics:
+                raise ValueError(f"{bag.path}: {unknown_name('topic', name, bag.topics)}")
+        for name, topic in bag.topics.items():
+            if wanted is not None and name not in wanted:
+                continue
+            excluded = actuator_only and topic.type_name not in _ACTUATOR_TYPES
+            if not topic.count or name == CLOCK or topic.type_name == _OWN or excluded:
+                continue
+            try:
+                if topic.encoding != "cdr":
+                    raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
+                message_class(topic.type_name)
+                to_installed(*topic.identity)
+            except ValueError as error:
+                self.remarks[name] = f"not played, {error}"
+            else:
+                playable[name] = topic
+        if playable:
+            return playable
+        reasons = [f"{name}: {why}" for name, why in self.remarks.items()]
+        if not bag.topics or bag.start_ns is None:
+            reasons = [f"no message in it {bag.damage}".rstrip()]
+        elif actuator_only and not reasons:
+            reasons = ["no message of an actuator in it, and actuator_only is set"]
+        raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
+
+    def _upgraded(self, items: Iterable[tuple[Place, Recorded]]) -> Iterator[Recorded]:
+        for place, item in items:
+            upgrade = self._upgrades[item.topic]
+            try:
+                yield item._replace(message=upgrade(item.message)) if upgrade else item
+            except ValueError as error:
+                self.bag.note_malformed(item.topic, place, str(error))

@@ -1,0 +1,380 @@
+"""The player: messages of a bag to the running system."""
+
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock_type import ClockType
+from std_srvs.srv import Trigger
+
+from ema_bags.playback import Playback
+from ema_bags.played_bag import PlayedBag, PlayerSettings
+from ema_bags.player_outputs import PlayerOutputs
+from ema_bags.topic_names import topic_names
+from ema_core.wording import counted
+from ema_interfaces.msg import PlaybackState
+from ema_interfaces.srv import (
+    BurstPlayback,
+    GetPlaybackRate,
+    IsPlaybackPaused,
+    SeekPlayback,
+    SetPlaybackRate,
+)
+from ema_ros.executor import WaitingCallbackGroup
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+from ema_ros.settings import declare, read
+from ema_ros.stamps import stamp_from_message, stamp_to_message
+from ema_ros.status import ERROR, OK, WARN, Task
+from ema_ros.topics import LATCHED, PLAYBACK_STATE
+
+_STATE_S: Final = 0.5
+_BETWEEN_PASSES_S: Final = 0.05
+# Names and fields of rosbag2's player; types of our own, whose answers say why one is refused.
+_SERVICES: Final = {
+    "pause": Trigger,
+    "resume": Trigger,
+    "toggle_paused": Trigger,
+    "is_paused": IsPlaybackPaused,
+    "play_next": Trigger,
+    "burst": BurstPlayback,
+    "get_rate": GetPlaybackRate,
+    "set_rate": SetPlaybackRate,
+    "seek": SeekPlayback,
+}
+
+
+class PlayerNode(ManagedNode):
+    """Plays a bag, message by message in its order, and the time on ``/clock``.
+
+    Parameters of the node are the fields of ``PlayerSettings`` and ``topics``: full names, or names
+    relative to the namespace.
+
+    While it is inactive the recorded time stands still. It has done its work at the end of the
+    bag, when all reliable subscriptions have acknowledged every message, unless it is to stay or to
+    begin again. A new pass is a jump back in time, told on ``/clock`` and in the state like a seek.
+
+    While it is active it can be paused, stepped, moved and played at another rate by services; a
+    seek publishes what is latched at the new time first. ``playback_state`` tells how it stands.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("player", **kwargs)
+        declare(self, PlayerSettings)
+        self.declare_parameter(
+            "topics",
+            [""],
+            ParameterDescriptor(
+                description="topics to play; empty: all",
+                read_only=True,
+                dynamic_typing=True,
+            ),
+        )
+        self._stop = threading.Event()
+        self._worker: threading.Thread | None = None
+        self._steered = threading.RLock()  # over start and stop of the worker
+        self._state_timer = self.create_timer(
+            _STATE_S,
+            self._publish_progress,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=SteadyClock(clock_type=ClockType.STEADY_TIME),
+            autostart=False,
+        )
+
+    def configure(self) -> None:
+        """Open the bag and create the publishers of what is in it."""
+        self._settings = read(self, PlayerSettings)
+        self._played = PlayedBag(self._settings, topic_names(self))
+        for name, reason in self._played.remarks.items():
+            self._warn(f"{name}: {reason}")
+        self._warn_of_damage("")
+        self._outputs = PlayerOutputs(self, self._played)
+        self._playback = Playback(
+            self._played.messages(self._played.start_ns),
+            self._settings.rate,
+            1.0 / self._settings.clock_rate_hz,
+            self._outputs.publish,
+            self._outputs.publish_clock,
+        )
+        self._is_begun, self._pass = False, 1
+        self._failure = ""
+        self._phase = "ready"
+        paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
+        self._status = paused if self._settings.start_paused else playing
+        group = WaitingCallbackGroup()  # a seek reads the bag
+        self._steering = [
+            self.create_service(kind, f"~/{name}", self._answerer(name), callback_group=group)
+            for name, kind in _SERVICES.items()
+        ]
+        self._state_output = self.create_publisher(PlaybackState, PLAYBACK_STATE, LATCHED)
+
+    def activate(self) -> None:
+        """Play on, unless it is paused."""
+        with self._steered:
+            self._go_on()
+        self._state_timer.reset()
+
+    def deactivate(self) -> None:
+        """Stop before the next message."""
+        self._state_timer.cancel()
+        self._halt()
+
+    def clean_up(self) -> None:
+        """Destroy the publishers and services."""
+        for service in self._steering:
+            self.destroy_service(service)
+        self.destroy_publisher(self._state_output)
+        self._outputs.close()
+
+    def tasks(self) -> list[Task]:
+        """Return how far the bag is played, and what is wrong."""
+        playback, played = self._playback, self._played
+        bag = played.bag
+        remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
+        remarks += [f"{name}: {why}" for name, why in played.remarks.items()]
+        remarks += self._outputs.live_monitors()
+        values = {
+            "bag": bag.path,
+            "rate [-]": playback.rate,
+            "played": playback.played,
+            "messages": played.count,
+            "pass": self._pass,
+            "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
+            "topics": ", ".join(sorted(played.topics)),
+            "not played": ", ".join(played.remarks.keys() - played.topics.keys()),
+        }
+        level = ERROR if self._failure else WARN if remarks else OK
+        message = self._failure or "; ".join([self._phase, *remarks])
+        return [Task("playback", level, message, self.hardware_id, values)]
+
+    def _start(self) -> None:
+        """Play in a thread of its own."""
+        self._stop = threading.Event()
+        self._worker = threading.Thread(target=self._work, args=(self._stop,), name="player")
+        self._worker.start()
+
+    def _go_on(self) -> None:
+        """Play where it is to play, and tell."""
+        if self._status == PlaybackState.PLAYING:
+            self._start()
+        self._publish_state()
+
+    def _halt(self) -> None:
+        """Stop before the next message."""
+        self._stop.set()  # also of a burst, which holds the lock
+        with self._steered:
+            self._stop.set()
+            if self._worker is not None:
+                self._worker.join()
+
+    def _answerer(self, name: str) -> Callable[[Any, Any], Any]:
+        """Return what serves a request: a refusal says why."""
+        act: Callable[[Any], Mapping[str, Any] | None] = getattr(self, f"_{name}")
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                fields = act(request)
+            except (OSError, ValueError) as error:
+                response.message = str(error)
+                return response
+            for field, value in ({"success": True} if fields is None else fields).items():
+                setattr(response, field, value)
+            return response
+
+        return answer
+
+    def _pause(self, _: Any) -> None:
+        with self._steered:
+            self._check_active()
+            self._halt()
+            if self._status == PlaybackState.PLAYING:
+                self._status = PlaybackState.PAUSED
+            self._publish_state()
+
+    def _resume(self, _: Any) -> None:
+        with self._steered:
+            self._check_active()
+            if self._status == PlaybackState.ENDED:
+                raise ValueError(f"{self._played.bag.path} is at its end: seek first")
+            if self._status == PlaybackState.PAUSED:
+                self._status = PlaybackState.PLAYING
+                self._go_on()
+
+    def _toggle_paused(self, request: Any) -> None:
+        with self._steered:
+            is_playing = self._status == PlaybackState.PLAYING
+            (self._pause if is_playing else self._resume)(request)
+
+    def _is_paused(self, _: Any) -> Mapping[str, Any]:
+        plays = self._status == PlaybackState.PLAYING and self.state == "active"
+        return {"paused": not plays}
+
+    def _play_next(self, _: Any) -> None:
+        self._step(1)
+
+    def _burst(self, request: BurstPlayback.Request) -> Mapping[str, Any]:
+        if not request.num_messages:
+            raise ValueError("num_messages = 0: expected at least 1")
+        return {"success": True, "actually_burst": self._step(request.num_messages)}
+
+    def _step(self, count: int) -> int:
+        """Play the next messages while it is paused, and return how many there were."""
+        with self._steered:
+            self._check_active()
+            if self._status == PlaybackState.PLAYING:
+                raise ValueError("the player plays: pause it first")
+            self._stop = threading.Event()
+            self._begin()
+            played = self._playback.step(count, self._stop)
+            if not played:
+                raise ValueError(f"{self._played.bag.path} is at its end: seek first")
+            self._set_phase(f"paused after {counted(self._playback.played, 'message')}")
+            self._publish_state()
+            return played
+
+    def _get_rate(self, _: Any) -> Mapping[str, Any]:
+        return {"rate": self._playback.rate}
+
+    def _set_rate(self, request: SetPlaybackRate.Request) -> None:
+        settings = replace(self._settings, rate=request.rate)  # checks it
+        with self._steered:
+            self._check_active()
+            self._halt()
+            self._playback.rate = settings.rate
+            self._go_on()
+
+    def _seek(self, request: SeekPlayback.Request) -> None:
+        time_ns = stamp_from_message(request.time)
+        self._played.check_time(time_ns)
+        with self._steered:
+            self._check_active()
+            self._halt()
+            try:
+                latched = self._played.latched_before(time_ns)
+                self._playback.go_to(time_ns, self._played.messages(time_ns))
+            except (OSError, ValueError):
+                self._go_on()  # from where it was
+                raise
+            self._is_begun = True
+            if self._status == PlaybackState.ENDED:
+                self._status = PlaybackState.PAUSED
+            self._publish_state(jumped=True)
+            self._outputs.publish_latched(latched)
+            if self._status == PlaybackState.PLAYING:
+                self._start()
+
+    def _check_active(self) -> None:
+        if self.state != "active":
+            raise ValueError(f"the player is {self.state}: expected active")
+        if self.finished.is_set():
+            raise ValueError("the player has ended")
+
+    def _publish_progress(self) -> None:
+        if self._status == PlaybackState.PLAYING:
+            self._publish_state()
+
+    def _publish_state(self, *, jumped: bool = False) -> None:
+        state = PlaybackState(
+            bag=str(self._played.bag.path),
+            status=self._status,
+            rate=self._playback.rate,
+            start=stamp_to_message(self._played.start_ns),
+            end=stamp_to_message(self._played.end_ns),
+            position=stamp_to_message(self._playback.reached_ns),
+            jumped=jumped,
+        )
+        state.header.stamp = self.get_clock().now().to_msg()
+        self._state_output.publish(state)
+
+    def _work(self, stop: threading.Event) -> None:
+        damage = self._played.bag.damage
+        try:
+            if self._run(stop):
+                self._status = PlaybackState.ENDED
+                self._publish_state()
+                if not self._settings.stay:
+                    self.finished.set()
+        except Exception as error:
+            self.get_logger().error(traceback.format_exc())
+            self._failure = f"cannot play on: {error!r}"
+            self.exit_code = 1
+            self.report()
+            self.finished.set()
+        self._warn_of_damage(damage)
+
+    def _begin(self) -> None:
+        """Publish what is latched before the first message that is played, once."""
+        if not self._is_begun and self._settings.start_offset:
+            self._outputs.publish_latched(self._played.latched_before(self._played.start_ns))
+        self._is_begun = True
+
+    def _run(self, stop: threading.Event) -> bool:
+        """Play on, the first time once there are subscribers.
+
+        Returns
+        -------
+        bool
+            Whether the end is reached, and all that was played has arrived.
+        """
+        if not self._is_begun:
+            self._wait_for_subscribers(stop)
+        if stop.is_set():
+            return False
+        self._begin()
+        while True:
+            self._set_phase(f"playing at rate {self._playback.rate:g}")
+            is_at_end = self._playback.run(stop)
+            played = counted(self._playback.played, "message")
+            if not is_at_end:
+                self._set_phase(f"paused after {played}")
+                return False
+            if pending := self._outputs.await_acknowledgement(stop):
+                self._warn(f"not all messages on {', '.join(pending)} are acknowledged")
+            # A bag without duration would be begun again at once.
+            if stop.is_set() or (self._settings.loop and stop.wait(_BETWEEN_PASSES_S)):
+                return False
+            self._set_phase(f"played {played} of {self._played.bag.path}")
+            if not self._settings.loop:
+                return True
+            start_ns = self._played.start_ns
+            self._pass += 1
+            self._playback.go_to(start_ns, self._played.messages(start_ns))
+            self._publish_state(jumped=True)
+            self._outputs.publish_latched(self._played.latched_before(start_ns))
+
+    def _wait_for_subscribers(self, stop: threading.Event) -> None:
+        wait_s = self._settings.wait_s
+        if wait_s and (missing := self._outputs.missing()):
+            self._set_phase(f"waiting for a subscriber of {missing}")
+        self._outputs.await_subscribers(stop, wait_s)
+        if not stop.is_set() and (missing := self._outputs.missing()):
+            self._warn(f"no subscriber of {missing} after {wait_s:g} s: starting")
+        for words in self._outputs.live_monitors():
+            self._warn(words)
+
+    def _warn_of_damage(self, known: str) -> None:
+        bag = self._played.bag
+        if bag.damage != known:
+            self._warn(f"{bag.path.name} is damaged: {bag.damage}")
+
+    def _warn(self, words: str) -> None:
+        self.get_logger().warning(words)
+
+    def _set_phase(self, phase: str) -> None:
+        self._phase = phase
+        self.get_logger().info(phase)
+        self.report()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(PlayerNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

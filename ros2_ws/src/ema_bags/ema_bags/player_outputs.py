@@ -1,0 +1,118 @@
+"""The publishers of a player, and who listens to them."""
+
+import threading
+from collections.abc import Iterable
+from typing import Final
+
+from rclpy.duration import Duration
+from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
+from ema_bags.message_type import message_class, type_name
+from ema_bags.played_bag import CLOCK, PlayedBag
+from ema_bags.reader import Recorded
+from ema_interfaces.msg import Health, TelemetryBlock
+from ema_ros.peers import UNKNOWN_NODE
+
+_TELEMETRY: Final = type_name(TelemetryBlock)
+_HEALTH: Final = type_name(Health)
+_POLL_S: Final = 0.05
+_LATCHED_S: Final = 0.2
+_SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
+_ACKNOWLEDGE_S: Final = 5.0
+
+
+class PlayerOutputs:
+    """Publishers of all topics that are played, and of ``/clock``."""
+
+    def __init__(self, node: Node, played: PlayedBag) -> None:
+        self._node = node
+        self.publishers: dict[str, Publisher] = {
+            name: node.create_publisher(message_class(topic.type_name), name, played.offers[name])
+            for name, topic in played.topics.items()
+        }
+        self._telemetry = [
+            name for name, topic in played.topics.items() if topic.type_name == _TELEMETRY
+        ]
+        clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._clock = node.create_publisher(Clock, CLOCK, clock_qos)
+
+    def publish(self, item: Recorded) -> None:
+        """Publish a message."""
+        self.publishers[item.topic].publish(item.message)
+
+    def publish_latched(self, items: Iterable[Recorded]) -> None:
+        """Publish what is latched, each when the one before it has arrived.
+
+        A publisher keeps one message: that of one actuator at a time.
+        """
+        for item in items:
+            self.publishers[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
+            self.publish(item)
+
+    def publish_clock(self, stamp_ns: int) -> None:
+        """Publish a time [ns]."""
+        self._clock.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
+
+    def missing(self) -> str:
+        """Return the topics without a subscription that is waited for, in words."""
+        subscribed = {
+            name
+            for name, publisher in self.publishers.items()
+            if publisher.get_subscription_count()
+        }
+        if self._telemetry:
+            return ", ".join(name for name in self._telemetry if name not in subscribed)
+        return "" if subscribed else f"any of {', '.join(self.publishers)}"
+
+    def await_subscribers(self, stop: threading.Event, wait_s: float) -> None:
+        """Wait for subscriptions, at most so long [s], and for those to be ready."""
+        waits = round(wait_s / _POLL_S)
+        while waits and self.missing() and not stop.wait(_POLL_S):
+            waits -= 1
+        if not stop.is_set() and not self.missing():
+            stop.wait(_SETTLE_S)
+
+    def await_acknowledgement(self, stop: threading.Event) -> list[str]:
+        """Wait until all has arrived, for some seconds; return the topics of which not all has."""
+        waits = round(_ACKNOWLEDGE_S / _POLL_S)
+        pending = list(self.publishers.items())
+        while pending and waits and not stop.is_set():
+            if pending[-1][1].wait_for_all_acked(Duration(seconds=_POLL_S)):
+                pending.pop()
+            else:
+                waits -= 1
+        return [name for name, _ in pending]
+
+    def live_monitors(self) -> list[str]:
+        """Return which nodes estimate from what is played and do not follow its time, in words.
+
+        What they find enters the histories of the units: it is taken for new tests.
+        """
+        listeners = {
+            (item.node_name, item.node_namespace)
+            for name in self._telemetry
+            for item in self._node.get_subscriptions_info_by_topic(name)
+            if item.node_name != UNKNOWN_NODE
+        }
+        found = []
+        for name, namespace in sorted(listeners):
+            try:
+                given = self._node.get_publisher_names_and_types_by_node(name, namespace)
+                taken = self._node.get_subscriber_names_and_types_by_node(name, namespace)
+            except NodeNameNonExistentError:
+                continue  # it has ended since
+            if any(_HEALTH in types for _, types in given) and CLOCK not in dict(taken):
+                found.append(
+                    f"{namespace.rstrip('/')}/{name} does not follow /clock and takes what is "
+                    "played for new tests: start it with use_sim_time:=true"
+                )
+        return found
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        for publisher in (*self.publishers.values(), self._clock):
+            self._node.destroy_publisher(publisher)

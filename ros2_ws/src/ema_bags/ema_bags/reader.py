@@ -1,0 +1,416 @@
+"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
+
+import heapq
+import shutil
+import tempfile
+import weakref
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import zstandard
+from mcap.records import Message
+
+from ema_bags.gaps import Gap
+from ema_bags.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
+from ema_bags.message_type import is_installed
+from ema_bags.schema import decoder, schema_text, to_installed
+from ema_core.wording import counted
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording.
+
+    Attributes
+    ----------
+    type_name
+        Type of its messages, such as ``std_msgs/msg/Header``.
+    encoding
+        How they are encoded; "cdr" in ROS 2.
+    type_hash, schema
+        Hash and definition of the type when it was recorded; empty when they are not there.
+    qos
+        What was offered, YAML text of a list.
+    """
+
+    type_name: str
+    count: int
+    encoding: str
+    type_hash: str
+    schema: str
+    qos: str
+
+    @property
+    def identity(self) -> tuple[str, str, str]:
+        """Name, definition and hash of the type."""
+        return self.type_name, self.schema, self.type_hash
+
+
+class Recorded(NamedTuple):
+    """A message of a recording; ``message`` is the message itself, or its bytes."""
+
+    topic: str
+    type_name: str
+    message: Any
+    log_time_ns: int
+    publish_time_ns: int
+
+
+_MOST_GAPS: Final = 10
+
+
+class Place(NamedTuple):
+    """Where a message is in a recording; messages are read in the order of their places."""
+
+    log_time_ns: int
+    file: int
+    offset: int
+    number: int
+
+
+class Bag:
+    """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
+
+    Messages and files that rosbag2 compressed by zstd are unpacked. A file that was not closed, is
+    cut off or lost its index is read through once when the recording is opened. Chunks are taken
+    whole or not at all.
+
+    Attributes
+    ----------
+    topics
+        What was recorded, by topic.
+    start_ns, end_ns
+        Log times of the first and last message [ns]; None when there is none.
+
+    Raises
+    ------
+    FileNotFoundError
+        When there is no such file or folder, or no recording in it.
+    ValueError
+        When a file is empty or not MCAP, the recording is stored or compressed in a way that is
+        not read here, or a topic has two types.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._damage: dict[str, None] = {}
+        # Why the first malformed message of each topic is none, and where all of them are.
+        self._malformed: dict[str, tuple[str, set[Place]]] = {}
+        self._files: dict[Path, Contents] = {}
+        self._unpacked: dict[Path, Any] = {}
+        if not self.path.exists():
+            raise FileNotFoundError(f"{self.path}: there is no such recording")
+        if self.path.is_dir():
+            self._open_folder()
+        else:
+            self._open_file(self.path)
+        self.topics: Mapping[str, Topic] = self._find_topics()
+        stretches = [item for contents in self._files.values() for item in contents.stretches]
+        self.start_ns = min((stretch.start_ns for stretch in stretches), default=None)
+        self.end_ns = max((stretch.end_ns for stretch in stretches), default=None)
+
+    @property
+    def writers(self) -> list[str]:
+        """Programs that wrote the files, with their versions; empty where a file does not say."""
+        return sorted({contents.library for contents in self._files.values()} - {""})
+
+    @property
+    def damage(self) -> str:
+        """Where the recording is damaged and what is lost; empty as long as it seems whole.
+
+        A chunk that was damaged in an indexed file, and a malformed message, are only found when
+        they are read.
+        """
+        malformed = [
+            f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
+            for name, (first, places) in self._malformed.items()
+        ]
+        return "; ".join([*self._damage, *malformed])
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """What the recorder told that it did not record."""
+        return [gap for contents in self._files.values() for gap in contents.gaps]
+
+    @property
+    def remarks(self) -> list[str]:
+        """What there is to say of the recording so far: damage and gaps."""
+        gaps = self.gaps
+        told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
+        if more := gaps[_MOST_GAPS:]:
+            lacking = counted(sum(gap.count for gap in more), "message")
+            unknown = "" if all(gap.count for gap in more) else ", and others may be missing"
+            told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
+        return list(filter(None, (self.damage, *told)))
+
+    def readable_counts(self) -> dict[str, int]:
+        """Return how many messages of each topic can be read: all chunks are read for it."""
+        found = Counter(item.topic for item in self.raw_messages())
+        return {name: found[name] for name in self.topics}
+
+    def note_malformed(self, topic: str, place: Place, reason: str) -> None:
+        """Take a message for none that can be used; ``damage`` counts it and says why.
+
+        Parameters
+        ----------
+        topic, place
+            Which message; it is counted once, however often it is read.
+        """
+        first = f"the first of log time {place.log_time_ns} ns: {reason}"
+        self._malformed.setdefault(topic, (first, set()))[1].add(place)
+
+    def topics_of(self, *type_names: str) -> list[str]:
+        """Return the topics of some types."""
+        return [name for name, topic in self.topics.items() if topic.type_name in type_names]
+
+    def messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
+        """Read and decode messages, in the order of their log times.
+
+        Raises
+        ------
+        ValueError
+            When a topic is not in the recording, its type differs from the installed one or has
+            no definition, or it is not CDR.
+
+        Notes
+        -----
+        A message that cannot be decoded is skipped; ``damage`` names and counts it.
+        """
+        return (item for _, item in self.placed_messages(topics))
+
+    def placed_messages(
+        self,
+        topics: Iterable[str] | None = None,
+        first: Place | None = None,
+        last: Place | None = None,
+    ) -> Iterator[tuple[Place, Recorded]]:
+        """Read and decode messages with their places, so that some can be read once more.
+
+        Parameters
+        ----------
+        first, last
+            Places of the first and last message wanted; None for all.
+
+        Raises
+        ------
+        ValueError
+            As for :meth:`messages`.
+        """
+        chosen = self._chosen(topics)
+        decoders = {
+            name: self._decoder(name, topic) for name, topic in chosen.items() if topic.count
+        }
+        return self._decoded(chosen, decoders, first, last)
+
+    def raw_messages(
+        self,
+        topics: Iterable[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Recorded]:
+        """Read messages as they are stored, in the order of their log times.
+
+        Parameters
+        ----------
+        start_ns, end_ns
+            Log times of the earliest and latest wanted [ns]; None for all.
+
+        Raises
+        ------
+        ValueError
+            When a topic is not in the recording.
+        """
+        return (item for _, item in self.placed_raw_messages(topics, start_ns, end_ns))
+
+    def placed_raw_messages(
+        self,
+        topics: Iterable[str] | None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[tuple[Place, Recorded]]:
+        """Read messages as they are stored, with their places; as of :meth:`raw_messages`."""
+        first = None if start_ns is None else Place(start_ns, -1, -1, -1)
+        last = None if end_ns is None else Place(end_ns + 1, -1, -1, -1)
+        return self._in_log_order(self._chosen(topics), first, last)
+
+    def _open_folder(self) -> None:
+        from ema_bags.metadata import METADATA_FILE, folder_contents  # YAML only for these
+
+        folder = folder_contents(self.path)
+        self._note(self.path, folder.damage)
+        for path in folder.files:
+            try:
+                self._open_file(path)
+            except ValueError as error:
+                if len(folder.files) == 1:
+                    raise
+                self._note(self.path, [str(error)])
+        found = sum(contents.counts.total() for contents in self._files.values())
+        if folder.message_count is not None and folder.message_count > found:
+            promised = f"{METADATA_FILE} promises {counted(folder.message_count, 'message')}"
+            self._note(self.path, [f"{promised}, {found} are there"])
+
+    def _open_file(self, path: Path) -> None:
+        try:
+            with self._readable(path).open("rb") as file:
+                contents = self._files[path] = read_contents(file)
+        except ValueError as error:
+            raise ValueError(f"{path} {error}") from error
+        self._note(path, contents.damage)
+
+    def _readable(self, path: Path) -> Path:
+        """Return where a file can be read; one that is compressed is unpacked as far as it goes."""
+        if path not in self._unpacked:
+            with path.open("rb") as packed:
+                if packed.read(len(zstandard.FRAME_HEADER)) != zstandard.FRAME_HEADER:
+                    return path
+                packed.seek(0)
+                unpacked = tempfile.NamedTemporaryFile(prefix="ema_bag_")  # noqa: SIM115
+                weakref.finalize(self, unpacked.close)
+                reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+                try:
+                    shutil.copyfileobj(reader, unpacked)
+                except zstandard.ZstdError as error:
+                    if not unpacked.tell():
+                        raise ValueError(
+                            f"cannot be unpacked: {error}; expected a file compressed by zstd"
+                        ) from error
+                unpacked.flush()
+                self._unpacked[path] = unpacked
+        return Path(self._unpacked[path].name)
+
+    def _note(self, path: Path, findings: Iterable[str]) -> None:
+        # Of a folder it says in which file.
+        place = "" if path == self.path else f"{path.name}: "
+        self._damage.update(dict.fromkeys(f"{place}{item}" for item in findings))
+
+    def _find_topics(self) -> dict[str, Topic]:
+        topics: dict[str, Topic] = {}
+        for contents in self._files.values():
+            for number, channel in contents.channels.items():
+                schema = contents.schemas.get(channel.schema_id)
+                is_text = schema is not None and schema.encoding == "ros2msg"
+                known = topics.get(channel.topic)
+                topic = Topic(
+                    schema.name if schema else "",
+                    contents.counts[number] + (known.count if known else 0),
+                    channel.message_encoding,
+                    channel.metadata.get("topic_type_hash", ""),
+                    schema.data.decode("utf-8", "replace") if schema and is_text else "",
+                    channel.metadata.get("offered_qos_profiles", ""),
+                )
+                if known and known.type_name != topic.type_name:
+                    raise ValueError(
+                        f"{self.path}: topic {channel.topic} holds {known.type_name} as well as "
+                        f"{topic.type_name}, expected one type"
+                    )
+                topics[channel.topic] = topic
+        return topics
+
+    def _chosen(self, topics: Iterable[str] | None) -> dict[str, Topic]:
+        if topics is None:
+            return dict(self.topics)
+        names = [topics] if isinstance(topics, str) else list(topics)
+        for name in names:
+            if name not in self.topics:
+                present = ", ".join(sorted(self.topics)) or "none"
+                raise ValueError(f"{self.path} has no topic {name!r}; topics: {present}")
+        return {name: self.topics[name] for name in names}
+
+    def _decoder(self, name: str, topic: Topic) -> Callable[[bytes], Any]:
+        try:
+            if topic.encoding != "cdr":
+                raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
+            installed = is_installed(topic.type_name)
+            if installed and (upgrade := to_installed(*topic.identity)):
+                decode = decoder(topic.type_name, schema_text(topic.type_name))
+                return lambda data: decode(upgrade(data))
+            return decoder(topic.type_name, topic.schema or schema_text(topic.type_name))
+        except ValueError as error:
+            raise ValueError(f"{self.path}: topic {name} cannot be decoded: {error}") from error
+
+    def _decoded(
+        self,
+        chosen: Mapping[str, Topic],
+        decoders: Mapping[str, Callable[[bytes], Any]],
+        first: Place | None,
+        last: Place | None,
+    ) -> Iterator[tuple[Place, Recorded]]:
+        for place, item in self._in_log_order(chosen, first, last):
+            try:
+                message = decoders[item.topic](item.message)
+            except ValueError as error:
+                self.note_malformed(item.topic, place, str(error))
+                continue
+            yield place, item._replace(message=message)
+
+    def _in_log_order(
+        self, chosen: Mapping[str, Topic], first: Place | None = None, last: Place | None = None
+    ) -> Iterator[tuple[Place, Recorded]]:
+        found: Counter[str] = Counter()
+        # The stretches may overlap in time: what is read waits until no stretch to come can hold
+        # anything earlier. Equal times stay in the order of the files.
+        waiting: list[tuple[Place, Recorded]] = []
+        for file_number, path, stretch in self._stretches(chosen):
+            if first and stretch.end_ns < first.log_time_ns:
+                continue
+            if last and stretch.start_ns > last.log_time_ns:
+                break
+            while waiting and waiting[0][0].log_time_ns < stretch.start_ns:
+                yield heapq.heappop(waiting)
+            for number, item in self._read(path, stretch, chosen):
+                found[item.topic] += 1
+                place = Place(item.log_time_ns, file_number, stretch.offset, number)
+                if (not first or first <= place) and (not last or place <= last):
+                    heapq.heappush(waiting, (place, item))
+        while waiting:
+            yield heapq.heappop(waiting)
+        if first or last:
+            return
+        for name, topic in chosen.items():
+            if found[name] < topic.count:
+                lost = f"{topic.count - found[name]} of {topic.count} messages are lost"
+                self._note(self.path, [f"topic {name}: {lost}"])
+
+    def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:
+        """Stretches that may hold messages of the topics, by the time of their first message."""
+        stretches = []
+        for file_number, (path, contents) in enumerate(self._files.items()):
+            channels = {n for n, channel in contents.channels.items() if channel.topic in chosen}
+            for stretch in contents.stretches:
+                if not stretch.channels or stretch.channels & channels:
+                    stretches.append((file_number, path, stretch))
+        return sorted(stretches, key=lambda item: (item[2].start_ns, item[0], item[2].offset))
+
+    def _read(
+        self, path: Path, stretch: Stretch, chosen: Mapping[str, Topic]
+    ) -> Iterator[tuple[int, Recorded]]:
+        """Yield the messages of a stretch with their numbers in it, whatever topics are wanted."""
+        channels = self._files[path].channels
+        for number, stored in enumerate(self._stored_messages(path, stretch)):
+            data, channel = stored.data, channels.get(stored.channel_id)
+            if channel is None or channel.topic not in chosen:
+                continue
+            topic = chosen[channel.topic]
+            # No CDR message begins like a frame of zstd.
+            if topic.encoding == "cdr" and data.startswith(zstandard.FRAME_HEADER):
+                try:
+                    data = zstandard.decompress(data)
+                except zstandard.ZstdError as error:
+                    lost = f"topic {channel.topic}: a compressed message is lost: {error}"
+                    self._note(path, [lost])
+                    continue
+            times = stored.log_time, stored.publish_time
+            yield number, Recorded(channel.topic, topic.type_name, data, *times)
+
+    def _stored_messages(self, path: Path, stretch: Stretch) -> list[Message]:
+        """Read the messages of a stretch; none where it is damaged."""
+        try:
+            with self._readable(path).open("rb") as file:
+                return read_messages(file, stretch, self._files[path])
+        except DamageError as error:
+            self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
+            return []

@@ -1,0 +1,130 @@
+"""A topic that is recorded: what is requested of its publishers, who they are, what is lost."""
+
+import threading
+from collections.abc import Hashable, Sequence
+from typing import Any
+
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from ema_bags.message_type import message_class, type_hash
+from ema_bags.qos import RELIABLE_DEPTH, common_offer, joint_offer
+
+
+class SequenceGaps:
+    """Counts the gaps in the sequence numbers of a topic that has one publisher.
+
+    The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
+    counts once the publisher is the same after it as before it, or has gone: a second publisher
+    that has just started is no loss. One that is out of reach for a while, as either side stood
+    still, and comes back goes on with its numbers.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._publishers: frozenset[Hashable] = frozenset()
+        self._last: int | None = None
+        self._unconfirmed = 0
+
+    def count(self, number: int | None) -> None:
+        """Count a message that was received.
+
+        Parameters
+        ----------
+        number
+            Its sequence number; None where the middleware gives none.
+        """
+        if number is None:
+            return
+        if self._last is not None and number > self._last:
+            self._unconfirmed += number - self._last - 1
+        self._last = number
+
+    def set_publishers(self, publishers: frozenset[Hashable]) -> None:
+        """Set the publishers of the moment; to be called regularly."""
+        if publishers and publishers != self._publishers:
+            self._publishers, self._last = publishers, None
+        elif len(self._publishers) == 1:
+            self.lost += self._unconfirmed
+        self._unconfirmed = 0
+
+    def pause(self) -> None:
+        """Expect no number to go on from the last one: what comes meanwhile is not wanted."""
+        self._last, self._unconfirmed = None, 0
+
+
+class RecordedTopic:
+    """A topic that is recorded, with the request that all its publishers meet, as rosbag2 has it.
+
+    Parameters
+    ----------
+    publishers
+        Its publishers, at least one.
+
+    Attributes
+    ----------
+    offer
+        What its publishers offer.
+    request
+        What its subscription requests.
+    incompatible
+        Nodes that publish it and offer less than is requested: nothing is received from them.
+
+    Raises
+    ------
+    ValueError
+        When it cannot be recorded: it has several types, or one that is not installed or is
+        another version than the installed one.
+    """
+
+    def __init__(self, types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> None:
+        offers = [item.qos_profile for item in publishers]
+        self.message_class = _installed_class(types, publishers)
+        self.offer = joint_offer(offers)
+        self.subscription: Subscription | None = None
+        self.request = common_offer(offers, RELIABLE_DEPTH)
+        self._lock = threading.Lock()
+        self._gaps = SequenceGaps()
+        self.set_publishers(publishers)
+
+    @property
+    def lost(self) -> int:
+        """Number of messages that are known to be lost."""
+        return self._gaps.lost
+
+    def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Set the publishers of the moment; to be called regularly."""
+        self.has_publisher = bool(publishers)
+        self.incompatible = [
+            item.node_name
+            for item in publishers
+            if qos_check_compatible(item.qos_profile, self.request)[0] == QoSCompatibility.ERROR
+        ]
+        with self._lock:
+            self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
+
+    def pause(self) -> None:
+        """Note that nothing is recorded until publishers are set again."""
+        with self._lock:
+            self._gaps.pause()
+
+    def count(self, sequence_number: int | None) -> None:
+        """Count a message; None where the middleware gives no number."""
+        with self._lock:
+            self._gaps.count(sequence_number)
+
+
+def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:
+    if len(types) != 1:
+        raise ValueError(f"it has several types: {', '.join(types)}")
+    (name,) = types
+    found, installed = message_class(name), type_hash(name)
+    for item in publishers:
+        offered = str(item.topic_type_hash)
+        if offered.startswith("RIHS") and offered != installed:
+            raise ValueError(
+                f"{name} of {item.node_name} is another version ({offered}) than the installed one "
+                f"({installed})"
+            )
+    return found

@@ -1,0 +1,345 @@
+"""The recorder: messages of the running system to a bag."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from ema_bags.gaps import Gap
+from ema_bags.recorded_topic import RecordedTopic
+from ema_bags.recorder_settings import RecorderSettings
+from ema_bags.recording import Recording
+from ema_bags.topic_names import topic_names
+from ema_core.wording import counted
+from ema_ros.executor import WaitingCallbackGroup
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+from ema_ros.settings import WHILE_UNCONFIGURED, LiveSettings
+from ema_ros.status import ERROR, OK, WARN, Task
+
+_DISCOVERY_S: Final = 0.2
+_MOST_NAMED: Final = 3
+_STANDSTILL_S: Final = 2.0
+_BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
+
+
+class RecorderNode(ManagedNode):
+    """Records what is published, as it is received.
+
+    Parameters of the node are the fields of ``RecorderSettings`` and ``topics``: full names, or
+    names relative to the namespace. By default everything in the namespace is recorded, and
+    /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
+    domain, and hidden topics have to be chosen.
+
+    With ``snapshot_duration`` it keeps what it receives for so long, and writes it to a file of its
+    own when the level of a health or of a status on /diagnostics changes, or when ``~/snapshot``
+    asks for it; what is kept at the end is not written.
+
+    While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
+    is closed when it is cleaned up.
+
+    While the bag cannot be written, as the disk is full, the status is ERROR; it goes on when there
+    is room, and status and bag tell what was not recorded. They also tell when the recorder itself
+    stood still, as it was stopped, the machine asleep or a disk slow: what it missed is unknown.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("recorder", **kwargs)
+        self._settings = LiveSettings(self, RecorderSettings, why_fixed=self._why_fixed)
+        self.declare_parameter(
+            "topics",
+            [""],
+            ParameterDescriptor(
+                description="topics to record; empty: the namespace, /diagnostics and /clock",
+                additional_constraints=WHILE_UNCONFIGURED,
+                dynamic_typing=True,
+            ),
+        )
+        self.add_on_set_parameters_callback(self._refuse_topics)
+        self._discovering = threading.Lock()  # over the topics
+        self._writing = threading.Lock()  # over the bag
+        self._recording = False
+        self._recorded: Recording | None = None
+        self._receiving = MutuallyExclusiveCallbackGroup()  # keeps the order of a topic
+        self._discovery = self.create_timer(
+            _DISCOVERY_S,
+            self._discover,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+            autostart=False,
+        )
+
+    def configure(self) -> None:
+        """Begin the bag."""
+        settings = self._settings.value
+        self._wanted = topic_names(self)
+        self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
+        self._topics: dict[str, RecordedTopic] = {}
+        self._skipped: dict[str, str] = {}
+        self._trouble = ""
+        self._last_call: tuple[float, int] | None = None
+        self._standstills = 0
+        output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        try:
+            own = self.get_fully_qualified_name()
+            self._recorded = Recording(output, settings, own, self._report_end)
+        except FileExistsError as error:
+            hint = "" if settings.overwrite else "; parameter overwrite (--force) replaces a bag"
+            raise FileExistsError(f"parameter output: {error}{hint}") from error
+        self._snapshot_service = self.create_service(
+            Trigger, "~/snapshot", self._serve_snapshot, callback_group=WaitingCallbackGroup()
+        )
+        self.get_logger().info(f"recording to {self._recorded.bag.path}")
+
+    def activate(self) -> None:
+        """Look for topics and record them."""
+        self._recording = True
+        self._discovery.reset()
+
+    def deactivate(self) -> None:
+        """Stop recording."""
+        self._discovery.cancel()
+        self._note_standstill()
+        with self._discovering:
+            self._recording = False
+            self._last_call = None
+            self._update_publishers()
+            for topic in self._topics.values():
+                topic.pause()
+                if topic.subscription is not None:
+                    self.destroy_subscription(topic.subscription)
+                    topic.subscription = None
+
+    def clean_up(self) -> None:
+        """Close the bag."""
+        self.destroy_service(self._snapshot_service)
+        with self._writing:
+            recorded, self._recorded = self._recorded, None
+        if recorded is None:
+            return
+        path = recorded.bag.path
+        try:
+            recorded.bag.close()
+        except OSError as error:
+            self.exit_code = 1
+            raise OSError(f"{path} ends early: {error}") from error
+        self.get_logger().info(f"closed {path} with {counted(recorded.messages, 'message')}")
+
+    def tasks(self) -> list[Task]:
+        """Return what is recorded and what is not."""
+        recorded = self._recorded
+        if recorded is None:
+            return []
+        bag, settings = recorded.bag, self._settings.value
+        topics = dict(self._topics)
+        lost = sum(topic.lost for topic in topics.values())
+        gone = [name for name, topic in topics.items() if not topic.has_publisher]
+        missing = sorted((self._wanted or set()) - topics.keys() - self._skipped.keys())
+        remarks = [f"{counted(lost, 'message')} lost"] if lost else []
+        remarks += [f"{', '.join(gone)}: the publisher is gone"] if gone else []
+        remarks += [f"{', '.join(missing)}: no publisher yet"] if missing else []
+        remarks += [f"{name}: not recorded, {why}" for name, why in self._skipped.items()]
+        remarks += [
+            f"{name}: nothing received from {', '.join(topic.incompatible)}, which offers less"
+            for name, topic in topics.items()
+            if topic.incompatible
+        ]
+        if recorded.is_short:
+            remarks.append(
+                f"max_cache_size = {settings.max_cache_size} B holds {recorded.kept_s:.3g} of "
+                f"{settings.snapshot_duration:g} s"
+            )
+        doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
+        if not topics and not missing:
+            remarks.append("nothing is published yet")
+        remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
+        if bag.flusher.failure:
+            remarks.insert(0, bag.flusher.failure)
+        is_wrong = bag.failure or bag.flusher.failure
+        level = ERROR if is_wrong else WARN if remarks else OK
+        values = {
+            "bag": bag.path,
+            "file": bag.file_path.name,
+            "messages": recorded.messages,
+            "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
+            "lost messages": lost,
+            "lost by topic": ", ".join(
+                f"{name} {topic.lost}" for name, topic in sorted(topics.items()) if topic.lost
+            ),
+            "standstills": self._standstills,
+            "waiting [B]": bag.waiting,
+            "messages without room": sum(gap.count for gap in bag.gaps),
+            "ends of threads": bag.flusher.ends,
+            "topics": ", ".join(sorted(topics)),
+            "publisher gone": ", ".join(gone),
+            "not recorded": ", ".join(self._skipped),
+        }
+        if settings.snapshot_duration:
+            values |= {
+                "snapshots": recorded.snapshots,
+                "kept [s]": recorded.kept_s,
+                "kept [B]": recorded.kept_bytes,
+            }
+            doing += f" for {counted(recorded.snapshots, 'snapshot')} so far"
+        if bag.failure:
+            doing = _in_words(recorded)
+        message = "; ".join([doing, *remarks])
+        return [Task("recording", level, message, self.hardware_id, values)]
+
+    def _why_fixed(self) -> str:
+        if not self.is_configured:
+            return ""
+        bag = self._recorded.bag.path if self._recorded is not None else "a bag"
+        return f"{bag} is open; clean the node up first"
+
+    def _refuse_topics(self, parameters: list[Parameter]) -> SetParametersResult:
+        reason = self._why_fixed()
+        if reason and any(item.name == "topics" for item in parameters):
+            return SetParametersResult(successful=False, reason=f"topics: {reason}")
+        return SetParametersResult(successful=True)
+
+    def _is_wanted(self, name: str) -> bool:
+        if self._wanted is not None:
+            return name in self._wanted
+        if name in _BESIDES_NAMESPACE:
+            return True
+        prefix = self.get_namespace().rstrip("/") + "/"
+        return name.startswith(prefix) and "/_" not in name
+
+    def _discover(self) -> None:
+        """Record topics that are new, and update the publishers of the others."""
+        with self._discovering:
+            recorded = self._recorded
+            if recorded is None or not self._recording:
+                return
+            self._report_trouble(recorded)
+            if self._uses_sim_time and not self.get_clock().now().nanoseconds:
+                return  # before simulated time begins there are no log times
+            self._note_standstill()
+            for name, types in self.get_topic_names_and_types():
+                if self._is_wanted(name) and name not in self._topics | self._skipped:
+                    self._add_topic(recorded, name, types)
+            self._update_publishers()
+            for name, topic in self._topics.items():
+                if topic.subscription is None:
+                    topic.subscription = self.create_subscription(
+                        topic.message_class,
+                        name,
+                        self._receiver(name, topic),
+                        topic.request,
+                        callback_group=self._receiving,
+                        raw=True,
+                    )
+
+    def _note_standstill(self) -> None:
+        """Tell of a time before now in which this process did not run."""
+        now = time.clock_gettime(time.CLOCK_BOOTTIME), self.get_clock().now().nanoseconds
+        last, self._last_call = self._last_call, now
+        if last is None or now[0] - last[0] < _STANDSTILL_S:
+            return
+        # Simulated time may have gone back meanwhile.
+        start_ns, end_ns = sorted((last[1], now[1]))
+        gap = Gap(f"the recorder stood still for {now[0] - last[0]:.1f} s", start_ns, end_ns)
+        self._standstills += 1
+        with self._writing:
+            if self._recorded is not None:
+                self._recorded.bag.note_gap(gap)
+        self.get_logger().warning(str(gap))
+        self.report()
+
+    def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:
+        publishers = self.get_publishers_info_by_topic(name)
+        if not publishers:
+            return
+        try:
+            topic = RecordedTopic(types, publishers)
+            recorded.add_topic(name, topic.message_class, topic.offer)
+        except ValueError as error:
+            self._skipped[name] = str(error)
+            self.get_logger().warning(f"{name} is not recorded: {error}")
+        else:
+            self._topics[name] = topic
+
+    def _update_publishers(self) -> None:
+        for name, topic in self._topics.items():
+            topic.set_publishers(self.get_publishers_info_by_topic(name))
+
+    def _receiver(self, name: str, topic: RecordedTopic) -> Callable[..., None]:
+        def receive(data: bytes, information: Mapping[str, Any]) -> None:
+            log_time_ns = information["received_timestamp"]
+            if self._uses_sim_time or not log_time_ns:
+                log_time_ns = self.get_clock().now().nanoseconds
+            publish_time_ns = information["source_timestamp"] or None
+            with self._writing:
+                recorded = self._recorded
+                if recorded is None:
+                    return
+                reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
+                topic.count(information["publication_sequence_number"])
+                if reason:
+                    with suppress(OSError):  # it is logged
+                        self._write_snapshot(recorded, reason)
+
+        return receive
+
+    def _write_snapshot(self, recorded: Recording, reason: str) -> str:
+        """Write a snapshot, and log what became of it; errors as of ``Recording``."""
+        try:
+            done = recorded.write_snapshot()
+        except OSError as error:
+            self.get_logger().error(f"{reason}: {error}")
+            raise
+        self.get_logger().info(f"{reason}: {done}")
+        return done
+
+    def _serve_snapshot(self, _: Any, response: Trigger.Response) -> Trigger.Response:
+        try:
+            with self._writing:
+                if self._recorded is None:
+                    raise ValueError("no bag is open")
+                response.message = self._write_snapshot(self._recorded, "snapshot on demand")
+        except (ValueError, OSError) as error:
+            response.message = str(error)
+        else:
+            response.success = True
+        return response
+
+    def _report_end(self, failure: str, trace: str) -> None:
+        """Tell that a thread has ended by itself."""
+        self.get_logger().error(f"{failure}\n{trace}")
+        self.report()
+
+    def _report_trouble(self, recorded: Recording) -> None:
+        """Log once that the bag cannot be written, and once that it can again."""
+        bag, before = recorded.bag, self._trouble
+        self._trouble = str(bag.failure or "")
+        if self._trouble and not before:
+            self.get_logger().error(_in_words(recorded))
+        elif before and not self._trouble:
+            lost = [f"; {gap}" for gap in bag.gaps if gap.count]
+            self.get_logger().warning(f"{bag.path} can be written again{''.join(lost[-1:])}")
+        if bool(before) != bool(self._trouble):
+            self.report()
+
+
+def _in_words(recorded: Recording) -> str:
+    """Return why a bag cannot be written."""
+    return f"cannot write {recorded.bag.path}: {recorded.bag.failure}"
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(RecorderNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,198 @@
+"""Where what a recorder receives goes: into the bag, or into memory until there is a reason."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from ema_bags.recorder_settings import RecorderSettings
+from ema_bags.writer import BagWriter
+from ema_core.levels import LEVEL_NAMES
+from ema_core.wording import counted
+from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
+
+_CALIBRATION: Final = "calibration_id of {}"
+_WITH_LEVELS: Final = (Health, HealthSummary, DiagnosticArray)
+_BESIDES_BYTES: Final = 200
+
+
+class _Kept(NamedTuple):
+    """A serialised message with its times [ns]."""
+
+    topic: str
+    data: bytes
+    log_time_ns: int
+    publish_time_ns: int | None
+
+    @property
+    def size(self) -> int:
+        """Memory that it takes, about [B]."""
+        return len(self.data) + _BESIDES_BYTES
+
+
+class Recording:
+    """A bag that is recorded; one thread at a time may use it.
+
+    Parameters
+    ----------
+    path
+        Where to record.
+    own
+        Full name of the recorder, whose own statuses are no reason for a snapshot.
+    on_failure
+        Called as by ``BagWriter``.
+
+    Attributes
+    ----------
+    messages
+        How many messages were received and written.
+    snapshots
+        How many snapshots were written.
+    kept_bytes
+        Memory of what is kept for the next one [B].
+    is_short
+        Whether messages of the span to keep had to go for want of room.
+
+    Raises
+    ------
+    FileExistsError, ValueError
+        As of ``BagWriter``.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        settings: RecorderSettings,
+        own: str,
+        on_failure: Callable[[str, str], object],
+    ) -> None:
+        self.bag = BagWriter(
+            path,
+            flush_s=settings.flush_s,
+            max_bytes=settings.max_bag_size,
+            max_duration_s=settings.max_bag_duration,
+            overwrite=settings.overwrite,
+            waits_for_room=True,
+            on_failure=on_failure,
+        )
+        self.messages = self.snapshots = self.kept_bytes = 0
+        self.is_short = False
+        self._settings = settings
+        self._kept: deque[_Kept] = deque()
+        self._own = f"{own}:"
+        self._levels: dict[str, int] = {}
+        self._classes: dict[str, Any] = {}
+
+    @property
+    def kept_s(self) -> float:
+        """Time from the first to the last message that is kept [s]."""
+        kept = self._kept
+        return max(0.0, (kept[-1].log_time_ns - kept[0].log_time_ns) / 1e9) if kept else 0.0
+
+    def add_topic(self, topic: str, message_class: Any, qos: QoSProfile) -> None:
+        """Add a topic, as of ``BagWriter``."""
+        self.bag.add_topic(topic, message_class, qos)
+        self._classes[topic] = message_class
+
+    def receive(
+        self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None
+    ) -> str:
+        """Take a message.
+
+        Returns
+        -------
+        str
+            Why there should be a snapshot now; empty when there is no reason.
+        """
+        message_class = self._classes[topic]
+        if message_class is FaultEstimate:
+            self._note_calibration(data)
+        if not self._settings.snapshot_duration:
+            self.messages += self.bag.write_serialized(topic, data, log_time_ns, publish_time_ns)
+            return ""
+        self._keep(_Kept(topic, data, log_time_ns, publish_time_ns))
+        change = self._level_change(message_class, data)
+        return change if self._kept else ""
+
+    def write_snapshot(self) -> str:
+        """Write what is kept to a file of its own, and say what was written.
+
+        Raises
+        ------
+        ValueError
+            When nothing is kept.
+        OSError
+            When the bag cannot be written: what it has room for waits in memory, is counted as
+            written, and is written when it can be.
+        """
+        if not self._settings.snapshot_duration:
+            raise ValueError("all is written: snapshot_duration is 0")
+        if not self._kept:
+            raise ValueError("nothing was received since the last snapshot")
+        span_s, items = self.kept_s, list(self._kept)
+        self._kept.clear()
+        self.kept_bytes, self.is_short = 0, False
+        self.bag.begin_next_file(items[0].log_time_ns)
+        count = sum(self.bag.write_serialized(*item) for item in items)
+        self.bag.flush()
+        self.messages += count
+        self.snapshots += 1
+        if failure := self.bag.failure:
+            lost = len(items) - count
+            more = f"; {counted(lost, 'message')} lost for want of memory" if lost else ""
+            raise OSError(
+                f"{count} messages of {span_s:.3f} s: waits in memory, not written: {failure}{more}"
+            )
+        return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"
+
+    def _keep(self, item: _Kept) -> None:
+        """Keep a message; of those that go for it, the next file begins with the latest state."""
+        self._kept.append(item)
+        self.kept_bytes += item.size
+        duration_ns = round(self._settings.snapshot_duration * 1e9)
+        while self._kept:
+            # A clock that was set back makes nothing old.
+            is_old = item.log_time_ns - self._kept[0].log_time_ns > duration_ns
+            if not is_old and self.kept_bytes <= self._settings.max_cache_size:
+                break
+            self.is_short |= not is_old
+            gone = self._kept.popleft()
+            self.kept_bytes -= gone.size
+            self.bag.note_state(gone.topic, gone.data, gone.publish_time_ns or gone.log_time_ns)
+
+    def _level_change(self, message_class: Any, data: bytes) -> str:
+        """Return which levels a message changes, in words; the first of a status is no change."""
+        if not issubclass(message_class, _WITH_LEVELS):
+            return ""
+        try:
+            message: Any = deserialize_message(data, message_class)
+        except Exception:  # whatever the middleware makes of what is no message
+            return ""
+        if message_class is DiagnosticArray:
+            levels = {item.name: ord(item.level) for item in message.status}
+        else:
+            # Both topics tell of the same level.
+            levels = {f"health of {message.actuator_id}": message.level}
+        changes = []
+        for name, level in levels.items():
+            before = self._levels.setdefault(name, level)
+            if level != before and not name.startswith(self._own):
+                changes.append(f"{name} from {_word(before)} to {_word(level)}")
+            self._levels[name] = level
+        return ", ".join(changes)
+
+    def _note_calibration(self, data: bytes) -> None:
+        try:
+            estimate: Any = deserialize_message(data, FaultEstimate)
+        except Exception:  # whatever the middleware makes of what is no message
+            return
+        if estimate.calibration_id:
+            name = _CALIBRATION.format(estimate.actuator_id)
+            self.bag.custom_data[name] = estimate.calibration_id
+
+
+def _word(level: int) -> str:
+    return LEVEL_NAMES[level] if level < len(LEVEL_NAMES) else str(level)

@@ -1,0 +1,171 @@
+"""The telemetry in a recording, found by its type."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ema_bags.reader import Bag, Place
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_ros.messages import description_from_message, telemetry_from_message
+from ema_ros.stamps import stamp_from_message
+
+TELEMETRY_TYPE: Final = "ema_interfaces/msg/TelemetryBlock"
+DESCRIPTION_TYPE: Final = "ema_interfaces/msg/ActuatorDescription"
+TRUE_FAULTS_TYPE: Final = "ema_interfaces/msg/FaultVectorStamped"
+USAGE_TYPE: Final = "ema_interfaces/msg/Usage"
+MEASURED_TYPE: Final = "ema_interfaces/msg/MeasuredCauses"
+ESTIMATE_TYPE: Final = "ema_interfaces/msg/FaultEstimate"
+HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """A block that is no telemetry, or a description of an impossible actuator."""
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class RecordedTelemetry:
+    """Telemetry of one actuator in a recording.
+
+    Attributes
+    ----------
+    skips_others
+        Whether blocks of other actuators on the same topic are skipped; else they are an
+        error.
+    descriptions
+        Descriptions of the actuator in order, without those that repeat the one before.
+    """
+
+    bag: Bag
+    topic: str
+    actuator_id: str
+    skips_others: bool
+    descriptions: tuple[ActuatorDescription, ...]
+
+    def items(
+        self, first: Place | None = None, last: Place | None = None
+    ) -> Iterator[tuple[Place, Telemetry | Malformed | ActuatorDescription]]:
+        """Read blocks and descriptions of the actuator in the order of their log times.
+
+        Parameters
+        ----------
+        first, last
+            Places of the first and last one wanted; None for all.
+
+        Raises
+        ------
+        ValueError
+            When there is a block of another actuator and it was not said which one is wanted.
+        """
+        topics = [self.topic, *self.bag.topics_of(DESCRIPTION_TYPE)]
+        for place, item in self.bag.placed_messages(topics, first, last):
+            is_block = item.topic == self.topic
+            if item.message.actuator_id == self.actuator_id:
+                found = _block(item.message) if is_block else _description(item.message)
+                if isinstance(found, Malformed):
+                    self.bag.note_malformed(item.topic, place, found.reason)
+                if is_block or not isinstance(found, Malformed):
+                    yield place, found
+            elif is_block and not self.skips_others:
+                there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
+                raise ValueError(
+                    f"{self.bag.path}: topic {self.topic} holds telemetry of several actuators: "
+                    f"{there}: choose one by actuator_id (--actuator-id)"
+                )
+
+
+def read_telemetry(
+    bag: Bag, topic: str | None = None, actuator_id: str | None = None
+) -> RecordedTelemetry:
+    """Find the telemetry of one actuator, and its descriptions, in a recording.
+
+    Parameters
+    ----------
+    topic
+        Topic of the telemetry; needed when there are several of the same actuator.
+    actuator_id
+        Which actuator; needed when there are several.
+
+    Raises
+    ------
+    ValueError
+        When there is no telemetry, not of that actuator or not on that topic; when there is a
+        choice and it was not made; when a type is not the installed one. The message also names
+        what is damaged.
+    """
+    try:
+        return _find_telemetry(bag, topic, actuator_id)
+    except ValueError as error:
+        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
+
+
+def _find_telemetry(bag: Bag, topic: str | None, actuator_id: str | None) -> RecordedTelemetry:
+    candidates = _telemetry_topics(bag, topic)
+    first_ids = {name: next(_actuator_ids(bag, name), "") for name in candidates}
+    there = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
+    if actuator_id is not None:
+        # Only where an actuator is not the first of any topic, topics are searched through.
+        candidates = [name for name, first in first_ids.items() if first == actuator_id] or [
+            name for name in candidates if actuator_id in _actuator_ids(bag, name)
+        ]
+    if not candidates:
+        raise ValueError(f"{bag.path} has no telemetry of actuator {actuator_id!r}; it has {there}")
+    if len(candidates) > 1:
+        raise ValueError(
+            f"{bag.path} has telemetry on several topics: {there}: choose one by topic or "
+            "actuator_id (--topic, --actuator-id)"
+        )
+    chosen_id = first_ids[candidates[0]] if actuator_id is None else actuator_id
+    return RecordedTelemetry(
+        bag, candidates[0], chosen_id, actuator_id is not None, _descriptions(bag, chosen_id)
+    )
+
+
+def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
+    wanted = TELEMETRY_TYPE
+    present = ", ".join(f"{name} ({item.type_name})" for name, item in bag.topics.items())
+    names = bag.topics_of(wanted)
+    if not names:
+        raise ValueError(f"{bag.path} has no topic of {wanted}; topics: {present or 'none'}")
+    if topic is not None and topic not in names:
+        raise ValueError(f"{bag.path} has no telemetry on {topic!r}; topics: {present}")
+    filled = [name for name in names if bag.topics[name].count and topic in (None, name)]
+    if not filled:
+        raise ValueError(f"{bag.path} has no message on {topic or ', '.join(names)}")
+    return filled
+
+
+def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
+    return (item.message.actuator_id for item in bag.messages([topic]))
+
+
+def _block(message: Any) -> Telemetry | Malformed:
+    try:
+        return telemetry_from_message(message)
+    except ValueError as error:
+        return Malformed(stamp_from_message(message.header.stamp), str(error))
+
+
+def _description(message: Any) -> ActuatorDescription | Malformed:
+    try:
+        return description_from_message(message)
+    except ValueError as error:
+        return Malformed(stamp_from_message(message.header.stamp), str(error))
+
+
+def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
+    descriptions: list[ActuatorDescription] = []
+    for place, item in bag.placed_messages(bag.topics_of(DESCRIPTION_TYPE)):
+        if item.message.actuator_id == actuator_id:
+            found = _description(item.message)
+            if isinstance(found, Malformed):
+                bag.note_malformed(
+                    item.topic, place, f"the description is impossible: {found.reason}"
+                )
+            elif not descriptions or found != descriptions[-1]:
+                descriptions.append(found)
+    return tuple(descriptions)

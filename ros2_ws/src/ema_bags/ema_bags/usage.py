@@ -1,0 +1,39 @@
+"""The service life of a unit, as it was counted, in a recording."""
+
+from ema_bags.reader import Bag
+from ema_bags.telemetry import USAGE_TYPE
+from ema_core.description import ActuatorDescription
+from ema_monitor.prognosis.history_entry import Count
+from ema_ros.stamps import stamp_from_message
+
+
+def read_counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
+    """Return what was counted of a unit, and what is wrong with the counts in a bag.
+
+    Parameters
+    ----------
+    unit
+        The unit: counts of others are passed over.
+
+    Raises
+    ------
+    ValueError
+        When the messages cannot be decoded.
+    """
+    counts: list[Count] = []
+    remarks: dict[str, None] = {}
+    for item in bag.messages(bag.topics_of(USAGE_TYPE)):
+        message = item.message
+        if message.actuator_id != unit.actuator_id:
+            continue
+        # A count that names no unit is of the one that is described.
+        if message.serial_number not in ("", unit.serial_number):
+            remarks[f"usage of serial number {message.serial_number!r} is passed over"] = None
+            continue
+        # One that its sender did not stamp was read when it was recorded.
+        stamp_ns = stamp_from_message(message.header.stamp) or item.log_time_ns
+        try:
+            counts.append(Count(stamp_ns, message.flight_hours, message.cycles))
+        except ValueError as error:
+            remarks[f"usage is impossible: {error}"] = None
+    return counts, list(remarks)

@@ -1,0 +1,416 @@
+"""From a recording to the windows in it, without keeping its telemetry."""
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.reader import Bag, Place
+from ema_bags.telemetry import (
+    MEASURED_TYPE,
+    TRUE_FAULTS_TYPE,
+    Malformed,
+    RecordedTelemetry,
+    read_telemetry,
+)
+from ema_core.causes import CauseEstimate
+from ema_core.description import ActuatorDescription
+from ema_core.faults import healthy_faults
+from ema_core.telemetry import Telemetry, join
+from ema_core.wording import counted
+from ema_monitor.duty.flown import FlownDuty
+from ema_monitor.model.measured import measured_causes
+from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
+
+_MOST_DEFECTS: Final = 5
+_KEPT_WINDOWS: Final = 64
+
+
+@dataclass(frozen=True)
+class WindowPlace:
+    """Where the samples of a window are in a bag.
+
+    Attributes
+    ----------
+    first, last
+        Places of the blocks that hold the first and the last of them.
+    offset, samples
+        Where they begin in the first block, and how many there are.
+    """
+
+    recorded: RecordedTelemetry
+    first: Place
+    last: Place
+    offset: int
+    samples: int
+
+    def read(self) -> Telemetry:
+        """Read the samples."""
+        items = self.recorded.items(self.first, self.last)
+        blocks = [item for _, item in items if isinstance(item, Telemetry)]
+        return join(blocks).part(self.offset, self.offset + self.samples)
+
+
+@dataclass(frozen=True)
+class RecordedWindow:
+    """A window in a bag, or one that was begun and cannot be used; its telemetry stays there.
+
+    Attributes
+    ----------
+    number
+        Its running number, from 0.
+    description
+        The actuator, as it was described at the time.
+    start_ns, end_ns
+        Stamps of its first and last sample [ns].
+    play
+        Where in its play the motor stands at the start [half-widths]; None when unknown.
+    place
+        Where its samples are, or why it cannot be used.
+    measured
+        Hidden causes that were measured.
+    """
+
+    number: int
+    description: ActuatorDescription
+    start_ns: int
+    end_ns: int
+    play: float | None
+    place: WindowPlace | Refusal
+    measured: tuple[CauseEstimate, ...] = ()
+
+    @property
+    def window(self) -> Window | Refusal:
+        """The window, read from the bag anew each time, or why there is none."""
+        if isinstance(self.place, Refusal):
+            return self.place
+        return Window(self.place.read(), self.play, self.measured)
+
+
+@dataclass(frozen=True)
+class BagWindows:
+    """What a bag says of one actuator.
+
+    Attributes
+    ----------
+    description
+        The actuator as it was described last.
+    first_ns
+        Stamp of the first sample [ns].
+    sample_period
+        Period of the samples in the first block [s].
+    windows
+        Windows, and those that were begun and cannot be used, in order of time.
+    remarks
+        What is wrong with the bag or its telemetry outside of any window.
+    longest_motion_s
+        Longest motion of the command that made no window [s].
+    has_rested
+        Whether the command was ever at rest.
+    truths
+        True faults of the actuator by test cycle, in order, where the bag records them.
+    flown
+        Duty up to the end of each window, and to that of the bag, by stamp [ns].
+    """
+
+    description: ActuatorDescription
+    first_ns: int
+    sample_period: float
+    blocks: int
+    samples: int
+    windows: list[RecordedWindow]
+    remarks: list[str]
+    longest_motion_s: float
+    has_rested: bool
+    truths: list[StampedFaults]
+    flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
+
+    @property
+    def usable(self) -> Sequence[Window]:
+        """Windows that can be used; each is read from the recording when it is looked at."""
+        return WindowsOnDemand(self.windows)
+
+    @property
+    def simulated_faults(self) -> bool:
+        """Whether the bag says that the actuator was simulated with faults."""
+        healthy = healthy_faults()
+        return any(not np.array_equal(truth.faults, healthy) for truth in self.truths)
+
+    def __str__(self) -> str:
+        unit = self.description
+        lines = [
+            f"{unit.actuator_id} ({unit.serial_number}), "
+            f"{self.samples * self.sample_period:.3f} s of telemetry, "
+            f"{counted(len(self.windows), 'window')}"
+        ]
+        for item in self.windows:
+            state = item.place.reason if isinstance(item.place, Refusal) else "usable"
+            start, end = self.seconds(item.start_ns), self.seconds(item.end_ns)
+            lines.append(f"{item.number:4d}  {start:.4f} s to {end:.4f} s: {state}")
+        return "\n".join([*lines, *self.remarks])
+
+    def with_measured(self, measured: tuple[CauseEstimate, ...]) -> Self:
+        """Return the same with causes that were measured throughout, beside those recorded.
+
+        Parameters
+        ----------
+        measured
+            As `measured_causes` returns them; each takes the place of what the bag holds of it.
+        """
+        return replace(
+            self,
+            windows=[
+                replace(
+                    item,
+                    measured=measured_causes(
+                        {one.name: (one.value, one.sigma) for one in (*item.measured, *measured)}
+                    ),
+                )
+                for item in self.windows
+            ],
+        )
+
+    def seconds(self, stamp_ns: int) -> float:
+        """Return a stamp in seconds since the first sample."""
+        return (stamp_ns - self.first_ns) * 1e-9
+
+    def true_faults(self, start_ns: int) -> NDArray[np.float64] | None:
+        """Return the true faults, ``(8,)``, of a window by its start; None where not recorded."""
+        truth = truth_at(self.truths, start_ns)
+        return None if truth is None else truth.faults
+
+
+class _LatestBlocks:
+    """Places of the latest blocks without a gap, as many as a window may reach back over."""
+
+    def __init__(self, recorded: RecordedTelemetry, window_s: float) -> None:
+        self._recorded = recorded
+        self._window_s = window_s
+        self._blocks: deque[tuple[Place, int, int]] = deque()
+
+    def append(self, place: Place, block: Telemetry) -> None:
+        """Add the next block."""
+        if self._blocks and self._blocks[-1][2] != block.first_index:
+            self._blocks.clear()
+        self._blocks.append((place, block.first_index, block.first_index + len(block)))
+        oldest = block.first_index - round(self._window_s / block.sample_period) - 1
+        while self._blocks[0][2] <= oldest:
+            self._blocks.popleft()
+
+    def place_of(self, window: Window) -> WindowPlace:
+        """Return where the samples of a window are that the last block completed."""
+        start = window.telemetry.first_index
+        place, first_index, _ = next(item for item in self._blocks if item[2] > start)
+        last = self._blocks[-1][0]
+        return WindowPlace(self._recorded, place, last, start - first_index, len(window.telemetry))
+
+
+class WindowsOnDemand(Sequence[Window]):
+    """Usable windows that are read from their recording when they are looked at; some are kept.
+
+    Parameters
+    ----------
+    windows
+        Windows of one or several recordings; those that cannot be used are left out.
+    """
+
+    def __init__(self, windows: Sequence[RecordedWindow]) -> None:
+        self._places = [item for item in windows if isinstance(item.place, WindowPlace)]
+        self._read = lru_cache(_KEPT_WINDOWS)(lambda number: self._places[number].window)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return WindowsOnDemand(self._places[number])
+        return self._read(range(len(self))[number])
+
+
+def read_windows(
+    path: str | Path,
+    settings: TriggerSettings | None = None,
+    *,
+    topic: str | None = None,
+    actuator_id: str | None = None,
+    description: ActuatorDescription | None = None,
+    measured_max_age_s: float = MAX_AGE_S,
+) -> BagWindows:
+    """Read a recording and find the windows in the telemetry of one actuator.
+
+    Parameters
+    ----------
+    path
+        The recording: an ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
+    settings, description, measured_max_age_s
+        As of ``find_recorded_windows``.
+    topic, actuator_id
+        Which telemetry; needed where there is a choice.
+
+    Raises
+    ------
+    ValueError
+        When the recording cannot be read, or has no such telemetry or no description.
+    OSError
+        When it cannot be opened.
+    """
+    recorded = read_telemetry(Bag(path), topic, actuator_id)
+    return find_recorded_windows(
+        recorded, settings, description=description, measured_max_age_s=measured_max_age_s
+    )
+
+
+def find_recorded_windows(
+    recorded: RecordedTelemetry,
+    settings: TriggerSettings | None = None,
+    *,
+    description: ActuatorDescription | None = None,
+    measured_max_age_s: float = MAX_AGE_S,
+    on_block: Callable[[Telemetry], None] | None = None,
+    with_duty: bool = False,
+) -> BagWindows:
+    """Find the windows in recorded telemetry, which is kept no longer than needed.
+
+    Parameters
+    ----------
+    description
+        The actuator; as the recording describes it when None.
+    measured_max_age_s
+        Age at the start of a window up to which a recorded measurement holds for it [s].
+    with_duty
+        Whether to measure the duty that was flown, for which kernels are compiled.
+
+    Raises
+    ------
+    ValueError
+        When there is no usable telemetry, or no description.
+    """
+    path = recorded.bag.path
+    if description is None and not recorded.descriptions:
+        reason = f"{path} has no description of actuator {recorded.actuator_id!r}: give one"
+        raise ValueError("; ".join(filter(None, (reason, recorded.bag.damage))))
+    settings = settings or TriggerSettings()
+    finder = WindowFinder(settings, description or recorded.descriptions[0])
+    latest = _LatestBlocks(recorded, settings.window_s)
+    first: Telemetry | None = None
+    blocks = samples = defects = 0
+    windows: list[RecordedWindow] = []
+    named_defects: list[Defect] = []
+    measurements, wrong = _recorded_measurements(recorded)
+    meter, flown, last_ns = None, list[tuple[int, FlownDuty]](), 0
+    if with_duty:
+        from ema_monitor.duty.meter import DutyMeter  # the compiler only for it
+
+        meter = DutyMeter()
+    for place, item in recorded.items():
+        if isinstance(item, ActuatorDescription):
+            events = finder.describe(item) if description is None else []
+        elif isinstance(item, Malformed):
+            events = finder.reject(item.stamp_ns, item.reason)
+        else:
+            first = first or item.part(0, 1)
+            blocks, samples = blocks + 1, samples + len(item)
+            latest.append(place, item)
+            last_ns = item.stamp_at(len(item) - 1)
+            if meter is not None and finder.description is not None:
+                age_s = measured_max_age_s
+                rise = measurements.winding_rise(recorded.actuator_id, item.stamp_ns, age_s)
+                meter.add(item, finder.description.parameters, rise)
+            events = finder.feed(item)
+            if on_block is not None:
+                on_block(item)
+        for event in events:
+            if isinstance(event, Segment):
+                windows.append(_recorded_window(event, latest))
+                if meter is not None:
+                    flown.append((event.window.end_ns, meter.take()))
+            else:
+                defects += 1
+                named_defects += [event] if defects <= _MOST_DEFECTS else []
+    windows += [
+        _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
+    ]
+    if meter is not None:
+        flown.append((last_ns, meter.take()))
+    truths = _recorded_truths(recorded)
+    for number, item in enumerate(windows):
+        measured = measurements.at(recorded.actuator_id, item.start_ns, measured_max_age_s)
+        windows[number] = replace(item, measured=measured)
+    first_ns = first.stamp_ns if first else 0
+    remarks = [
+        f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}"
+        for defect in named_defects
+    ]
+    if defects > _MOST_DEFECTS:
+        remarks.append(f"and {counted(defects - _MOST_DEFECTS, 'more defect')} of the telemetry")
+    if wrong:
+        said = counted(len(wrong), "impossible measurement")
+        remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
+    remarks += recorded.bag.remarks
+    if first is None or finder.description is None:
+        raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
+    return BagWindows(
+        finder.description,
+        first_ns,
+        first.sample_period,
+        blocks,
+        samples,
+        windows,
+        remarks,
+        finder.longest_motion_s,
+        finder.has_rested,
+        truths,
+        flown,
+    )
+
+
+def _recorded_window(found: Segment, latest: _LatestBlocks) -> RecordedWindow:
+    window = found.window
+    is_whole = isinstance(window, Window)
+    return RecordedWindow(
+        found.number,
+        found.description,
+        window.start_ns,
+        window.end_ns,
+        window.play if is_whole else None,
+        latest.place_of(window) if is_whole else window,
+    )
+
+
+def _recorded_measurements(recorded: RecordedTelemetry) -> tuple[MeasurementLog, list[str]]:
+    """Return what was measured of the actuator, and what is wrong with other messages of it."""
+    log, wrong = MeasurementLog(), []
+    for item in recorded.bag.messages(recorded.bag.topics_of(MEASURED_TYPE)):
+        if item.message.actuator_id == recorded.actuator_id:
+            try:
+                log.add(recorded.actuator_id, *measured_from_message(item.message))
+            except ValueError as error:
+                wrong.append(str(error))
+    return log, wrong
+
+
+def _recorded_truths(recorded: RecordedTelemetry) -> list[StampedFaults]:
+    bag, truths = recorded.bag, []
+    for place, item in bag.placed_messages(bag.topics_of(TRUE_FAULTS_TYPE)):
+        if item.message.actuator_id == recorded.actuator_id:
+            try:
+                truths.append(stamped_faults_from_message(item.message))
+            except ValueError as error:
+                bag.note_malformed(item.topic, place, str(error))
+    return truths
+
+
+def truth_at(truths: Sequence[StampedFaults], start_ns: int) -> StampedFaults | None:
+    """Return the true faults of the test cycle that runs at a time; None before the first."""
+    before = bisect_right(truths, start_ns, key=lambda truth: truth.stamp_ns)
+    return truths[before - 1] if before else None

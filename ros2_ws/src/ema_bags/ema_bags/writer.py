@@ -1,0 +1,476 @@
+"""Writes recordings as rosbag2 does, in MCAP."""
+
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+
+from ema_bags.bag_file import BagFile, RecordedType
+from ema_bags.gaps import Gap
+from ema_bags.message_type import type_hash, type_name
+from ema_bags.metadata import (
+    METADATA_FILE,
+    FileInformation,
+    TopicInformation,
+    bag_information,
+    write_metadata,
+)
+from ema_bags.qos import offered_qos, offered_qos_profiles
+from ema_bags.schema import schema_text, trimmer
+from ema_core.steady_thread import SteadyThread
+from ema_interfaces.msg import ActuatorDescription, Usage
+
+_WRITE_BYTES: Final = 64 * 1024
+_MOST_WAITING: Final = 16 * 1024 * 1024
+_DESCRIBING: Final = (ActuatorDescription, Usage)
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """A topic that is written; ``says_state``: its latest message holds until the next one."""
+
+    message_class: Any
+    recorded: RecordedType
+    says_state: bool
+    trim: Callable[[bytes], bytes]
+
+
+class BagWriter(AbstractContextManager["BagWriter", None]):
+    """A recording that is being written.
+
+    Messages are gathered in chunks. A chunk goes to the operating system when it is full, and
+    after ``flush_s`` of wall time at the latest, whether or not messages arrive: a process that is
+    killed loses what it wrote in the last ``flush_s`` seconds, and the file can be read up to
+    there. (When the machine itself loses power, more may be lost.) Any thread may write.
+
+    With ``waits_for_room`` a disk that is full or fails ends nothing: what cannot be written waits
+    in memory, 16 MiB of it, what comes beyond that is counted and lost, and all goes on in the same
+    file when there is room. The metadata of the file tell of the gap.
+
+    A folder may have several files. Each begins with the latest message of each topic that is
+    latched, or describes an actuator, so that it can be read alone. The metadata of a folder list
+    the files that are closed.
+
+    Parameters
+    ----------
+    path
+        Where to record: a name ending in ``.mcap`` makes this one file, any other name a folder
+        with a file and ``metadata.yaml``. Missing parent folders are made.
+    chunk_bytes
+        Size at which a chunk is full, before compression [B].
+    flush_s
+        Longest time that a message waits to be written [s].
+    max_bytes
+        Size from which on the next file is begun [B]; 0: whatever it is. A file becomes larger by
+        at most a chunk and its index.
+    max_duration_s
+        Recorded time after which the next file is begun [s]; 0: never.
+    overwrite
+        Whether a recording that is there already is replaced.
+    waits_for_room
+        Whether to wait where the recording cannot be written, instead of giving up.
+    on_failure
+        Called as by ``SteadyThread`` when the thread that writes by time has ended by itself.
+
+    Attributes
+    ----------
+    custom_data
+        Texts by name for the ``custom_data`` of its metadata, written when a file is closed.
+    failure
+        Why the recording cannot be written; None as long as it can. It is known here before the
+        next message is refused for it. Of one that waits for room it goes again.
+    flusher
+        The thread that writes by time.
+    gaps
+        What was received and could not be recorded, the last one open while ``failure`` is set, and
+        what :meth:`note_gap` told of.
+
+    Raises
+    ------
+    FileExistsError
+        When the target is there already and is not to be replaced, or is no recording.
+    ValueError
+        When a setting is impossible.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        chunk_bytes: int = 128 * 1024,
+        flush_s: float = 0.5,
+        max_bytes: int = 0,
+        max_duration_s: float = 0.0,
+        overwrite: bool = False,
+        waits_for_room: bool = False,
+        on_failure: Callable[[str, str], object] = lambda failure, trace: None,
+    ) -> None:
+        if not 0.0 < flush_s < float("inf"):
+            raise ValueError(f"flush_s = {flush_s!r} s: expected a positive number of seconds")
+        self.path = Path(path)
+        self._folder = None if self.path.suffix == ".mcap" else self.path
+        self._chunk_bytes = chunk_bytes
+        self._max_bytes, self._max_duration_s = max_bytes, max_duration_s
+        if max_bytes or max_duration_s:
+            self._require_folder()
+        _clear(self.path, overwrite)
+        (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
+        self.custom_data: dict[str, str] = {}
+        self._topics: dict[str, _Topic] = {}
+        # The latest message of each topic and actuator that says how things stand.
+        self._states: dict[tuple[str, str], tuple[bytes, int]] = {}
+        self._ended: list[FileInformation] = []
+        # Files that have ended and are not on the disk yet, and the metadata of the folder.
+        self._unwritten: list[BagFile] = []
+        self._metadata: dict[str, Any] | None = None
+        self._number = 0
+        self._file = self._next_file()
+        self._is_closed = False
+        self._waits_for_room = waits_for_room
+        self.failure: OSError | None = None
+        self.gaps: list[Gap] = []
+        self._gap: Gap | None = None
+        self._told = 0
+        self._flush_s = flush_s / 2
+        self._flushed_s = time.monotonic()
+        self._lock = threading.Lock()
+        self.flusher = SteadyThread("bag flusher", self._keep_flushing, on_failure)
+        self.flusher.start()
+
+    @property
+    def file_path(self) -> Path:
+        """The file that is written."""
+        return self._file.path
+
+    @property
+    def waiting(self) -> int:
+        """How much waits to be written, without the chunk that is being gathered [B]."""
+        return self._file.waiting + sum(file.waiting for file in self._unwritten)
+
+    def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
+        """Add a topic; it must be added before it is written.
+
+        Parameters
+        ----------
+        qos
+            What its publisher offers.
+
+        Raises
+        ------
+        ValueError
+            When the topic was added before, or the type is not installed.
+        """
+        name = type_name(message_class)
+        information = TopicInformation(topic, name, type_hash(name), offered_qos(qos))
+        recorded = RecordedType(information, schema_text(name), offered_qos_profiles(qos))
+        is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        says_state = is_latched or issubclass(message_class, _DESCRIBING)
+        added = _Topic(message_class, recorded, says_state, trimmer(name))
+        with self._writing():
+            if topic in self._topics:
+                raise ValueError(f"topic {topic} was added before")
+            self._file.add_topic(recorded)
+            self._topics[topic] = added
+
+    def write(
+        self, topic: str, message: Any, log_time_ns: int, publish_time_ns: int | None = None
+    ) -> None:
+        """Write a message.
+
+        Parameters
+        ----------
+        log_time_ns
+            When the message was received [ns].
+        publish_time_ns
+            When it was sent [ns]; the log time where that is not known.
+
+        Raises
+        ------
+        ValueError
+            When the topic was not added, the message is of another type, a time is out of range
+            or the recording is closed.
+        OSError
+            When the recording could not be written, now or before.
+        """
+        expected = self._topic(topic).message_class
+        if not isinstance(message, expected):
+            raise ValueError(
+                f"topic {topic} holds {type_name(expected)}, not {type(message).__name__}"
+            )
+        self.write_serialized(topic, serialize_message(message), log_time_ns, publish_time_ns)
+
+    def write_serialized(
+        self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None
+    ) -> bool:
+        """Write a message that is serialised already, as a raw subscription gives it.
+
+        Parameters and errors as for :meth:`write`.
+
+        Returns
+        -------
+        bool
+            Whether it is, or will be, recorded; always, but while there is no room.
+        """
+        if publish_time_ns is None:
+            publish_time_ns = log_time_ns
+        for name, value in (("log_time_ns", log_time_ns), ("publish_time_ns", publish_time_ns)):
+            if not 0 <= value < 2**63:
+                raise ValueError(f"{name} = {value!r} ns on topic {topic} is outside [0, 2^63) ns")
+        data = self._topic(topic).trim(data)
+        with self._writing():
+            if self.failure and self.waiting > _MOST_WAITING:
+                if self._gap is None:
+                    self._gap = Gap(str(self.failure), log_time_ns, log_time_ns)
+                    self.gaps.append(self._gap)
+                self._gap.add(log_time_ns)
+                self._note_state(topic, data, publish_time_ns)
+                return False
+            if self._is_full(log_time_ns) and not self.failure:
+                with self._trying():
+                    self._begin_next(log_time_ns)
+            self._write(topic, data, log_time_ns, publish_time_ns)
+            self._note_state(topic, data, publish_time_ns)
+            if self._file.waiting >= _WRITE_BYTES:
+                with self._trying():
+                    self._file.write_waiting()
+            # The thread that flushes may get no processor while messages keep coming.
+            if time.monotonic() - self._flushed_s >= self._flush_s:
+                self._flush()
+        return True
+
+    def note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
+        """Take a serialised message that is not written for how things stand from now on.
+
+        The next file begins with it if its topic is latched, or describes an actuator.
+        """
+        self._topic(topic)
+        with self._writing():
+            self._note_state(topic, data, publish_time_ns)
+
+    def note_gap(self, gap: Gap) -> None:
+        """Tell of messages that did not come here.
+
+        Raises
+        ------
+        ValueError, OSError
+            As of :meth:`write`.
+        """
+        with self._writing():
+            self.gaps.insert(len(self.gaps) - (self._gap is not None), gap)
+            self._tell(gap)
+
+    def begin_next_file(self, log_time_ns: int) -> None:
+        """Begin the next file, unless nothing has been written to this one.
+
+        Parameters
+        ----------
+        log_time_ns
+            Log time of the messages that say how things stand, with which it begins [ns].
+
+        Raises
+        ------
+        ValueError, OSError
+            As for :meth:`write`; ValueError also when the recording is one file.
+        """
+        with self._writing():
+            self._require_folder()
+            self._begin_next(log_time_ns)
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system.
+
+        Raises
+        ------
+        OSError
+            When that could not be written, of a recording that does not wait for room.
+        """
+        with self._writing():
+            self._flush()
+
+    def close(self) -> None:
+        """Write index and metadata and close; a closed recording stays as it is.
+
+        Raises
+        ------
+        OSError
+            When the recording could not be written, now or before.
+        """
+        self.flusher.end()
+        with self._lock:
+            if self._is_closed:
+                return
+            self._is_closed = True
+            try:
+                if self.failure and not self._waits_for_room:
+                    raise self.failure
+                self._end_gap()
+                self._end_file()
+                self._write_ended()
+            except OSError:
+                for file in (*self._unwritten, self._file):
+                    file.abandon()
+                raise
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _topic(self, topic: str) -> _Topic:
+        if topic not in self._topics:
+            known = ", ".join(self._topics) or "none"
+            raise ValueError(f"topic {topic!r} was not added to the recording; added: {known}")
+        return self._topics[topic]
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Let one thread at a time write, until the recording is closed or fails for good."""
+        with self._lock:
+            if self.failure and not self._waits_for_room:
+                raise self.failure
+            if self._is_closed:
+                raise ValueError(f"the recording {self.path} is closed")
+            with self._trying():
+                yield
+
+    @contextmanager
+    def _trying(self) -> Iterator[None]:
+        """Note a failure; it is raised where the recording does not wait for room."""
+        try:
+            yield
+        except OSError as error:
+            self.failure = error
+            if not self._waits_for_room:
+                raise
+
+    def _require_folder(self) -> None:
+        if self._folder is None:
+            raise ValueError(
+                f"{self.path} is one file: expected a folder (a name that does not end in .mcap) "
+                "for a recording in several files"
+            )
+
+    def _next_file(self) -> BagFile:
+        """Make the next file, with its first bytes on the disk."""
+        path = self.path
+        if self._folder is not None:
+            path = self._folder / f"{self._folder.name}_{self._number}.mcap"
+        file = BagFile(path, self._chunk_bytes)
+        try:
+            file.flush()
+        except OSError:
+            file.abandon()
+            path.unlink(missing_ok=True)
+            raise
+        self._number += 1
+        return file
+
+    def _is_full(self, log_time_ns: int) -> bool:
+        information = self._file.information
+        if not information.count:
+            return False
+        age_s = (log_time_ns - information.start_ns) / 1e9
+        is_large = self._max_bytes and self._file.size >= self._max_bytes
+        return bool(is_large or (self._max_duration_s and age_s >= self._max_duration_s))
+
+    def _begin_next(self, log_time_ns: int) -> None:
+        """Begin the next file; if there is no room for it, this one goes on."""
+        if self._file.information.count:
+            following = self._next_file()
+            self._end_file()
+            self._file = following
+            for topic in self._topics.values():
+                following.add_topic(topic.recorded)
+        for (topic, _), (data, publish_time_ns) in self._states.items():
+            self._write(topic, data, log_time_ns, publish_time_ns)
+        self._write_ended()
+
+    def _write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+        information = self._topics[topic].recorded.information
+        self._file.write(topic, data, log_time_ns, publish_time_ns, information.count)
+        information.count += 1
+
+    def _note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
+        """Take a message for the latest of its topic and actuator."""
+        written, actuator = self._topics[topic], ""
+        if self._folder is None or not written.says_state:
+            return
+        if "actuator_id" in written.message_class.get_fields_and_field_types():
+            try:
+                message: Any = deserialize_message(data, written.message_class)
+            except Exception:  # whatever the middleware makes of what is no message
+                return
+            actuator = message.actuator_id
+        self._states.pop((topic, actuator), None)  # it becomes the last one
+        self._states[topic, actuator] = data, publish_time_ns
+
+    def _end_file(self) -> None:
+        """End the file; what is left of it waits to be written."""
+        topics = [topic.recorded.information for topic in self._topics.values()]
+        self._ended.append(self._file.information)
+        self._metadata = bag_information(self._ended, topics, self.custom_data)
+        self._file.finish(self._metadata)
+        self._unwritten.append(self._file)
+
+    def _write_ended(self) -> None:
+        """Write what waits of the files that have ended, and the metadata of the folder."""
+        while self._unwritten:
+            self._unwritten[0].close()
+            del self._unwritten[0]
+        if self._folder is not None and self._metadata is not None:
+            write_metadata(self._folder, self._metadata)
+        self._metadata = None
+
+    def _flush(self) -> None:
+        """Hand everything to the operating system, and note that there is room again."""
+        self._flushed_s = time.monotonic()
+        self._write_ended()
+        self._file.flush()
+        if self.failure:
+            self.failure = None
+            self._end_gap()
+            self._file.flush()
+
+    def _end_gap(self) -> None:
+        """Tell of the gap that has just ended, if there is one."""
+        gap, self._gap = self._gap, None
+        if gap is not None:
+            self._tell(gap)
+
+    def _tell(self, gap: Gap) -> None:
+        """Write of a gap to the file, and to the metadata of the recording."""
+        self._file.note_gap(gap)
+        self._told += 1
+        self.custom_data[f"gap {self._told}"] = str(gap)
+
+    def _keep_flushing(self) -> None:
+        # The library itself ends a chunk by size only.
+        while not self.flusher.ending.wait(self._flush_s):
+            try:
+                self.flush()
+            except OSError:  # the next call of write or close raises it
+                self.flusher.ending.set()
+
+
+def _clear(path: Path, overwrite: bool) -> None:
+    """Remove a recording from a path, if that is allowed; raise if anything else is there."""
+    if not path.exists():
+        return
+    if not overwrite:
+        raise FileExistsError(f"{path} is there already")
+    is_file = path.suffix == ".mcap"
+    if is_file and path.is_file():
+        path.unlink()
+    elif (
+        not is_file
+        and path.is_dir()
+        and all(item.suffix == ".mcap" or item.name == METADATA_FILE for item in path.iterdir())
+    ):
+        shutil.rmtree(path)
+    else:
+        raise FileExistsError(f"{path} is not a recording alone: it is not replaced")

@@ -1,0 +1,228 @@
+"""The hub: topics as channels of Foxglove's protocol, their latest messages, and who looks at them.
+
+Nodes of the graph publish into it from any thread; clients live in its event loop.
+"""
+
+import asyncio
+import struct
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from ema_bags.message_type import type_name
+from ema_bags.schema import schema_text
+from ema_dashboard.known_topics import KnownTopic
+
+if TYPE_CHECKING:
+    from ema_dashboard.client import Client
+
+_NAME: Final = "EMA health monitor"
+_MOST_KEPT: Final = 1000
+_NS_PER_S: Final = 1_000_000_000
+
+
+class KeptMessage(NamedTuple):
+    """A message for clients to come, or what makes it; its times [ns]."""
+
+    data: bytes | Callable[[], bytes]
+    log_time_ns: int
+    stamp_ns: int
+
+
+@dataclass
+class Totals:
+    """What all clients together were sent since the dashboard came up."""
+
+    messages: int = 0
+    sent_bytes: int = 0
+    dropped: int = 0
+    refused: int = 0
+
+
+@dataclass
+class _Channel:
+    advertisement: dict[str, Any]
+    kept: dict[str, KeptMessage] = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        return self.advertisement["id"]
+
+
+class Hub:
+    """Channels by topic, what is kept of each, and the clients.
+
+    Attributes
+    ----------
+    loop
+        Event loop of the clients.
+    clients
+        Those that are connected; changed in the loop alone.
+    playback_range
+        First and last time of a playback that clients can control [ns]; None without one.
+    totals
+        What was sent and refused.
+    """
+
+    def __init__(self) -> None:
+        self.loop = asyncio.new_event_loop()
+        self.clients: set[Client] = set()
+        self.playback_range: tuple[int, int] | None = None
+        self.totals = Totals()
+        self._lock = threading.Lock()
+        self._channels: dict[str, _Channel] = {}
+        self._session = time.time_ns()
+
+    def __len__(self) -> int:
+        return len(self._channels)
+
+    def __contains__(self, topic: str) -> bool:
+        return topic in self._channels
+
+    def add(self, topic: KnownTopic) -> None:
+        """Offer a topic to clients."""
+        name = type_name(topic.message_class)
+        channel = _Channel(
+            {
+                "id": len(self._channels) + 1,
+                "topic": topic.name,
+                "encoding": "cdr",
+                "schemaName": name,
+                "schemaEncoding": "ros2msg",
+                "schema": schema_text(name),
+            }
+        )
+        with self._lock:
+            self._channels[topic.name] = channel
+        self.in_loop(self._tell_all, _advertise([channel]))
+
+    def has_clients(self, topic: str) -> bool:
+        """Return whether a client looks at a topic; any thread may ask."""
+        channel = self._channels.get(topic)
+        return channel is not None and any(
+            channel.number in client.subscriptions for client in tuple(self.clients)
+        )
+
+    def publish(self, topic: str, data: bytes, log_time_ns: int) -> None:
+        """Send a message to the clients of a topic; any thread may call this."""
+        # Whoever subscribes from now on gets what is kept.
+        if self.has_clients(topic):
+            self.in_loop(self._send, self._channels[topic].number, data, log_time_ns)
+
+    def keep(
+        self,
+        topic: str,
+        key: str,
+        data: bytes | Callable[[], bytes],
+        log_time_ns: int,
+        stamp_ns: int = 0,
+    ) -> None:
+        """Keep a message for clients to come, instead of the one with the same key.
+
+        Parameters
+        ----------
+        data
+            The message, or what makes it when it is needed, in any thread.
+        stamp_ns
+            The time that it is about [ns].
+        """
+        with self._lock:
+            kept = self._channels[topic].kept
+            kept.pop(key, None)
+            kept[key] = KeptMessage(data, log_time_ns, stamp_ns)
+            if len(kept) > _MOST_KEPT:
+                del kept[next(iter(kept))]
+
+    def forget(self, topic: str, stamp_ns: int) -> None:
+        """Drop what is kept of a topic and stamped later than a time [ns]."""
+        with self._lock:
+            kept = self._channels[topic].kept
+            for key in [key for key, item in kept.items() if item.stamp_ns > stamp_ns]:
+                del kept[key]
+
+    def kept(self, number: int) -> dict[str, KeptMessage] | None:
+        """Return what is kept of a channel now, by its keys; None when there is no such channel."""
+        with self._lock:
+            for channel in self._channels.values():
+                if channel.number == number:
+                    return dict(channel.kept)
+        return None
+
+    def offer_playback(self, playback_range: tuple[int, int] | None) -> None:
+        """Offer the control of a playback, or no more; clients are disconnected.
+
+        What a server offers it tells at the start of a connection.
+        """
+        self.playback_range = playback_range
+        self._session = time.time_ns()
+        self.in_loop(self.end_all, 1012, b"the dashboard has changed what it serves")
+
+    def statistics(self) -> tuple[int, int]:
+        """Return how many messages were dropped, and how much waits for clients [B]."""
+        clients = tuple(self.clients)
+        dropped = self.totals.dropped + sum(client.dropped for client in clients)
+        return dropped, sum(client.waiting_bytes for client in clients)
+
+    def tell_playback(self, frame: bytes) -> None:
+        """Tell all clients how a playback stands."""
+        if self.playback_range is not None:
+            self.in_loop(self._send_all, frame)
+
+    def join(self, client: "Client") -> None:
+        """Take a client that has come, and tell it what there is; in the loop."""
+        information: dict[str, Any] = {
+            "op": "serverInfo",
+            "name": _NAME,
+            "capabilities": [],
+            "supportedEncodings": ["cdr"],
+            "metadata": {},
+            "sessionId": str(self._session),
+        }
+        if self.playback_range is not None:
+            start, end = self.playback_range
+            information["capabilities"] = ["playbackControl"]
+            information |= {"dataStartTime": _time(start), "dataEndTime": _time(end)}
+        client.tell(information)
+        client.tell(_advertise(list(self._channels.values())))
+        self.clients.add(client)
+
+    def end_all(self, code: int, words: bytes) -> None:
+        """Close the connections of all clients; in the loop."""
+        for client in tuple(self.clients):
+            client.end(code, words)
+
+    def in_loop(self, call: Callable[..., object], *arguments: Any) -> None:
+        """Call something in the event loop; any thread may ask for it."""
+        with suppress(RuntimeError):  # the dashboard ends
+            self.loop.call_soon_threadsafe(call, *arguments)
+
+    def _send(self, number: int, data: bytes, log_time_ns: int) -> None:
+        for client in self.clients:
+            subscription = client.subscriptions.get(number)
+            if subscription is not None:
+                client.take(message_frame(subscription, log_time_ns, data), droppable=True)
+
+    def _send_all(self, frame: bytes) -> None:
+        for client in self.clients:
+            client.take(frame, droppable=False)
+
+    def _tell_all(self, content: dict[str, Any]) -> None:
+        for client in self.clients:
+            client.tell(content)
+
+
+def message_frame(subscription: int, log_time_ns: int, data: bytes) -> bytes:
+    """Return a message of a topic as the protocol has it."""
+    return struct.pack("<BIQ", 1, subscription, log_time_ns) + data
+
+
+def _advertise(channels: list[_Channel]) -> dict[str, Any]:
+    return {"op": "advertise", "channels": [channel.advertisement for channel in channels]}
+
+
+def _time(time_ns: int) -> dict[str, int]:
+    seconds, nanoseconds = divmod(time_ns, _NS_PER_S)
+    return {"sec": seconds, "nsec": nanoseconds}
