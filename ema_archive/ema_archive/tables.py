@@ -199,7 +199,7 @@ def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
         "severity": health.severity,
         "confidence": float(health.confidence),
         "dominant_fault": outlook.dominant,
-        "events": [asdict(event) for event in outlook.happened],
+        "events": [asdict(event) for event in outlook.events],
         "reason": health.reason,
         "calibration_id": calibration_id,
     }

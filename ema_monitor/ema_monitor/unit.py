@@ -23,7 +23,16 @@ from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, outlook_of, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.prognosis.unit_event import CALIBRATION, RESTART, UnitEvent
+from ema_monitor.prognosis.unit_event import (
+    CALIBRATION,
+    GAP,
+    HISTORY,
+    OTHER,
+    RESTART,
+    SERVICE_HOURS,
+    Finding,
+    UnitEvent,
+)
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
@@ -78,7 +87,7 @@ class Unit:
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
         self._kept_tests = self.growth.kept_tests
-        self._events = tuple(filter(None, (history.problem,)))
+        self._findings = [Finding(HISTORY, history.problem)] if history.problem else []
         self._ignores_usage = False
         # Stamp of a test [ns], and the hour of the first of those up to it that were all ERROR [h].
         self._failed_before = -1, math.nan
@@ -125,14 +134,14 @@ class Unit:
                 return None
             if self.history.holds_valid(estimate.end_ns):
                 again = "a test that is in the history already came again and changes nothing"
-                self._events = (*self._events, again)
+                self._findings.append(Finding(OTHER, again))
             else:
                 cycles = self.history.unused_cycles + is_new
                 flown = together(self.history.unused_duty, flown)
                 entry, ignored = self._entry(estimate, cycles, count, flown)
-                events = [*ignored, *self._oddities(entry), *self._grow(entry)]
+                findings = [*ignored, *self._oddities(entry), *self._grow(entry)]
                 self.history.append(entry)
-                self._events = (*self._events, *events)
+                self._findings += findings
             return self._outlook_with_events(parameters)
 
     def follow(
@@ -289,8 +298,8 @@ class Unit:
             settings.damage,
         )
 
-    def _grow(self, entry: Entry) -> list[str]:
-        """Add a test to what is known of growth; return its events, in words."""
+    def _grow(self, entry: Entry) -> list[Finding]:
+        """Add a test to what is known of growth; return what it reveals."""
         try:
             return self.growth.add(entry)
         except Exception:
@@ -317,14 +326,14 @@ class Unit:
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
         outlook = self._outlook(parameters)
-        # Each event is published once.
-        self._events = ()
         before = self._assessment_before(outlook)
-        assessment = assessment_of(outlook, before, self._own_events(outlook))
+        assessment = assessment_of(outlook, before, self._findings, self._own_events(outlook))
+        # Each is published once.
+        self._findings = []
         self.history.assess(assessment)
         known = before.events if before else ()
         new = tuple(event for event in assessment.events if event not in known)
-        return replace(outlook, happened=new)
+        return replace(outlook, events=new)
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
         requirements = "requirements cannot be monitored without a calibration of a known drive"
@@ -334,7 +343,6 @@ class Unit:
         return replace(
             outlook,
             assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
-            events=self._events,
             failed_since=self._failed_since(outlook),
         )
 
@@ -366,7 +374,7 @@ class Unit:
         return next((one for one in found if one is not None), None)
 
     def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
-        """Return the events that no outlook has: a restart, and another calibration."""
+        """Return the events that no test reveals: a restart, and another calibration."""
         events, entries = [], self.history.entries
         if self._restarted:
             opened_ns, tests = self._restarted
@@ -376,7 +384,7 @@ class Unit:
         if len(entries) > 1 and outlook.stamp_ns not in self.history.assessments:
             old, new = (one.estimate.calibration_id for one in entries[-2:])
             if old != new:
-                text = f"calibration {new} instead of {old}"
+                text = f"{new} instead of {old}"
                 events.append(UnitEvent(outlook.stamp_ns, outlook.hours, CALIBRATION, text))
         return events
 
@@ -386,8 +394,8 @@ class Unit:
         new_cycles: int,
         count: Count | None,
         flown: FlownDuty | None,
-    ) -> tuple[Entry, list[str]]:
-        """Return a test as it is kept, and an event when the first count is ignored."""
+    ) -> tuple[Entry, list[Finding]]:
+        """Return a test as it is kept, and a finding when the first count is ignored."""
         latest = self.growth.service.latest
         hours_per_cycle = self._settings.service.hours_per_cycle
         cycles = new_cycles + (latest.cycles if latest else 0)
@@ -397,10 +405,11 @@ class Unit:
             if count is None or self._ignores_usage:
                 return entry, []
             self._ignores_usage = True
-            return entry, [
+            text = (
                 f"usage is ignored, {count.hours:g} h: "
                 f"hours_per_cycle = {hours_per_cycle:g} h is set"
-            ]
+            )
+            return entry, [Finding(SERVICE_HOURS, text)]
         before = latest.count if latest else None
         # After a restart, the latest count may be in the history alone.
         read = [item for item in (count, before) if item and item.stamp_ns <= estimate.end_ns]
@@ -409,16 +418,16 @@ class Unit:
             cycles = newest.cycles or cycles
         return Entry(estimate, math.nan, cycles, newest, flown), []
 
-    def _oddities(self, entry: Entry) -> list[str]:
-        """Return what is odd about the stamp and cycle of a test after the latest one, in words."""
+    def _oddities(self, entry: Entry) -> list[Finding]:
+        """Return what is odd about the stamp and cycle of a test after the latest one."""
         latest = self.growth.service.latest
         if latest is None:
             return []
         oddities = []
         if (missed := entry.cycles - latest.cycles - 1) > 0:
-            oddities.append(f"missed tests: {missed} without a valid estimate before this one")
+            text = f"{counted(missed, 'test')} without a valid estimate before this one"
+            oddities.append(Finding(GAP, text))
         if (back_ns := latest.stamp_ns - entry.stamp_ns) > 0:
-            oddities.append(
-                f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
-            )
+            text = f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
+            oddities.append(Finding(OTHER, text))
         return oddities

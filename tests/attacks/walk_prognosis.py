@@ -62,12 +62,12 @@ class Prognosis(Walk):
             return
         self.outlook = outlook
         assert outlook.health.level in (0, 1, 2, 3)
-        words = " ".join(outlook.events)
+        words = " ".join(map(str, outlook.events))
         self.reach("a repair was found", when="repair:" in words)
         self.reach("a step was found", when="step:" in words)
         self.reach("an outlier was found", when="outlier:" in words)
         self.reach("a count was revoked", when="not confirmed" in words)
-        self.reach("a count was confirmed after a jump", when="service hours set" in words)
+        self.reach("a count was confirmed after a jump", when="service hours: set" in words)
         self.reach("hours are unknown", when=math.isnan(outlook.hours))
         self.prognostics.write()
 
@@ -191,4 +191,4 @@ class Prognosis(Walk):
 
 def _said(outlook: Outlook | None) -> str:
     """Return everything in an outlook but its events, each figure to its last digit."""
-    return repr(outlook and replace(outlook, events=(), happened=()))
+    return repr(outlook and replace(outlook, events=()))

@@ -18,7 +18,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.prognosis.unit_event import UnitEvent, kind_and_text
+from ema_monitor.prognosis.unit_event import UnitEvent
 from ema_monitor.unit import Unit
 
 from .kept_histories import UNIT, entry
@@ -125,31 +125,15 @@ def test_fault_restart_and_calibration_are_events_once(path: Path):
     other = replace(made_test(5, friction=0.3), calibration_id="another")
     unit.update(other, None, SETTINGS)
     [changed] = [text for _, kind, text in kinds(unit) if kind == "calibration"]
-    assert changed == "calibration another instead of some-calibration"
-
-
-@pytest.mark.parametrize(
-    ("words", "kind", "text"),
-    [
-        ("repair: friction from 0.3 to 0.1", "repair", "friction from 0.3 to 0.1"),
-        ("outlier: friction is 0.3", "outlier", "friction is 0.3"),
-        ("missed tests: 2 without a valid estimate before this one", "gap", None),
-        ("service hours set from 3 h to 1 h", "service hours", None),
-        ("usage is ignored, 3 h: hours_per_cycle = 10 h is set", "service hours", None),
-        ("the history x is set aside as y", "history", None),
-        ("a test that is in the history already came again and changes nothing", "other", None),
-    ],
-)
-def test_events_have_kinds(words: str, kind: str, text: str | None):
-    assert kind_and_text(words) == (kind, text or words)
+    assert changed == "another instead of some-calibration"
 
 
 def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):
     unit, outlook = lived(path, [0.02, 0.02, 0.3])
     found = unit.history.assessments[outlook.stamp_ns]
-    assert outlook.happened == found.events
+    assert outlook.events == found.events
     assert [event.kind for event in found.events] == ["outlier", "fault"]
     again = unit.resume(None, SETTINGS)  # as when the requirements have been fitted
     assert again is not None
-    assert again.happened == ()
+    assert again.events == ()
     assert unit.history.assessments[outlook.stamp_ns].events == found.events

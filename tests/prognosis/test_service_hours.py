@@ -9,6 +9,7 @@ import pytest
 
 from ema_monitor.prognosis.history_entry import Count, Entry
 from ema_monitor.prognosis.service import ServiceHours
+from ema_monitor.prognosis.unit_event import SERVICE_HOURS, Finding
 
 from .made_tests import made_test
 
@@ -30,7 +31,7 @@ def by_cycles(number: int, hours: float) -> Entry:
     return Entry(made_test(number, friction=0.1), hours, number + 1)
 
 
-def added(entries: Iterable[Entry]) -> tuple[ServiceHours, list[str]]:
+def added(entries: Iterable[Entry]) -> tuple[ServiceHours, list[Finding]]:
     service = ServiceHours()
     return service, [event for entry in entries for event in service.add(entry)]
 
@@ -91,10 +92,10 @@ def test_one_wrong_count_costs_nothing_but_a_wait(wrong: float):
     )
     assert math.isnan(service.hours)
     assert len(service.used) == 8
-    [event] = service.add(entries[9])
-    assert event == (
-        f"service hours {wrong:g} h at test 9 not confirmed by the next count, 90 h: interpolated "
-        "instead"
+    [finding] = service.add(entries[9])
+    assert finding.kind == SERVICE_HOURS
+    assert finding.text == (
+        f"{wrong:g} h at test 9 not confirmed by the next count, 90 h: interpolated instead"
     )
     assert service.add(entries[10]) == []
     assert [test.hours for test in service.used] == pytest.approx([10.0 * n for n in range(11)])
@@ -103,7 +104,7 @@ def test_one_wrong_count_costs_nothing_but_a_wait(wrong: float):
 def test_long_pause_is_used_when_the_next_count_confirms_it():
     counts = [0.0, 10.0, 20.0, 30.0, 5000.0, 5010.0, 5020.0]
     service, events = added(counted_at(counts))
-    assert events == ["service hours set from 30 h to 5010 h"]
+    assert [text for _, text in events] == ["set from 30 h to 5010 h"]
     assert [test.hours for test in service.used] == counts
 
 
@@ -118,7 +119,7 @@ def test_tests_without_a_new_count_while_one_is_held_are_interpolated():
 
 def test_count_that_agrees_with_neither_takes_the_place_of_the_one_held():
     service, events = added(counted_at([0.0, 10.0, 20.0, 30.0, 5000.0, 900.0, 910.0]))
-    assert events == ["service hours set from 30 h to 910 h"]
+    assert [text for _, text in events] == ["set from 30 h to 910 h"]
     assert [test.hours for test in service.used] == pytest.approx(
         [0.0, 10.0, 20.0, 30.0, 465.0, 900.0, 910.0]
     )
@@ -126,16 +127,18 @@ def test_count_that_agrees_with_neither_takes_the_place_of_the_one_held():
 
 def test_count_that_began_anew_leaves_out_the_tests_at_more_hours():
     service, events = added(counted_at([10.0, 20.0, 30.0, 40.0, 0.0, 5.0, 15.0]))
-    assert events == ["service hours set from 40 h to 5 h: the 4 tests at more than 0 h left out"]
+    assert [text for _, text in events] == [
+        "set from 40 h to 5 h: the 4 tests at more than 0 h left out"
+    ]
     assert [test.hours for test in service.used] == [0.0, 5.0, 15.0]
 
 
 def test_several_wrong_counts_that_agree_are_left_out_when_two_others_do():
     counts = [*(10.0 * n for n in range(6)), 7000.0, 7010.0, 80.0, 90.0, 100.0]
     service, events = added(counted_at(counts))
-    assert events == [
-        "service hours set from 50 h to 7010 h",
-        "service hours set from 7010 h to 90 h: the 2 tests at more than 80 h left out",
+    assert [text for _, text in events] == [
+        "set from 50 h to 7010 h",
+        "set from 7010 h to 90 h: the 2 tests at more than 80 h left out",
     ]
     assert [test.hours for test in service.used] == [*counts[:6], 80.0, 90.0, 100.0]
 
@@ -195,8 +198,7 @@ def test_tests_at_hours_by_cycles_are_left_out_once_hours_are_counted():
     entries = counted_at([STALE] * 3 + [500.0, 510.0])
     guessed = [by_cycles(number, 10.0 * number) for number in range(3)]
     service, events = added([*guessed, *entries[3:]])
-    assert events == [
-        "service hours are counted from now on: the 3 tests before, at hours by hours_per_cycle, "
-        "left out"
+    assert [text for _, text in events] == [
+        "counted from now on: the 3 tests before, at hours by hours_per_cycle, left out"
     ]
     assert [test.hours for test in service.used] == [500.0, 510.0]

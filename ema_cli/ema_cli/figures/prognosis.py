@@ -28,6 +28,7 @@ from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
 from ema_monitor.prognosis.sentences import label_of, removal_in_words, shown_in
+from ema_monitor.prognosis.unit_event import FAULT, GAP
 
 ALPHA: Final = 0.2
 """Half width of the cone about the true remaining life, relative to it [-]."""
@@ -228,14 +229,14 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
         (x, event)
         for x, outlook in zip(place, course.outlooks, strict=True)
         for event in (outlook.events if np.isfinite(x) else ())
-        # Where tests are missing, no points are.
-        if not event.startswith("missed tests")
+        # Where tests are missing, no points are; limits show faults.
+        if event.kind not in (GAP, FAULT)
     ]
     for number, (x, event) in enumerate(marked):
         axes.axvline(x, label="event", **_EVENT)
         if is_named:
             axes.annotate(
-                event.partition(":")[0],
+                event.kind,
                 (x, 0.98),
                 xycoords=axes.get_xaxis_transform(),
                 rotation=90,

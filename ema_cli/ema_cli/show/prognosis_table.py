@@ -14,8 +14,8 @@ from ema_core.levels import LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.growth.check import AHEAD
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
+from ema_monitor.prognosis.unit_event import GAP
 
-_MISSED: Final = "missed tests"
 _WIDENED: Final = 1.05
 
 
@@ -119,12 +119,12 @@ def summary(course: Course, message: Any) -> list[str]:
     for outlook in course.outlooks:
         place = f"{outlook.hours:.6g} h" if math.isfinite(outlook.hours) else "an unknown hour"
         for event in outlook.events:
-            if event.startswith(_MISSED):
+            if event.kind == GAP:
                 missed.append(place)
             else:
                 lines.append(f"event at {place}: {event}")
     if missed:
-        lines.append(f"{_MISSED} before {', '.join(missed)}")
+        lines.append(f"missed tests before {', '.join(missed)}")
     if reason := course.outlooks[-1].health.reason:
         lines.append(f"note: {reason}")
     return lines

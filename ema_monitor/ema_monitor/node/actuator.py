@@ -311,6 +311,6 @@ class Actuator:
             return None
         health = health_to_message(self.outlook, description)
         # Each event is published once.
-        self.outlook = replace(self.outlook, events=(), happened=())
+        self.outlook = replace(self.outlook, events=())
         self._publish(health)
         return health

@@ -148,7 +148,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
         removal_hours=float(outlook.removal.hours),
         removal_cycles=float(outlook.removal.cycles),
         removal_days=float(outlook.removal.days),
-        events=[_event(event) for event in outlook.happened],
+        events=[_event(event) for event in outlook.events],
         reason=reason_of(outlook),
     )
     message.header.stamp = stamp_to_message(outlook.stamp_ns)

@@ -43,6 +43,7 @@ from ema_monitor.prognosis.requirements.requirements import (
 )
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
+from ema_monitor.prognosis.unit_event import FAULT, HISTORY, RESTART
 from ema_monitor.unit import RequirementsOf, Unit
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
@@ -323,7 +324,8 @@ class MonitorPrognosis:
             self.refresh(description)
         self._log_problem(description, prognostics)
         for event in outlook.events if outlook else ():
-            if event != prognostics.history.problem:
+            # Changes of level have a line of their own, and so have a restart and the history.
+            if event.kind not in (FAULT, RESTART, HISTORY):
                 self._node.get_logger().warning(f"{description.actuator_id}: {event}")
         return outlook
 

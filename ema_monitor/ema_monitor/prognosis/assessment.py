@@ -11,7 +11,7 @@ from ema_monitor.identification.estimate import plain_number, read_number
 from ema_monitor.prognosis.history_entry import as_value_error
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import in_words
-from ema_monitor.prognosis.unit_event import FAULT, UnitEvent, kind_and_text
+from ema_monitor.prognosis.unit_event import FAULT, Finding, UnitEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,10 @@ class Assessment:
 
 
 def assessment_of(
-    outlook: Outlook, before: Assessment | None, events: Iterable[UnitEvent] = ()
+    outlook: Outlook,
+    before: Assessment | None,
+    findings: Iterable[Finding] = (),
+    events: Iterable[UnitEvent] = (),
 ) -> Assessment:
     """Return an outlook as it is kept, with an event for each fault whose level got worse.
 
@@ -53,14 +56,16 @@ def assessment_of(
         After the test.
     before
         Assessment of the test before, or an earlier one of the same test; None when there is none.
+    findings
+        What the test revealed.
     events
-        Events beside those of the outlook.
+        What happened at another time.
     """
     health, rul = outlook.health, outlook.rul
     items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
     known = before.alarms if before else {}
-    found = [kind_and_text(words) for words in outlook.events]
-    found += [(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
+    found = list(findings)
+    found += [Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
     # One that is assessed again keeps what was shown first.
     kept = before.events if before and before.stamp_ns == stamp_ns else ()

@@ -10,7 +10,6 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.unit_event import kind_and_text
 
 
 def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> Fleet:
@@ -36,9 +35,9 @@ def _unit_of(history: History, limits: HealthLimits) -> FleetUnit:
     repaired: list[GrownFault] = []
     growing: dict[str, GrownFault] = {}
     for entry in history.entries:
-        before, events = growing, record.add(entry)
+        before, findings = growing, record.add(entry)
         entries.append(entry)
         growing = record.tracker.grown_faults()
-        if any(kind_and_text(words)[0] == REPAIR for words in events):
+        if any(finding.kind == REPAIR for finding in findings):
             repaired += [fault for name, fault in before.items() if name not in growing]
     return FleetUnit(record.tests, (*repaired, *growing.values()))

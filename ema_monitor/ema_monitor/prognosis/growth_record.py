@@ -23,6 +23,7 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.service import ServiceHours
+from ema_monitor.prognosis.unit_event import Finding
 
 
 class GrowthRecord:
@@ -86,12 +87,12 @@ class GrowthRecord:
         latest = self.service.latest
         return latest is not None and latest.stamp_ns in self._fed_ns[-1:]
 
-    def add(self, entry: Entry) -> list[str]:
-        """Add the next test; return its events, in words."""
+    def add(self, entry: Entry) -> list[Finding]:
+        """Add the next test; return what it reveals."""
         self._damage.add(entry)
-        events = self.service.add(entry)
+        findings = self.service.add(entry)
         self.duty = self._damage.course(self.service.used)
-        return [*events, *self._update([entry])]
+        return [*findings, *self._update([entry])]
 
     @property
     def tests(self) -> int:
@@ -171,7 +172,7 @@ class GrowthRecord:
         self._fed_ns = self._used_ns(tests)
         self._fed_digest = self._digest(tests, own_hours)
 
-    def _update(self, latest: Sequence[Entry] = ()) -> list[str]:
+    def _update(self, latest: Sequence[Entry] = ()) -> list[Finding]:
         """Feed the tracker with what is new; return the events of tests that are new to it."""
         known, own = set[int](), self._own_hours()
         # Once the reference duty is known, the growth before counts by damage, too.
@@ -209,7 +210,7 @@ class GrowthRecord:
             raise ValueError(f"the test that ends at {min(missing)} ns is not in the history")
         return found
 
-    def _feed(self, entry: Entry, hours: float, own_hours: NDArray[np.float64]) -> list[str]:
+    def _feed(self, entry: Entry, hours: float, own_hours: NDArray[np.float64]) -> list[Finding]:
         estimate = entry.estimate
         if not estimate.unobservable[ECCENTRICITY_PHASE]:
             self.phase = (
@@ -218,7 +219,7 @@ class GrowthRecord:
             )
         events = self.tracker.update(Measurement.of(estimate, hours, own_hours))
         self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
-        return [f"{item.kind}: {item.text}" for item in events]
+        return [Finding(item.kind, item.text) for item in events]
 
 
 @cache

@@ -64,9 +64,8 @@ class Outlook:
     assumption
         The same, and what else is assumed, in words.
     events
-        What the latest test revealed, in words.
-    happened
-        What the history keeps of that, and of restarts, calibrations and faults that are new.
+        What happened since the outlook before: what the latest test revealed, restarts,
+        calibrations, and faults that are new.
     lifetimes
         Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
         is not known.
@@ -95,10 +94,9 @@ class Outlook:
     dominant: str
     future: FutureDuty
     assumption: str
-    events: tuple[str, ...]
     failed_since: float = math.nan
     removal: Removal = field(default_factory=Removal)
-    happened: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
+    events: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
     lifetimes: NDArray[np.float64] = field(
         default_factory=lambda: np.empty(0), repr=False, compare=False
     )
@@ -131,7 +129,6 @@ def unknown_outlook(reason: str) -> Outlook:
         dominant="",
         future=(future := FutureDuty.steady()),
         assumption=str(future),
-        events=(),
     )
 
 
@@ -276,7 +273,6 @@ def outlook_of(
         dominant=dominant,
         future=future,
         assumption=prognosis.assumption,
-        events=(),
         lifetimes=lifetimes,
         levels=levels,
         removal=removal_of(

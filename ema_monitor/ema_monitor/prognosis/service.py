@@ -8,6 +8,7 @@ from typing import Final, NamedTuple, Self
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
 from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.unit_event import SERVICE_HOURS, Finding
 
 UNKNOWN_HOURS: Final = (
     "service hours are unknown: no count on topic usage was read before the test, and the "
@@ -131,8 +132,8 @@ class ServiceHours:
         known = self.used[-1]
         return known.hours + hours_per_cycle * max(cycles - known.cycles, 0)
 
-    def add(self, entry: Entry) -> list[str]:
-        """Add the next test; return the events about its hours, in words."""
+    def add(self, entry: Entry) -> list[Finding]:
+        """Add the next test; return what it reveals about its hours."""
         self.latest = entry
         if entry.count is None:
             if math.isnan(entry.hours):
@@ -151,18 +152,20 @@ class ServiceHours:
         self._counted = entry
         return self._drop_uncounted() + self._check(TimedTest.of(entry, entry.count.hours))
 
-    def _drop_uncounted(self) -> list[str]:
+    def _drop_uncounted(self) -> list[Finding]:
         """Leave out tests at hours by test cycles: they do not mix with counted ones."""
         if not (dropped := self._uncounted):
             return []
         self.used = [test for test in self.used if test.is_counted]
         self._uncounted, self._rates, self._most_rate = 0, 0, 0.0
         return [
-            f"service hours are counted from now on: {_tests(dropped)} before, at hours by "
-            "hours_per_cycle, left out"
+            _finding(
+                f"counted from now on: {_tests(dropped)} before, at hours by hours_per_cycle, "
+                "left out"
+            )
         ]
 
-    def _check(self, test: TimedTest) -> list[str]:
+    def _check(self, test: TimedTest) -> list[Finding]:
         """Use a test with a new count, or hold it until the next count."""
         held = self._held
         if not self.used or self._is_plausible(self.used[-1], test):
@@ -170,8 +173,10 @@ class ServiceHours:
             if held is None:
                 return []
             return [
-                f"service hours {held.hours:g} h at test {held.cycles} not confirmed by the "
-                f"next count, {test.hours:g} h: interpolated instead"
+                _finding(
+                    f"{held.hours:g} h at test {held.cycles} not confirmed by the next count, "
+                    f"{test.hours:g} h: interpolated instead"
+                )
             ]
         change = f"from {self.used[-1].hours:g} h to {test.hours:g} h"
         if held is None or not self._is_plausible(held, test):
@@ -181,17 +186,17 @@ class ServiceHours:
                 f"service hours went {change}: the test waits for the next count to confirm it"
             )
             return []
-        event = f"service hours set {change}"
+        text = f"set {change}"
         kept = [test for test in self.used if test.hours <= held.hours]
         if dropped := len(self.used) - len(kept):
-            event += f": {_tests(dropped)} at more than {held.hours:g} h left out"
+            text += f": {_tests(dropped)} at more than {held.hours:g} h left out"
             self.used = kept
             # There are no hours between those before the held test and its own.
             since = dropwhile(lambda one: one.stamp_ns != held.stamp_ns, self._waiting)
             self._waiting = list(since)
         self._use(held)
         self._accept(test)
-        return [event]
+        return [_finding(text)]
 
     def _is_plausible(self, before: TimedTest, after: TimedTest) -> bool:
         elapsed, most = after.hours - before.hours, self._most_rate
@@ -223,6 +228,10 @@ class ServiceHours:
         self.used.append(test)
         self._uncounted += not test.is_counted
         self._held, self.unknown = None, ""
+
+
+def _finding(text: str) -> Finding:
+    return Finding(SERVICE_HOURS, text)
 
 
 def _cycles(before: TimedTest, after: TimedTest) -> int:

@@ -1,24 +1,22 @@
-"""What happens to a unit or to its monitoring, with its kind: the only place that tells it."""
+"""What happens to a unit or to its monitoring, with its kind."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 FAULT: Final = "fault"
 CALIBRATION: Final = "calibration"
 RESTART: Final = "restart"
+GAP: Final = "gap"
+SERVICE_HOURS: Final = "service hours"
+HISTORY: Final = "history"
 OTHER: Final = "other"
 
-_KINDS: Final = {
-    "repair": "repair",
-    "step": "step",
-    "regime": "regime",
-    "outlier": "outlier",
-    "missed tests": "gap",
-    "service hours": "service hours",
-    "usage": "service hours",
-    "the history": "history",
-}
-"""Kinds of events by how they begin in words."""
+
+class Finding(NamedTuple):
+    """What a test reveals: its kind, as in ``ema_interfaces/msg/UnitEvent``, and words."""
+
+    kind: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +40,5 @@ class UnitEvent:
     kind: str
     text: str
 
-
-def kind_and_text(words: str) -> tuple[str, str]:
-    """Return the kind of an event of an outlook, and its words without that in front."""
-    kind = next((kind for start, kind in _KINDS.items() if words.startswith(start)), OTHER)
-    return kind, words.removeprefix(f"{kind}: ")
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.text}"
