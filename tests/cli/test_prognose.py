@@ -24,7 +24,6 @@ from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
@@ -32,6 +31,7 @@ from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.reports import health_report
 from ema_ros.actuator_messages import usage_at_cycle
 from ema_ros.messages import StampedFaults
 from ema_sim.lives import SimulatedLife, WindowKind
@@ -115,7 +115,7 @@ def course_of(
 
 
 def removal(course: Course) -> str:
-    return health_to_message(course.outlooks[-1], course.record.description).removal
+    return health_report(course.outlooks[-1], course.record.description).removal
 
 
 def growing(rate: float, tests: int, seed: int | None = None) -> list[Estimate]:
@@ -150,7 +150,7 @@ def test_steady_growth_is_told_to_reach_the_limit_when_it_does(told):
 
 def test_json_is_the_health_message_and_every_test(told):
     course = course_of(growing(1e-3, 1))
-    message = health_to_message(course.outlooks[-1], course.record.description)
+    message = health_report(course.outlooks[-1], course.record.description)
     fields = set(as_values(message))
     assert set(told) == fields | {"tests"}
     assert [item["name"] for item in told["faults"]] == [
@@ -179,7 +179,7 @@ def test_figures_are_those_of_the_tracker_fed_by_hand():
 @pytest.mark.slow
 def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
     course = course_of(growing(8e-4, 50, seed=3))
-    message = health_to_message(course.outlooks[-1], course.record.description)
+    message = health_report(course.outlooks[-1], course.record.description)
     friction = next(item for item in message.faults if item.name == "friction")
     # Of 50 tests, and five predictions twenty tests ahead, whose law is in the bank.
     assert friction.calibration == pytest.approx(1.0, abs=0.3)

@@ -11,14 +11,16 @@ from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.main import main
-from ema_interfaces.msg import DutyScenario
+from ema_interfaces.msg import DutyScenario, ScenarioLife
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_from_messages
+from ema_monitor.node.messages import message_of
+from ema_monitor.node.scenario_messages import scenarios_from_messages
 from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.reports import scenario_report
 
 from .counted_tests import CountedTest, counted_tests, let_hear, recorded
 from .monitor_session import MonitorSession, monitor
@@ -69,7 +71,7 @@ def test_live_and_offline_answers_are_equal_to_the_last_digit(session, record):
     settings = PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE))
     parameters = calibration.unit_parameters
     course = follow(record, estimates, parameters, settings, asked_offline)
-    told = [scenario_to_message(*one) for one in course.scenarios]
+    told = [message_of(ScenarioLife, scenario_report(*one)) for one in course.scenarios]
     assert [str(one) for one in told] == [str(one) for one in live.scenarios]
     assert course.growth.duty is not None
     assert "as flown since" in live.health.assumption

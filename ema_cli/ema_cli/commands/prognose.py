@@ -3,7 +3,6 @@
 import json
 import math
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -24,8 +23,7 @@ from ema_cli.show.prognosis_table import (
 )
 from ema_cli.unit_diagnosis import diagnose_unit
 from ema_core.wording import counted
-from ema_monitor.node.messages import health_to_message
-from ema_monitor.node.scenario_messages import scenario_to_message
+from ema_monitor.reports import health_report, scenario_report
 
 
 @click.command()
@@ -33,7 +31,7 @@ from ema_monitor.node.scenario_messages import scenario_to_message
 @source_options(USE_OPTIONS, identifies=True)
 @identification_options
 @prognosis_options
-@click.option("--json", "as_json", is_flag=True, help="Print one object, as the health message.")
+@click.option("--json", "as_json", is_flag=True, help="Print one object, as the health report.")
 @picture_option()
 def prognose(
     bags: tuple[Path, ...],
@@ -61,34 +59,33 @@ def prognose(
                 f"no prognosis: none of {counted(len(estimates), 'window')} can be used", err=True
             )
             sys.exit(REFUSED)
-        message = health_to_message(course.outlooks[-1], record.description)
-        if math.isnan(message.flight_hours) and not record.counts:
+        report = health_report(course.outlooks[-1], record.description)
+        if math.isnan(report.flight_hours) and not record.counts:
             click.echo(
                 "service hours are unknown, so is the remaining life: the bags hold no usage; give "
                 "--hours-per-cycle",
                 err=True,
             )
-        scenarios = [scenario_to_message(*one) for one in course.scenarios]
+        scenarios = [scenario_report(*one) for one in course.scenarios]
     if as_json:
-        values = as_values(message) | {"tests": course_as_values(course)}
+        values = as_values(report) | {"tests": course_as_values(course)}
         if scenarios:
             values["scenarios"] = as_values(scenarios)
         if told.advice is not None:
-            advice = asdict(told.advice)
-            values["advice"] = {name: as_values(value) for name, value in advice.items()}
+            values["advice"] = as_values(told.advice)
         click.echo(json.dumps(values, indent=2))
     else:
         click.echo(told.calibration_in_words)
-        hours = f"{message.flight_hours:.6g}" if message.flight_hours >= 0.0 else "unknown"
+        hours = f"{report.flight_hours:.6g}" if report.flight_hours >= 0.0 else "unknown"
         click.echo(
-            f"{message.actuator_id} ({message.serial_number}): {len(course.outlooks)} valid of "
-            f"{counted(len(estimates), 'test')}, flight hours {hours}, cycles {message.cycles}"
+            f"{report.actuator_id} ({report.serial_number}): {len(course.outlooks)} valid of "
+            f"{counted(len(estimates), 'test')}, flight hours {hours}, cycles {report.cycles}"
         )
-        click.echo(message.removal)
+        click.echo(report.removal)
         if told.advice_in_words:
             click.echo(told.advice_in_words)
-        Console().print(table_of_growth(message))
-        click.echo("\n".join(summary(course, message)))
+        Console().print(table_of_growth(report))
+        click.echo("\n".join(summary(course, report)))
         if scenarios:
             Console().print(table_of_scenarios(scenarios))
     if output is not None:

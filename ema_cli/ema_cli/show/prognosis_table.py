@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import is_dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -11,24 +12,25 @@ from rich.table import Table
 
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import LEVEL_NAMES
-from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.growth.check import AHEAD
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 from ema_monitor.prognosis.unit_event import GAP
+from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
 
 _WIDENED: Final = 1.05
 
 
-def as_values(message: Any) -> Any:
-    """Return a message as plain values; what is not a finite number is null."""
-    if hasattr(message, "get_fields_and_field_types"):
-        names = message.get_fields_and_field_types()
-        return {name: as_values(getattr(message, name)) for name in names}
-    if isinstance(message, list | tuple):
-        return [as_values(item) for item in message]
-    if isinstance(message, float):
-        return message if math.isfinite(message) else None
-    return message
+def as_values(report: Any) -> Any:
+    """Return a report as plain values; what is not a finite number is null."""
+    if is_dataclass(report) and not isinstance(report, type):
+        return as_values(vars(report))
+    if isinstance(report, dict):
+        return {name: as_values(value) for name, value in report.items()}
+    if isinstance(report, list | tuple):
+        return [as_values(item) for item in report]
+    if isinstance(report, float):
+        return report if math.isfinite(report) else None
+    return report.item() if isinstance(report, np.generic) else report
 
 
 def course_as_values(course: Course) -> list[dict[str, Any]]:
@@ -42,7 +44,7 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
             "reason": step.estimate.reason,
         }
         if step.outlook is not None:
-            reported = as_values(health_to_message(step.outlook, course.record.description))
+            reported = as_values(health_report(step.outlook, course.record.description))
             kept = ("flight_hours", "cycles", "level", "health_index", "dominant_fault", "events")
             lives = ("rul_faults", "rul_requirements", "rul")
             one |= {name: reported[name] for name in (*kept, *lives)}
@@ -50,16 +52,16 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
     return values
 
 
-def table_of_growth(message: Any) -> Table:
+def table_of_growth(report: HealthReport) -> Table:
     """Return faults and requirements, their limits, growth and remaining life."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in ("", "value", "sigma", "limit", f"per\n{TREND_HOURS:g} h"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
     table.add_column("RUL [h]\n5 / 50 / 95 %", justify="right", min_width=18)
-    items = (*message.faults, *message.requirements)
+    items = (*report.faults, *report.requirements)
     reasons = {item.rul.reason for item in items}
     for number, item in enumerate(items):
-        if number == len(message.faults):
+        if number == len(report.faults):
             table.add_section()
         unit, scale = shown_in(item.unit)
         side = "≥" if item.limit_is_lower else "≤"
@@ -75,14 +77,14 @@ def table_of_growth(message: Any) -> Table:
     return table
 
 
-def table_of_scenarios(messages: Sequence[Any]) -> Table:
+def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
     """Return the remaining life under each scenario of future duty, and what ends it."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("scenario")
     for unit in ("h", "cycles", "days"):
         table.add_column(rf"RUL \[{unit}]" + "\n5 / 50 / 95 %", justify="right", min_width=14)
     table.add_column("ended by")
-    for one in messages:
+    for one in reports:
         life = one.rul
         cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
         days = (one.days_05, one.days_50, one.days_95)
@@ -95,26 +97,26 @@ def table_of_scenarios(messages: Sequence[Any]) -> Table:
     return table
 
 
-def summary(course: Course, message: Any) -> list[str]:
+def summary(course: Course, report: HealthReport) -> list[str]:
     """Return remaining life, health, assumption and events, a line each."""
     lives = {
-        "by faults": message.rul_faults,
-        "by requirements": message.rul_requirements,
-        "in all, the earlier": message.rul,
+        "by faults": report.rul_faults,
+        "by requirements": report.rul_requirements,
+        "in all, the earlier": report.rul,
     }
     lines = []
     for name, life in lives.items():
-        # The sentence for the planner already gives the reason of the whole message.
-        repeats = not life.known and life.reason in message.reason
+        # The sentence for the planner already gives the reason of the whole report.
+        repeats = not life.known and life.reason in report.reason
         lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
-    first = label_of(message.dominant_fault)
+    first = label_of(report.dominant_fault)
     first = f"; first to end life: {first}" if first else ""
     lines.append(
-        f"health index {message.health_index:.2f}, level {LEVEL_NAMES[message.level]}, severity "
-        f"{message.severity} of 4, confidence {message.confidence:.2f}{first}"
+        f"health index {report.health_index:.2f}, level {LEVEL_NAMES[report.level]}, severity "
+        f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
     )
-    lines += _checked(message.faults)
-    lines.append(f"assumption: {message.assumption} (duty {message.duty:g})")
+    lines += _checked(report.faults)
+    lines.append(f"assumption: {report.assumption} (duty {report.duty:g})")
     missed = []
     for outlook in course.outlooks:
         place = f"{outlook.hours:.6g} h" if math.isfinite(outlook.hours) else "an unknown hour"
@@ -130,7 +132,7 @@ def summary(course: Course, message: Any) -> list[str]:
     return lines
 
 
-def _life(life: Any) -> str:
+def _life(life: LifeReport) -> str:
     if not life.known:
         return f"[dim]{life.reason or 'unknown'}[/]"
     return _quantiles((life.hours_05, life.hours_50, life.hours_95))
@@ -141,7 +143,7 @@ def _quantiles(values: tuple[float, float, float]) -> str:
     return "" if math.isnan(values[0]) else " / ".join(map(_hours, values))
 
 
-def _checked(faults: Any) -> list[str]:
+def _checked(faults: Sequence[ItemReport]) -> list[str]:
     """Return how the predictions of the faults that end life held against the tests, as a line."""
     said = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
@@ -157,7 +159,7 @@ def _figure_of_check(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "unknown"
 
 
-def _in_words(life: Any) -> str:
+def _in_words(life: LifeReport) -> str:
     if not life.known:
         return f"unknown ({life.reason})"
     cycles = (life.cycles_05, life.cycles_50, life.cycles_95)

@@ -2,7 +2,9 @@
 
 import math
 from array import array
-from dataclasses import asdict
+from dataclasses import is_dataclass
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,35 +18,31 @@ from ema_interfaces.msg import (
     FaultForecast,
     HealthForecast,
     HiddenCause,
-    RemainingUsefulLife,
     UnitHistory,
     UnitTest,
 )
-from ema_interfaces.msg import FaultHealth as FaultHealthMessage
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import UnitEvent as UnitEventMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
-from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
-from ema_monitor.prognosis.growth.check import Calibration
-from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
-from ema_monitor.prognosis.unit_event import UnitEvent
+from ema_monitor.reports import EventReport, health_report
 from ema_monitor.unit import KnownTest
 from ema_monitor.windows.window import MIN_TRAVEL
 from ema_ros.messages import faults_to_message
-from ema_ros.stamps import stamp_to_message
+from ema_ros.stamps import check_stamp, stamp_to_message
 
 _VERDICTS = {
     "valid": FaultEstimate.VALID,
     "degraded": FaultEstimate.DEGRADED,
     "refused": FaultEstimate.REFUSED,
 }
+_PLAIN = {"double": float, "boolean": bool, "string": str}
+"""What sets a field of these kinds; others are whole numbers."""
+
 _ACTIONS = {
     "unknown": AdviceMessage.UNKNOWN,
     "continue": AdviceMessage.CONTINUE,
@@ -121,67 +119,28 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
     ValueError
         When the stamp is out of range.
     """
-    health, lives = outlook.health, (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
-    rul_faults, rul_requirements, rul = (life_to_message(life, outlook) for life in lives)
-    message = HealthMessage(
-        actuator_id=description.actuator_id,
-        serial_number=description.serial_number,
-        level=health.level,
-        health_index=float(health.health_index),
-        severity=health.severity,
-        confidence=float(health.confidence),
-        dominant_fault=outlook.dominant,
-        faults=[_item(item, "1", outlook) for item in health.faults],
-        requirements=[
-            _item(item, RequirementLimits.unit(item.name), outlook) for item in health.requirements
-        ],
-        rul_faults=rul_faults,
-        rul_requirements=rul_requirements,
-        rul=rul,
-        flight_hours=float(outlook.hours),
-        cycles=int(outlook.cycles),
-        duty=float(outlook.duty),
-        assumption=outlook.assumption,
-        cause=cause_of_level(outlook),
-        removal=removal_in_words(outlook),
-        removal_risk=float(outlook.removal.risk),
-        removal_hours=float(outlook.removal.hours),
-        removal_cycles=float(outlook.removal.cycles),
-        removal_days=float(outlook.removal.days),
-        events=[_event(event) for event in outlook.events],
-        reason=reason_of(outlook),
-    )
-    message.header.stamp = stamp_to_message(outlook.stamp_ns)
+    check_stamp(outlook.stamp_ns)
+    return message_of(HealthMessage, health_report(outlook, description))
+
+
+def message_of(message_class: Any, report: Any) -> Any:
+    """Return a report as the message that has its fields."""
+    message = message_class()
+    kinds = message_class.get_fields_and_field_types()
+    for name, value in vars(report).items():
+        setattr(message, name, _field(kinds[name], value))
     return message
 
 
-def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
-    checked = outlook.calibrations.get(item.name, Calibration())
-    return FaultHealthMessage(
-        name=item.name,
-        level=item.level,
-        value=float(item.value),
-        sigma=float(item.sigma),
-        limit=float(item.limit),
-        limit_is_lower=bool(item.limit_is_lower),
-        trend=float(outlook.trends.get(item.name, math.nan)),
-        calibration=float(checked.one_step),
-        calibration_ahead=float(checked.ahead),
-        widening=float(checked.widening),
-        unit=unit,
-        rul=life_to_message(outlook.lives.get(item.name, outlook.rul), outlook),
-    )
-
-
-def life_to_message(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
-    """Return a remaining life as a message, in flight hours and in test cycles."""
-    per_cycle = outlook.hours_per_cycle
-    return RemainingUsefulLife(
-        **asdict(life),
-        cycles_05=life.hours_05 / per_cycle,
-        cycles_50=life.hours_50 / per_cycle,
-        cycles_95=life.hours_95 / per_cycle,
-    )
+def _field(kind: str, value: Any) -> Any:
+    """Return a value of a report as a field of a message is set; its kind is as ROS names it."""
+    if isinstance(value, tuple):
+        one = kind.removeprefix("sequence<").removesuffix(">")
+        return [_field(one, item) for item in value]
+    if is_dataclass(value):
+        package, _, name = kind.partition("/")
+        return message_of(getattr(import_module(f"{package}.msg"), name), value)
+    return _PLAIN.get(kind, int)(value)
 
 
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
@@ -282,7 +241,7 @@ def history_to_message(
         serial_number=description.serial_number,
         tests=[_unit_test(test) for test in tests],
         events=[
-            _event(event)
+            message_of(UnitEventMessage, EventReport.of(event))
             for test in tests
             for event in (test.assessment.events if test.assessment else ())
         ],
@@ -291,15 +250,6 @@ def history_to_message(
     if tests:
         message.header.stamp = stamp_to_message(tests[-1].entry.stamp_ns)
     return message
-
-
-def _event(event: UnitEvent) -> UnitEventMessage:
-    return UnitEventMessage(
-        stamp=stamp_to_message(event.stamp_ns),
-        flight_hours=float(event.hours),
-        kind=event.kind,
-        text=event.text,
-    )
 
 
 def _unit_test(test: KnownTest) -> UnitTest:

@@ -15,15 +15,16 @@ from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
+from ema_interfaces.msg import ScenarioLife
 from ema_interfaces.srv import GetHistory, PredictRemainingLife
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.duty.meter import DutyLog
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.actuators import Actuators
-from ema_monitor.node.messages import health_to_message, history_to_message
+from ema_monitor.node.messages import health_to_message, history_to_message, message_of
 from ema_monitor.node.recordable import Recordable
-from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_from_messages
+from ema_monitor.node.scenario_messages import scenarios_from_messages
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.prognosis.count_log import CountLog
@@ -44,6 +45,7 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
 from ema_monitor.prognosis.unit_event import FAULT, HISTORY, RESTART
+from ema_monitor.reports import scenario_report
 from ema_monitor.unit import RequirementsOf, Unit
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
@@ -415,7 +417,10 @@ class MonitorPrognosis:
             outlook = prognostics.outlook(parameters, settings)
             response.health = health_to_message(outlook, description)
             response.scenarios = [
-                scenario_to_message(one, prognostics.under(one, parameters, settings))
+                message_of(
+                    ScenarioLife,
+                    scenario_report(one, prognostics.under(one, parameters, settings)),
+                )
                 for one in scenarios
             ]
             response.success = True

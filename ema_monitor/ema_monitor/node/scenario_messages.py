@@ -1,12 +1,9 @@
-"""Scenarios of future duty as messages, and the lives under them."""
+"""Scenarios of future duty from their messages."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from ema_interfaces.msg import ScenarioLife
-from ema_monitor.node.messages import life_to_message
 from ema_monitor.prognosis.duty.scenario import MOST_SCENARIOS, Scenario, check_scenarios
-from ema_monitor.prognosis.outlook import Outlook
 
 
 def scenarios_from_messages(messages: Sequence[Any]) -> tuple[Scenario, ...]:
@@ -43,21 +40,3 @@ def _shares(name: str, values: Sequence[float], shares: Sequence[float]) -> dict
     if len(set(values)) < len(values):
         raise ValueError(f"{name} = {list(values)[:10]}: expected each value once")
     return dict(zip(values, shares, strict=True))
-
-
-def scenario_to_message(scenario: Scenario, outlook: Outlook) -> ScenarioLife:
-    """Return the life under a scenario as a message."""
-    life, removal = outlook.rul, outlook.removal
-    days = [hours / removal.hours_a_day for hours in (life.hours_05, life.hours_50, life.hours_95)]
-    return ScenarioLife(
-        name=scenario.name,
-        rul=life_to_message(life, outlook),
-        days_05=days[0],
-        days_50=days[1],
-        days_95=days[2],
-        dominant_fault=outlook.dominant if life.known else "",
-        removal_hours=float(removal.hours),
-        removal_cycles=float(removal.cycles),
-        removal_days=float(removal.days),
-        assumption=outlook.assumption,
-    )

@@ -1,0 +1,218 @@
+"""What a monitor reports of a unit: plain values, by the fields of the messages that carry them.
+
+The node publishes them, commands print them: neither computes anything more.
+"""
+
+import math
+from dataclasses import asdict, dataclass, field
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.health import FaultHealth
+from ema_monitor.prognosis.duty.scenario import Scenario
+from ema_monitor.prognosis.growth.check import Calibration
+from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
+from ema_monitor.prognosis.unit_event import UnitEvent
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """As ``builtin_interfaces/msg/Time``."""
+
+    sec: int
+    nanosec: int
+
+    @classmethod
+    def of(cls, stamp_ns: int) -> "Stamp":
+        """Return a stamp in nanoseconds."""
+        return cls(*divmod(int(stamp_ns), 1_000_000_000))
+
+
+@dataclass(frozen=True)
+class Header:
+    """As ``std_msgs/msg/Header``."""
+
+    stamp: Stamp
+    frame_id: str = ""
+
+
+@dataclass(frozen=True)
+class EventReport:
+    """As ``ema_interfaces/msg/UnitEvent``."""
+
+    stamp: Stamp
+    flight_hours: float
+    kind: str
+    text: str
+
+    @classmethod
+    def of(cls, event: UnitEvent) -> "EventReport":
+        """Return an event as it is reported."""
+        return cls(Stamp.of(event.stamp_ns), event.hours, event.kind, event.text)
+
+
+@dataclass(frozen=True)
+class LifeReport:
+    """As ``ema_interfaces/msg/RemainingUsefulLife``: in flight hours and in test cycles."""
+
+    known: bool
+    hours_05: float
+    hours_50: float
+    hours_95: float
+    cycles_05: float
+    cycles_50: float
+    cycles_95: float
+    criterion: str
+    reason: str
+
+    @classmethod
+    def of(cls, life: RemainingLife, hours_per_cycle: float) -> "LifeReport":
+        """Return a remaining life as it is reported."""
+        return cls(
+            **asdict(life),
+            cycles_05=life.hours_05 / hours_per_cycle,
+            cycles_50=life.hours_50 / hours_per_cycle,
+            cycles_95=life.hours_95 / hours_per_cycle,
+        )
+
+
+@dataclass(frozen=True)
+class ItemReport:
+    """As ``ema_interfaces/msg/FaultHealth``: of a fault or of a requirement."""
+
+    name: str
+    level: int
+    value: float
+    sigma: float
+    limit: float
+    limit_is_lower: bool
+    trend: float
+    calibration: float
+    calibration_ahead: float
+    widening: float
+    unit: str
+    rul: LifeReport
+
+
+@dataclass(frozen=True)
+class HealthReport:
+    """As ``ema_interfaces/msg/Health``."""
+
+    header: Header
+    actuator_id: str
+    serial_number: str
+    level: int
+    health_index: float
+    severity: int
+    confidence: float
+    dominant_fault: str
+    faults: tuple[ItemReport, ...]
+    requirements: tuple[ItemReport, ...]
+    rul_faults: LifeReport
+    rul_requirements: LifeReport
+    rul: LifeReport
+    flight_hours: float
+    cycles: int
+    duty: float
+    assumption: str
+    cause: str
+    removal: str
+    removal_risk: float
+    removal_hours: float
+    removal_cycles: float
+    removal_days: float
+    events: tuple[EventReport, ...] = field(default=())
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class ScenarioReport:
+    """As ``ema_interfaces/msg/ScenarioLife``."""
+
+    name: str
+    rul: LifeReport
+    days_05: float
+    days_50: float
+    days_95: float
+    dominant_fault: str
+    removal_hours: float
+    removal_cycles: float
+    removal_days: float
+    assumption: str
+
+
+def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthReport:
+    """Return health and remaining life of a unit after a test."""
+    health, removal = outlook.health, outlook.removal
+    lives = (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
+    rul_faults, rul_requirements, rul = (
+        LifeReport.of(life, outlook.hours_per_cycle) for life in lives
+    )
+    return HealthReport(
+        header=Header(Stamp.of(outlook.stamp_ns)),
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        level=health.level,
+        health_index=health.health_index,
+        severity=health.severity,
+        confidence=health.confidence,
+        dominant_fault=outlook.dominant,
+        faults=tuple(_item(item, "1", outlook) for item in health.faults),
+        requirements=tuple(
+            _item(item, RequirementLimits.unit(item.name), outlook) for item in health.requirements
+        ),
+        rul_faults=rul_faults,
+        rul_requirements=rul_requirements,
+        rul=rul,
+        flight_hours=outlook.hours,
+        cycles=outlook.cycles,
+        duty=outlook.duty,
+        assumption=outlook.assumption,
+        cause=cause_of_level(outlook),
+        removal=removal_in_words(outlook),
+        removal_risk=removal.risk,
+        removal_hours=removal.hours,
+        removal_cycles=removal.cycles,
+        removal_days=removal.days,
+        events=tuple(map(EventReport.of, outlook.events)),
+        reason=reason_of(outlook),
+    )
+
+
+def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
+    checked = outlook.calibrations.get(item.name, Calibration())
+    return ItemReport(
+        name=item.name,
+        level=item.level,
+        value=item.value,
+        sigma=item.sigma,
+        limit=item.limit,
+        limit_is_lower=item.limit_is_lower,
+        trend=outlook.trends.get(item.name, math.nan),
+        calibration=checked.one_step,
+        calibration_ahead=checked.ahead,
+        widening=checked.widening,
+        unit=unit,
+        rul=LifeReport.of(outlook.lives.get(item.name, outlook.rul), outlook.hours_per_cycle),
+    )
+
+
+def scenario_report(scenario: Scenario, outlook: Outlook) -> ScenarioReport:
+    """Return the life of a unit under a scenario; ``outlook`` is that under it."""
+    life, removal = outlook.rul, outlook.removal
+    hours = (life.hours_05, life.hours_50, life.hours_95)
+    days_05, days_50, days_95 = (one / removal.hours_a_day for one in hours)
+    return ScenarioReport(
+        name=scenario.name,
+        rul=LifeReport.of(life, outlook.hours_per_cycle),
+        days_05=days_05,
+        days_50=days_50,
+        days_95=days_95,
+        dominant_fault=outlook.dominant if life.known else "",
+        removal_hours=removal.hours,
+        removal_cycles=removal.cycles,
+        removal_days=removal.days,
+        assumption=outlook.assumption,
+    )
