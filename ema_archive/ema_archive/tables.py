@@ -3,14 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 
-from ema_core.causes import CauseEstimate
-from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector
-from ema_monitor.identification.estimate import Estimate
+from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
@@ -33,7 +33,6 @@ _PROVENANCE: Final = [
 ]
 _UNIT: Final = [("actuator_id", pa.string()), ("serial_number", pa.string())]
 _TYPES: Final = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
-_VECTORS: Final = ("faults", "covariance")
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
 _PLAIN: Final = [
@@ -139,34 +138,17 @@ def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
     number
         Running number of the window in its bag.
     """
-    row = {name: getattr(one, name) for name, _ in _PLAIN}
-    row |= {name: float(value) for name, value in zip(FAULT_NAMES, one.faults, strict=True)}
-    row |= {
-        f"{name}_sigma": float(value) for name, value in zip(FAULT_NAMES, one.sigma, strict=True)
-    }
-    row["covariance"] = [float(value) for value in np.ravel(one.covariance)]
-    for name in _FLAGS:
-        row[name] = [FAULT_NAMES[i] for i in np.flatnonzero(getattr(one, name))]
-    for name in _CAUSES:
-        row[name] = [
-            {"name": cause.name, "value": float(cause.value), "sigma": float(cause.sigma)}
-            for cause in getattr(one, name)
-        ]
-    row["alternatives"] = [list(pair) for pair in one.alternatives]
+    row = estimate_values(one)
+    row |= row.pop("faults")
+    row |= {f"{name}_sigma": value for name, value in one.sigma._asdict().items()}
+    row["covariance"] = list(chain.from_iterable(row["covariance"]))
     return row | {"tested": one.end_ns // 1000, "number": number}
 
 
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
     """Return the estimate that a row of `estimate_row` holds, to the bit."""
-    values = {name: row[name] for name, _ in _PLAIN}
-    values["faults"] = FaultVector(*(row[name] for name in FAULT_NAMES))
-    values["covariance"] = np.reshape(np.array(row["covariance"]), (N_FAULTS, N_FAULTS))
-    for name in _FLAGS:
-        values[name] = np.isin(FAULT_NAMES, row[name])
-    for name in _CAUSES:
-        values[name] = tuple(CauseEstimate(**cause) for cause in row[name])
-    values["alternatives"] = tuple(tuple(pair) for pair in row["alternatives"])
-    return Estimate(**values)
+    covariance = np.reshape(row["covariance"], (N_FAULTS, N_FAULTS))
+    return estimate_of({**row, "faults": row, "covariance": covariance})
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:

@@ -74,22 +74,6 @@ def test_causes_are_by_name_with_value_and_sigma():
     assert again.alternatives == ESTIMATE.alternatives
 
 
-def test_record_of_an_earlier_version_has_no_causes():
-    record = estimate_record(ESTIMATE)
-    for name in ("causes", "alternatives", "verdict", "unexplained_share"):
-        del record[name]
-    again = estimate_of(record)
-    assert (again.causes, again.alternatives) == ((), ())
-    assert np.isnan(again.unexplained_share)
-
-
-@pytest.mark.parametrize(("valid", "verdict"), [(True, "valid"), (False, "refused")])
-def test_record_of_an_earlier_version_has_the_verdict_that_its_validity_is(valid, verdict):
-    record = estimate_record(ESTIMATE) | {"valid": valid}
-    del record["verdict"]
-    assert estimate_of(record).verdict == verdict
-
-
 def test_component_that_is_unobservable_is_not_called_healthy():
     unknown = np.arange(len(FAULT_NAMES)) == 0
     one = replace(

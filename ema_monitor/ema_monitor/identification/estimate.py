@@ -1,8 +1,8 @@
 """The estimate of the faults in a window, or the refusal of one; as plain values for JSON, too."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Final, Protocol
 
@@ -218,51 +218,62 @@ def refusal(
     )
 
 
-def estimate_record(estimate: Estimate) -> dict[str, Any]:
+def estimate_values(estimate: Estimate) -> dict[str, Any]:
     """Return every field of an estimate as plain values, exactly.
 
-    Faults are values by name, flags the names of those that have them. What is not a number is
-    None; infinite values are text: JSON has neither.
+    Faults are values by name, flags the names of those that have them.
 
     Parameters
     ----------
     estimate
         The estimate.
     """
-    record = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
-    record["faults"] = by_fault(estimate.faults)
-    record["covariance"] = [[plain_number(value) for value in row] for row in estimate.covariance]
+    values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
+    values["faults"] = estimate.faults._asdict()
+    values["covariance"] = estimate.covariance.tolist()
     for name in _FLAGS:
-        record[name] = [FAULT_NAMES[number] for number in np.flatnonzero(record[name])]
+        values[name] = [FAULT_NAMES[number] for number in np.flatnonzero(values[name])]
     for name in _CAUSES:
-        record[name] = [cause._asdict() for cause in getattr(estimate, name)]
-    record["alternatives"] = [list(pair) for pair in estimate.alternatives]
+        values[name] = [cause._asdict() for cause in values[name]]
+    values["alternatives"] = [list(pair) for pair in estimate.alternatives]
     return {
-        name: plain_number(value) if isinstance(value, float | np.generic) else value
-        for name, value in record.items()
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in values.items()
     }
 
 
-def estimate_of(record: dict[str, Any]) -> Estimate:
+def estimate_record(estimate: Estimate) -> dict[str, Any]:
+    """Return ``estimate_values`` as JSON can hold them.
+
+    What is not a number is None; infinite values are text: JSON has neither.
+
+    Parameters
+    ----------
+    estimate
+        The estimate.
+    """
+    record = estimate_values(estimate)
+    record["faults"] = by_fault(estimate.faults)
+    record["covariance"] = [[plain_number(value) for value in row] for row in record["covariance"]]
+    return {name: plain_number(value) for name, value in record.items()}
+
+
+def estimate_of(record: Mapping[str, Any]) -> Estimate:
     """Return the estimate whose record it is.
 
     Parameters
     ----------
     record
-        As of ``estimate_record``, or read from JSON.
+        As of ``estimate_values`` or ``estimate_record``, or read from JSON.
 
     Raises
     ------
     ValueError, KeyError, TypeError
         When it is not the record of an estimate.
     """
-    values = {item.name: record[item.name] for item in fields(Estimate) if item.name in record}
-    # Records of an earlier version have none.
-    values.setdefault("verdict", "valid" if record.get("valid") else "refused")
+    values = {item.name: record[item.name] for item in fields(Estimate)}
     for item in fields(Estimate):
-        if item.name not in values and item.default is item.default_factory is MISSING:
-            raise ValueError(f"{item.name} is missing")
-        if item.type is float and item.name in values:
+        if item.type is float:
             values[item.name] = read_number(values[item.name])
     values["faults"] = FaultVector(*(read_number(record["faults"][name]) for name in FAULT_NAMES))
     values["covariance"] = np.array(
@@ -271,10 +282,10 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
     if values["covariance"].shape != (N_FAULTS, N_FAULTS):
         raise ValueError(f"covariance has shape {values['covariance'].shape}")
     for name in _FLAGS:
-        values[name] = np.isin(FAULT_NAMES, record.get(name, []))
+        values[name] = np.isin(FAULT_NAMES, record[name])
     for name in _CAUSES:
-        values[name] = tuple(CauseEstimate(**cause) for cause in record.get(name, []))
-    values["alternatives"] = tuple(tuple(pair) for pair in record.get("alternatives", []))
+        values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
+    values["alternatives"] = tuple(tuple(pair) for pair in record["alternatives"])
     return Estimate(**values)
 
 
