@@ -85,14 +85,12 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python kernels.py --json kernels.json
 	$(activate) && cd benchmarks && python accuracy.py --json accuracy.json
 	$(activate) && cd benchmarks && python field_oriented.py --json field_oriented.json
-	$(activate) && cd benchmarks && python goodness.py --json goodness.json
 	$(activate) && cd benchmarks && python trust.py --json trust.json
 	$(activate) && cd benchmarks && python sampling.py --json sampling.json
 	$(activate) && cd benchmarks && python design.py --json design.json
 	$(activate) && cd benchmarks && python ordinary_motion.py --json ordinary_motion.json
 	$(activate) && cd benchmarks && python unknown_drive.py --json unknown_drive.json
 	$(activate) && cd benchmarks && python live.py --json live.json
-	$(activate) && cd benchmarks && python fleet.py --json fleet.json
 	$(activate) && cd benchmarks && python many_actuators.py --json many_actuators.json
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json
 	$(activate) && cd benchmarks && python dashboard.py --json dashboard.json
@@ -103,15 +101,11 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
 	tools/peers.sh python benchmarks/foreign_prognosis.py --json benchmarks/foreign_prognosis.json
 	$(activate) && cd benchmarks && python advisory.py --json advisory.json
-	$(activate) && cd benchmarks && python plots.py
-	$(activate) && cd benchmarks && python prognosis_plots.py
 	$(activate) && cd benchmarks && python summary.py
 
-bench-peers: setup ## identification, optimizers and a drive beside those of others; 10 minutes
+bench-peers: setup ## identification and a drive beside those of others
 	tools/peers.sh python benchmarks/peers.py --json benchmarks/peers.json
 	tools/peers.sh python benchmarks/drive_peer.py --json benchmarks/drive_peer.json
-	tools/peers.sh python benchmarks/optimizer_peers.py \
-	    --json benchmarks/optimizer_peers.json
 
 campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks, fuzzing, a soak (docs/campaign.md)
 	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 tests/attacks $(ARGS)

@@ -1,6 +1,6 @@
 """Accuracy of the fault estimator beside the thesis's, and how far its covariance is honest.
 
-    python benchmarks/accuracy.py [--json FILE] [--quick] [--no-ablation]
+    python benchmarks/accuracy.py [--json FILE] [--quick]
 
 Every window comes from the high-fidelity simulation, which the estimator never runs, with seeds
 that nothing was tuned on. Prints tables and writes JSON. Needs g++ for the unit of time.
@@ -9,7 +9,6 @@ that nothing was tuned on. Prints tables and writes JSON. Needs g++ for the unit
 from pathlib import Path
 from typing import Any
 
-import ablation
 import bounds
 import detection
 import exactness
@@ -26,15 +25,13 @@ from tables import show
 from trials import Workers, run_benchmark, workers
 
 
-def measure(progress: Progress, sizes: Sizes, *, with_ablation: bool) -> dict[str, Any]:
+def measure(progress: Progress, sizes: Sizes) -> dict[str, Any]:
     """Return all figures."""
     with workers(progress) as pool:
         healthy = exactness.healthy_unit(pool, sizes)
         trials = exactness.measure(pool, healthy, sizes)
         figures = _figures(trials, healthy, pool)
         figures["detection"] = detection.measure(pool, healthy, sizes)
-        if with_ablation:
-            figures["ablation"] = ablation.measure(pool, sizes)
     figures["timing"] = timing.measure(progress, healthy, sizes)
     return figures
 
@@ -102,13 +99,10 @@ def _bounds(
 @command()
 @option("--json", "output", type=PathType(path_type=Path, dir_okay=False), help="File to write.")
 @option("--quick", is_flag=True, help="A tenth of everything.")
-@option("--ablation/--no-ablation", "with_ablation", default=True, show_default=True)
-def main(output: Path | None, quick: bool, with_ablation: bool) -> None:
+def main(output: Path | None, quick: bool) -> None:
     """Print the tables and write the JSON file."""
     sizes = Sizes.quick() if quick else Sizes()
-    run_benchmark(
-        lambda progress: measure(progress, sizes, with_ablation=with_ablation), show, output, 120
-    )
+    run_benchmark(lambda progress: measure(progress, sizes), show, output, 120)
 
 
 if __name__ == "__main__":

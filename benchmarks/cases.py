@@ -66,8 +66,6 @@ _STREAMS = (
     "healthy",
     "calibration",
     "step",
-    "validation law",
-    "validation wide",
 )
 
 
@@ -172,14 +170,6 @@ def by_the_law(count: int) -> list[Case]:
 def wide(count: int) -> list[Case]:
     """Return faults in all components at once."""
     return _drawn("wide", count, wide_faults)
-
-
-def validation(count: int) -> list[Case]:
-    """Return cases by the law and as many wide ones, other than those of the targets."""
-    return [
-        *_drawn("validation law", count, random_faults),
-        *_drawn("validation wide", count, wide_faults),
-    ]
 
 
 def without_approach(count: int) -> list[Case]:

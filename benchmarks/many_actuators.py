@@ -2,7 +2,7 @@
 
     python benchmarks/many_actuators.py [--monitors 1,2,4] [--actuators 4,8,...] [--json FILE]
 
-One process publishes the telemetry of all actuators in real time, as in `fleet.py`: each streams
+One process publishes the telemetry of all actuators in real time, as `fleet.py` says: each streams
 0.7 s of test in every 5 s, in blocks of 10 ms at 10,000 samples a second, in turn. The monitors
 share the actuators by the parameter `shard` and write their histories in one folder.
 
@@ -169,7 +169,7 @@ def measure(monitors: int, actuators: int, bursts: int, tests: list[list[bytes]]
     times: SimpleQueue[float] = context.SimpleQueue()
     observer = fleet.Observer()
     publisher = context.Process(
-        target=fleet.publish, args=(actuators, total, False, times, monitors, tests)
+        target=fleet.publish, args=(actuators, total, times, monitors, tests)
     )
     with running(monitors, names) as processes:
         publisher.start()

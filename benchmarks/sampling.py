@@ -1,12 +1,11 @@
 """What rate, sampling of the current and missing columns cost: errors, verdicts and intervals.
 
-    python benchmarks/sampling.py [--json FILE] [--vectors N] [--seed S] [--route ROUTE]
+    python benchmarks/sampling.py [--json FILE] [--vectors N] [--seed S]
 
 The same random faults, half by the thesis's law and half wide, are simulated with each acquisition
 of the telemetry and noisy sensors, windows are found in it, and each is identified with a
-calibration on twelve healthy cycles that were acquired alike. With `--route table` or `topics` all
-telemetry goes through a CSV file, or through the bridge from JointState. The weights and limits
-were set with seeds 1 to 4.
+calibration on twelve healthy cycles that were acquired alike. The weights and
+limits were set with seeds 1 to 4.
 """
 
 from pathlib import Path
@@ -14,13 +13,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from cases import CURRENT_NOISE, RESOLUTIONS, wide_faults
-from click import Choice, IntRange, command, option
+from click import IntRange, command, option
 from click import Path as PathType
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
-from routes import ROUTES, is_whole
 from tables import target_table
 from targets import Row
 from trials import Workers, difference, run_benchmark, workers
@@ -69,7 +67,6 @@ class _Recording(NamedTuple):
     faults: NDArray[np.float64]
     cycles: int
     seed: int
-    route: str
 
 
 class _Task(NamedTuple):
@@ -91,11 +88,7 @@ def _record(recording: _Recording) -> list[Window]:
         resolutions={name: size for name, size in RESOLUTIONS.items() if name not in missing},
         seed=recording.seed,
     )
-    blocks = ROUTES[recording.route](telemetry, description)
-    if not is_whole(blocks):
-        raise RuntimeError(f"{recording}: samples are missing")
-    finder = WindowFinder(TriggerSettings(), description)
-    found = [one for block in blocks for one in finder.feed(block)]
+    found = WindowFinder(TriggerSettings(), description).feed(telemetry)
     windows = [one.window for one in found if isinstance(one, Segment)]
     usable = [window for window in windows if isinstance(window, Window)]
     if len(usable) != recording.cycles:
@@ -107,26 +100,24 @@ def _identify(task: _Task) -> Estimate:
     return identify(*task)
 
 
-def measure(progress: Progress, vectors: int, seed: int, route: str = "none") -> dict[str, Any]:
+def measure(progress: Progress, vectors: int, seed: int) -> dict[str, Any]:
     """Return the figures of each acquisition."""
     rng = np.random.default_rng([20_160, seed])
     truths = [(wide_faults if i % 2 else random_faults)(rng) for i in range(vectors)]
     with workers(progress) as pool:
-        return {name: _figures(pool, name, truths, seed, route) for name in ACQUISITIONS}
+        return {name: _figures(pool, name, truths, seed) for name in ACQUISITIONS}
 
 
 def _figures(
-    pool: Workers, name: str, truths: list[NDArray[np.float64]], seed: int, route: str
+    pool: Workers, name: str, truths: list[NDArray[np.float64]], seed: int
 ) -> dict[str, Any]:
     description = ACQUISITIONS[name]
     first = 1000 * seed
-    halves = [
-        _Recording(description, healthy_faults(), _HEALTHY // 2, first + i, route) for i in (0, 1)
-    ]
+    halves = [_Recording(description, healthy_faults(), _HEALTHY // 2, first + i) for i in (0, 1)]
     healthy = pool.map(f"{name}: healthy", _record, halves)
     calibration = calibrate([one for windows in healthy for one in windows], description)
     recordings = [
-        _Recording(description, faults, 1, first + 2 + i, route) for i, faults in enumerate(truths)
+        _Recording(description, faults, 1, first + 2 + i) for i, faults in enumerate(truths)
     ]
     windows = [one for [one] in pool.map(f"{name}: windows", _record, recordings)]
     tasks = [_Task(window, description, calibration) for window in windows]
@@ -194,10 +185,9 @@ def rows(figures: dict[str, Any]) -> list[Row]:
 @option("--json", "output", type=PathType(path_type=Path, dir_okay=False), help="File to write.")
 @option("--vectors", default=100, type=IntRange(2), show_default=True, help="Number of faults.")
 @option("--seed", default=11, type=IntRange(0), show_default=True, help="Of faults and noise.")
-@option("--route", default="none", type=Choice(list(ROUTES)), show_default=True, help="Its way.")
-def main(output: Path | None, vectors: int, seed: int, route: str) -> None:
+def main(output: Path | None, vectors: int, seed: int) -> None:
     """Print the table and write the JSON file."""
-    run_benchmark(lambda progress: measure(progress, vectors, seed, route), show, output, 160)
+    run_benchmark(lambda progress: measure(progress, vectors, seed), show, output, 160)
 
 
 if __name__ == "__main__":

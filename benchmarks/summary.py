@@ -84,8 +84,9 @@ def live_rows(figures: dict[str, Any]) -> list[Row]:
     ]
 
 
-def fleet_rows(rows: list[dict[str, Any]]) -> list[Row]:
+def fleet_rows(figures: dict[str, Any]) -> list[Row]:
     """Return the row of the fleet that one monitor follows."""
+    rows = [row for row in figures["rows"] if row["monitors"] == 1]
     followed = max((row["actuators"] for row in rows if row["is_followed"]), default=0)
     return [
         Row(
@@ -109,7 +110,7 @@ def main() -> None:
         "unknown_drive": unknown_drive.rows,
         "kernels": kernel_rows,
         "live": live_rows,
-        "fleet": fleet_rows,
+        "many_actuators": fleet_rows,
         "startup": startup.rows,
         "resume": resume.rows,
         "memory": memory.rows,

@@ -1,6 +1,6 @@
 """The figures of accuracy.py as tables."""
 
-from typing import Any, Final
+from typing import Any
 
 import thesis
 from cases import THESIS_FAULTS
@@ -10,9 +10,6 @@ from rich.table import Table
 from targets import MULTIPLE_PERCENT, Row, case_target_percent, rows
 
 from ema_core.faults import FAULTS
-
-_SHOWN: Final = ("median", "p90", "max")
-_UNITS: Final = {"nominal": "nominal", "plants": "5 % off"}
 
 
 def show(console: Console, figures: dict[str, Any]) -> None:
@@ -36,8 +33,6 @@ def show(console: Console, figures: dict[str, Any]) -> None:
         "eight components from the current (Cramer-Rao). An estimate that keeps to the few faults "
         "it sees, and hears the speed, can be below it.\n"
     )
-    if "ablation" in figures:
-        console.print(ablation_table(figures["ablation"]))
 
 
 def target_table(title: str, rows: list[Row], beside: str = "thesis") -> Table:
@@ -114,15 +109,4 @@ def case_table(figures: dict[str, Any]) -> Table:
             f"{figures['timing']['thesis_cases_s'][name]:.3f}",
             *(f"{by_algorithm[a].error_percent:.2f}" for a in thesis.ALGORITHMS),
         )
-    return table
-
-
-def ablation_table(results: dict[str, Any]) -> Table:
-    """Return the errors without one step of the method each."""
-    columns = (f"{unit}\n{what} %" for unit in _UNITS.values() for what in _SHOWN)
-    table = Table("random faults, noisy sensors", *columns, title="what each step is worth")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for name, by_unit in results.items():
-        table.add_row(name, *(f"{by_unit[unit][w]:.2f}" for unit in _UNITS for w in _SHOWN))
     return table
