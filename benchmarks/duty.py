@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
-from ema_monitor.duty.flown import FlownDuty, Share
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.flown import FlownDuty, Share
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings

@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 from ema_core.levels import ERROR
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_of
 from ema_monitor.prognosis.count_log import CountLog
+from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.settings import TrackerSettings

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ema_monitor.duty.flown import FlownDuty, Share
 from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.flown import FlownDuty, Share
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service

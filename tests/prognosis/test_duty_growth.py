@@ -7,13 +7,13 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.prognosis.duty.course import (
     REFERENCE_TESTS,
     DutyCourse,
     duty_changes,
 )
 from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.history import History

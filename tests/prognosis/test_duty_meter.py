@@ -7,8 +7,8 @@ import pytest
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.duty.flown import FlownDuty, Share, together
-from ema_monitor.duty.meter import DutyLog, DutyMeter
+from ema_monitor.prognosis.duty.flown import FlownDuty, Share, together
+from ema_monitor.prognosis.duty.meter import DutyLog, DutyMeter
 
 PARAMETERS = ActuatorParameters()
 UNIT = ("flap", "SIM-0001")

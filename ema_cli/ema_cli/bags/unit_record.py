@@ -16,7 +16,7 @@ from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
-from ema_monitor.duty.flown import FlownDuty
+from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.history_entry import Count
 from ema_ros.messages import StampedFaults
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from ema_core.description import ActuatorDescription, check_name
 from ema_core.telemetry import Telemetry
-from ema_monitor.duty.meter import DutyLog
 from ema_monitor.model.measurements import MeasurementLog
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.actuators import Actuators
+from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window

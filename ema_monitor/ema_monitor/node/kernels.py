@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from ema_core.faults import N_FAULTS, healthy_faults
-from ema_monitor.duty.meter import count_travel
 from ema_monitor.model.monitor_model import FORMS, compile_kernels
+from ema_monitor.prognosis.duty.meter import count_travel
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
 

@@ -13,7 +13,6 @@ from rclpy.parameter import Parameter
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
 from ema_monitor.calibrations import AnyCalibration
-from ema_monitor.duty.meter import DutyLog
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
@@ -31,6 +30,7 @@ from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_o
 from ema_monitor.node.summary import summary_of
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment

@@ -18,7 +18,6 @@ from ema_core.wording import counted
 from ema_interfaces.msg import ScenarioLife
 from ema_interfaces.srv import GetHistory, PredictRemainingLife
 from ema_monitor.calibrations import AnyCalibration
-from ema_monitor.duty.meter import DutyLog
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.actuators import Actuators
@@ -29,6 +28,7 @@ from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts

@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote, unquote
 
-from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.assessment import Assessment
+from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.history_tables import (
     Test,

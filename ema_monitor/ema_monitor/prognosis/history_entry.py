@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from ema_core.quantity import is_finite_number
-from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
+from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 
 _MOST_HOURS: Final = 1e7

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_core.quantity import check_quantities, quantity, text
-from ema_monitor.duty.flown import FlownDuty, Spectrum
+from ema_monitor.prognosis.duty.flown import FlownDuty, Spectrum
 
 BOLTZMANN: Final = 8.617333e-5
 """Boltzmann's constant [eV/K]."""

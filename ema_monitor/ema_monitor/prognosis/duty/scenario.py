@@ -10,9 +10,9 @@ import numpy as np
 from ema_core.quantity import check_quantities, is_finite_number, quantity, text
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
-from ema_monitor.duty.flown import Share
 from ema_monitor.prognosis.duty.course import DutyCourse
 from ema_monitor.prognosis.duty.damage import MEASURE, ageing, wear
+from ema_monitor.prognosis.duty.flown import Share
 from ema_monitor.prognosis.duty.future import FutureDuty
 
 MOST_SCENARIOS: Final = 20

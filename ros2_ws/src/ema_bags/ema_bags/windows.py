@@ -24,9 +24,9 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_core.wording import counted
-from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
+from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -309,7 +309,7 @@ def find_recorded_windows(
     measurements, wrong = _recorded_measurements(recorded)
     meter, flown, last_ns = None, list[tuple[int, FlownDuty]](), 0
     if with_duty:
-        from ema_monitor.duty.meter import DutyMeter  # the compiler only for it
+        from ema_monitor.prognosis.duty.meter import DutyMeter  # the compiler only for it
 
         meter = DutyMeter()
     for place, item in recorded.items():

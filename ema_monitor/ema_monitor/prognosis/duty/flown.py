@@ -1,6 +1,5 @@
 """What was flown between two tests: travel by load, and hours by temperature of the winding."""
 
-from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Self
@@ -90,21 +89,6 @@ class FlownDuty:
     def travelled(self) -> float:
         """Travelled angle of the user shaft [rad]."""
         return float(sum(share.amount for share in self.travel))
-
-    def as_array(self) -> "array[float]":
-        """Return it in a fifth of the memory, for ``of_array``."""
-        shares = [figure for share in (*self.travel, *self.winding) for figure in share]
-        return array("d", [self.hours, len(self.travel), *shares])
-
-    @classmethod
-    def of_array(cls, figures: "array[float]") -> Self:
-        """Return what ``as_array`` was made of."""
-        shares = tuple(
-            Share(int(figures[i]), figures[i + 1], figures[i + 2])
-            for i in range(2, len(figures), 3)
-        )
-        travel = int(figures[1])
-        return cls(figures[0], shares[:travel], shares[travel:])
 
     def as_record(self) -> dict[str, Any]:
         """Return it in plain values, for ``of_record``."""

@@ -11,7 +11,7 @@ from ema_core._jit import kernel
 from ema_core.description import UnitKey
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.duty.flown import (
+from ema_monitor.prognosis.duty.flown import (
     CLASS_KELVIN,
     LEAST_RISE,
     LOAD_CLASSES,

@@ -1,1 +1,0 @@
-"""Duty of an actuator, measured from its telemetry."""
