@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_core.faults import fault_vector
 
 SINGLE_FAULTS: Final = ("friction", "backlash", "short_circuit", "eccentricity", "gain")
 """Kinds of single faults, in the order of the thesis's section 7.2."""
@@ -18,7 +18,16 @@ MULTIPLE: Final = "multiple"
 """Kind, and name, of the multiple fault."""
 
 # The thesis used its random k7 = 0.8009 as the angle in radians.
-_MULTIPLE_FAULT = (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038)
+_MULTIPLE_FAULT: Final = {
+    "friction": 0.0068,
+    "backlash": 0.0,
+    "short_circuit_a": 9.19e-3,
+    "short_circuit_b": 0.0013,
+    "short_circuit_c": 8.6e-4,
+    "eccentricity": 0.0111,
+    "eccentricity_phase": 0.627,
+    "gain": 0.38038,
+}
 
 
 @dataclass(frozen=True)
@@ -69,7 +78,7 @@ CASES: Final[dict[str, StudyCase]] = {
         StudyCase("eccentricity", "high", {"eccentricity": 0.75}),
         StudyCase("gain", "low", {"gain": 0.25}),
         StudyCase("gain", "high", {"gain": 0.75}),
-        StudyCase(MULTIPLE, "", dict(zip(FAULT_NAMES, _MULTIPLE_FAULT, strict=True))),
+        StudyCase(MULTIPLE, "", _MULTIPLE_FAULT),
     )
 }
 """The cases by name, e.g. "short circuit low"."""
