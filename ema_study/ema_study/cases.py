@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import fault_vector
+from ema_core.faults import FAULT_NAMES, fault_vector
 
 SINGLE_FAULTS: Final = ("friction", "backlash", "short_circuit", "eccentricity", "gain")
 """Kinds of single faults, in the order of the thesis's section 7.2."""
