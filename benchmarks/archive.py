@@ -33,7 +33,7 @@ from ema_archive.bag_task import BagTask, diagnose_bag
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import write_whole
 from ema_archive.query import answer
-from ema_archive.running import Tally, run_bags, run_units, scan
+from ema_archive.running import RunTally, run_bags, run_units, scan
 from ema_archive.summaries import UNITS, write_summaries
 from ema_bags.reader import Bag
 from ema_core.linear_algebra import one_thread
@@ -53,7 +53,7 @@ def of_size(place: Path, tests: int, units: int) -> dict[str, Any]:
     began_s, used_s = time.perf_counter(), time.process_time()
     with Manifest(place / "archive", is_new=True) as manifest, Workers("processes", 2) as pool:
         scan(manifest, [str(place / "bags")])
-        run_bags(manifest, pool, Tally(), diagnose=draw)
+        run_bags(manifest, pool, RunTally(), diagnose=draw)
         taken_s, used_s = time.perf_counter() - began_s, time.process_time() - used_s
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         write_summaries(manifest)
@@ -82,7 +82,7 @@ def of_unit(place: Path, tests: int) -> dict[str, Any]:
         for name in ("whole", "one_more"):
             if name == "one_more":
                 (place / last.name).rename(last)
-            tally = Tally()
+            tally = RunTally()
             scan(manifest, [str(place / "bags")])
             run_bags(manifest, pool, tally, diagnose=draw)
             used_s = time.process_time()
@@ -115,7 +115,7 @@ def of_workers(place: Path, bags: Path) -> dict[str, Any]:
     done = 0
     for number in range(_ROUNDS):
         for workers, taken in seconds.items():
-            archive, tally = place / f"archive_{number}_{workers}", Tally()
+            archive, tally = place / f"archive_{number}_{workers}", RunTally()
             with Manifest(archive, is_new=True) as manifest, Workers("processes", workers) as pool:
                 scan(manifest, [str(bags)])
                 settings = manifest.settings
@@ -153,7 +153,7 @@ def of_queries(place: Path, tests: int, units: int) -> dict[str, Any]:
 
 def of_kills(place: Path, bags: Path, kills: int) -> dict[str, Any]:
     """Return what is missing or doubled after so many workers were killed at random."""
-    archive, tally, rng = place / "archive", Tally(), random.Random(0)
+    archive, tally, rng = place / "archive", RunTally(), random.Random(0)
     killed, over = 0, threading.Event()
 
     def kill() -> None:

@@ -26,7 +26,7 @@ _OTHER_SOFTWARE: Final = (
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """How far a run is.
 
     Attributes
@@ -45,11 +45,11 @@ class Progress:
     failures: int = 0
 
 
-Follow = Callable[[Progress], None]
+Follow = Callable[[RunProgress], None]
 
 
 @dataclass
-class Tally:
+class RunTally:
     """What a run did.
 
     Attributes
@@ -102,7 +102,7 @@ def run(
     workers: Workers,
     follow: Follow = lambda _: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
-) -> Tally:
+) -> RunTally:
     """Do what is to be done in an archive.
 
     What is done is in the tables within half a minute, also when the run is ended by an exception.
@@ -121,7 +121,7 @@ def run(
     ClusterLostError
         When the workers are out of reach.
     """
-    tally = Tally()
+    tally = RunTally()
     try:
         run_bags(manifest, workers, tally, follow, diagnose)
         run_units(manifest, workers, tally, follow)
@@ -133,14 +133,14 @@ def run(
 def run_bags(
     manifest: Manifest,
     workers: Workers,
-    tally: Tally,
+    tally: RunTally,
     follow: Follow = lambda _: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> None:
     """Do the bags that are to be done; arguments as of `run`, and what to count in."""
     settings = manifest.settings
     total = manifest.find_due(settings)
-    follow(Progress("bags", 0, total))
+    follow(RunProgress("bags", 0, total))
     gathered: list[BagResult] = []
     began = time.monotonic()
     tasks = (
@@ -160,7 +160,7 @@ def run_bags(
                     written, gathered = gathered, []
                     write_results(manifest, written, settings)
                     began = time.monotonic()
-                follow(Progress("bags", tally.bags, total, tally.damaged + tally.failed))
+                follow(RunProgress("bags", tally.bags, total, tally.damaged + tally.failed))
     finally:
         # After a full disk none is left: what could not be written is done again.
         write_results(manifest, gathered, settings)
@@ -204,12 +204,12 @@ def write_results(
 
 
 def run_units(
-    manifest: Manifest, workers: Workers, tally: Tally, follow: Follow = lambda _: None
+    manifest: Manifest, workers: Workers, tally: RunTally, follow: Follow = lambda _: None
 ) -> None:
     """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
     settings = manifest.settings
     due = manifest.units_due(settings)
-    follow(Progress("units", 0, len(due)))
+    follow(RunProgress("units", 0, len(due)))
     entries = {entry.unit: entry for entry in due}
     tasks = (_unit_task(manifest.archive, entry, settings) for entry in due)
     for outcome in workers.run(follow_unit, tasks):
@@ -230,7 +230,7 @@ def run_units(
         manifest.commit_unit(entry, result)
         tally.units += 1
         tally.followed += result.repeated
-        follow(Progress("units", tally.units, len(due)))
+        follow(RunProgress("units", tally.units, len(due)))
 
 
 def _unit_task(archive: Path, entry: UnitEntry, settings: ArchiveSettings) -> UnitTask:

@@ -50,7 +50,7 @@ _WATCHED_BY_DEMO: Final = (
 
 
 @dataclass(frozen=True)
-class Access:
+class GraphNames:
     """Full names of what a node has in the graph, each list in order.
 
     Attributes
@@ -81,7 +81,7 @@ class Access:
 
 def node_access(
     namespace: str = topics.NAMESPACE, bridged: Iterable[str] = ()
-) -> Mapping[str, Access]:
+) -> Mapping[str, GraphNames]:
     """Return what each node has in the graph, by the name of the node.
 
     Parameters
@@ -151,11 +151,11 @@ def _managed(
     replies: Iterable[str] = (),
     requests: Iterable[str] = (),
     executes: Iterable[str] = (),
-) -> Access:
+) -> GraphNames:
     """Return what a lifecycle node has, with what all of them have."""
     own = f"{prefix}/{name}/"
     services = (*_OF_ALL, *_OF_LIFECYCLES, *replies)
-    return Access(
+    return GraphNames(
         prefix or "/",
         name,
         _sorted(*_SAID_BY_ALL, DIAGNOSTICS, f"{own}transition_event", *publishes),
@@ -166,10 +166,10 @@ def _managed(
     )
 
 
-def _plain(name: str, subscribes: Iterable[str]) -> Access:
+def _plain(name: str, subscribes: Iterable[str]) -> GraphNames:
     """Return what a node of a command has, which only listens, in a namespace of its name."""
     services = _sorted(*(f"/{name}/{name}/{item}" for item in _OF_ALL))
-    return Access(f"/{name}", name, _sorted(*_SAID_BY_ALL), _sorted(*subscribes), services)
+    return GraphNames(f"/{name}", name, _sorted(*_SAID_BY_ALL), _sorted(*subscribes), services)
 
 
 def _sorted(*names: str) -> tuple[str, ...]:

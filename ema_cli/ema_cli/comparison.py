@@ -22,7 +22,7 @@ from ema_monitor.windows.window import Window
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class ComparedRun:
     """What one algorithm made of the window.
 
     Attributes
@@ -58,19 +58,19 @@ class AlgorithmComparison:
     """
 
     found: RecordedWindow
-    runs: list[Run]
+    runs: list[ComparedRun]
     truth: NDArray[np.float64] | None = None
     fitness_at_truth: float | None = None
 
     @property
-    def best(self) -> Run | None:
+    def best(self) -> ComparedRun | None:
         """Run of lowest cost, a valid one if there is any; None when none has an estimate."""
         fitted = [run for run in self.runs if np.isfinite(run.estimate.fitness)]
         return min(
             fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None
         )
 
-    def error_percent(self, run: Run) -> float:
+    def error_percent(self, run: ComparedRun) -> float:
         """Return the error of a run's estimate [%]; NaN without truth or estimate."""
         if self.truth is None:
             return float("nan")
@@ -146,7 +146,7 @@ def compare_algorithms(
             except ValueError as error:
                 raise ValueError(f"{algorithm}: {error}") from error
             if run.estimate is not None:
-                runs.append(Run(run.estimate, evaluations, costs))
+                runs.append(ComparedRun(run.estimate, evaluations, costs))
             progress.update(task, completed=search.budget)
         comparison = AlgorithmComparison(found, runs, truth)
         best = comparison.best

@@ -77,7 +77,7 @@ class _Actuator:
     reported_s: float = math.nan
 
 
-class Fleet:
+class HeardFleet:
     """Actuators by what is heard of them; times ``now_s`` are of a clock that never goes back."""
 
     def __init__(self) -> None:

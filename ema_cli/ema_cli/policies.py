@@ -12,7 +12,7 @@ import click
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.mapping_file import load_mapping
-from ema_cli.access import Access, node_access
+from ema_cli.access import GraphNames, node_access
 from ema_cli.errors import one_clear_line
 from ema_core.description import ActuatorDescription
 from ema_ros.topics import NAMESPACE
@@ -21,7 +21,7 @@ FOLDER: Final = Path("ros2_ws/src/ema_bringup/policies")
 _VERSION: Final = "0.2.0"  # of the schema
 
 
-def policy(access: Access) -> str:
+def policy(access: GraphNames) -> str:
     """Return the policy of a node: an enclave that permits what it has in the graph, no more."""
     root = ElementTree.Element("policy", version=_VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")

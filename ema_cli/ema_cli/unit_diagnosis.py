@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ema_cli.bags.estimates import estimate_windows
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.unit_course import Course, follow
 from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_beside
 from ema_cli.identification_options import IdentificationOptions
@@ -66,7 +66,7 @@ class UnitDiagnosis:
 
 def diagnose_unit(
     paths: Sequence[Path],
-    source: Source,
+    source: SourceOptions,
     options: IdentificationOptions,
     prognosis: PrognosisOptions,
     *,

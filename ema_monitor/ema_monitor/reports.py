@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from ema_core.description import ActuatorDescription
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
-from ema_monitor.prognosis.growth.check import Calibration
+from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -182,7 +182,7 @@ def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthR
 
 
 def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
-    checked = outlook.calibrations.get(item.name, Calibration())
+    checked = outlook.calibrations.get(item.name, TrackRecord())
     return ItemReport(
         name=item.name,
         level=item.level,

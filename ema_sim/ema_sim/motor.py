@@ -55,7 +55,7 @@ class Windings(NamedTuple):
     w_c: float
 
 
-class Gap(NamedTuple):
+class AirGap(NamedTuple):
     """Modulation of the air gap at an angle of the motor [rad]: zeta times cosine and sine (M5)."""
 
     theta_m: float
@@ -122,11 +122,11 @@ def windings(motor: MotorConstants):
 def gap_at(motor: MotorConstants, theta_m):
     """Air gap at a motor angle."""
     angle = theta_m + motor.phi
-    return Gap(theta_m, motor.zeta * math.cos(angle), motor.zeta * math.sin(angle))
+    return AirGap(theta_m, motor.zeta * math.cos(angle), motor.zeta * math.sin(angle))
 
 
 @kernel()
-def modulation(gap: Gap, delta):
+def modulation(gap: AirGap, delta):
     """Relative change of the three back-EMF constants ``delta`` rad beyond the angle of a gap (M5).
 
     They lie a third of a turn apart. The Taylor series leave out delta^5 / 120.

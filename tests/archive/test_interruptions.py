@@ -16,7 +16,7 @@ import pytest
 
 from ema_archive import partitions
 from ema_archive.manifest import Manifest
-from ema_archive.running import Tally, run, run_bags, scan
+from ema_archive.running import RunTally, run, run_bags, scan
 from ema_core.tasks import Workers
 
 from .conftest import exactly, table_of
@@ -144,7 +144,7 @@ def test_only_one_command_changes_an_archive(ema, scanned):
 @pytest.mark.long
 def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
-        run_bags(manifest, pool, Tally())
+        run_bags(manifest, pool, RunTally())
     [first, *_] = sorted((scanned / "tables" / "usage").rglob("*.parquet"))
     rows = pq.ParquetFile(first).read()
     broken = pa.array([-1.0] * rows.num_rows)

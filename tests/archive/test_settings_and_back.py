@@ -9,7 +9,7 @@ from ema_archive.bag_task import DAMAGED, DONE, BagResult, BagTask, UnitRows
 from ema_archive.calibrations import calibration_of, identity_of
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_unit
-from ema_archive.running import Tally, run, run_units, scan, write_results
+from ema_archive.running import RunTally, run, run_units, scan, write_results
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import Listed
 from ema_core.tasks import Workers
@@ -71,9 +71,9 @@ def test_unit_whose_health_is_that_of_other_settings_is_followed_again(
             # The state that is kept is then that of the settings before.
             patch.setattr(running, "write_state", die)
             with pytest.raises(DeathError):
-                run_units(manifest, pool, Tally())
+                run_units(manifest, pool, RunTally())
         assert exactly(archive, "health") != health
         manifest.settings = before
         assert len(manifest.units_due(before)) == 1
-        run_units(manifest, pool, Tally())
+        run_units(manifest, pool, RunTally())
         assert exactly(archive, "health") == health

@@ -259,8 +259,8 @@ def test_refused_copy_does_not_hide_a_valid_test(archive, fleet):
 
     with Manifest(archive) as manifest, Workers("threads", 1) as pool:
         scan(manifest, [])
-        running.run_bags(manifest, pool, running.Tally(), diagnose=refused)
-        running.run_units(manifest, pool, running.Tally())
+        running.run_bags(manifest, pool, running.RunTally(), diagnose=refused)
+        running.run_units(manifest, pool, running.RunTally())
     assert len(answer(archive, "select bags from copies")[1]) == 1
     assert exactly(archive, "health") == health
 

@@ -10,7 +10,7 @@ import pytest
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli import comparison
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.windows import read_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.figures.comparison import draw_comparison
@@ -22,7 +22,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identifying import Identification
 from ema_monitor.optimizers import ALGORITHMS
 
-SOURCE = Source(None, None, 1e-6, 0.02, None)
+SOURCE = SourceOptions(None, None, 1e-6, 0.02, None)
 QUICK = ("--algorithms", "least_squares,pso", "--budget", "400")
 DRAWN = {"friction": 0.2, "eccentricity": 0.1, "eccentricity_phase": 0.7, "gain": 0.6}
 

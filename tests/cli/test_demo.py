@@ -17,7 +17,7 @@ from rich.console import Console
 from ema_bags.reader import Bag
 from ema_bags.telemetry import HEALTH_TYPE
 from ema_bags.windows import truth_at
-from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, read_history
+from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog, read_history
 from ema_cli.figures.history import draw_history
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
@@ -229,7 +229,7 @@ def test_faults_that_are_shown_are_those_that_grow():
 
 def shown(width: int, **changes) -> str:
     """Return what a terminal of so many columns shows of a warning."""
-    one = Diagnosis(
+    one = DiagnosedWindow(
         0, 0, 1, fault_vector({"friction": 0.21}), np.full(8, 0.004), True, "", 0.84,
         cycle=12, truth=fault_vector({"friction": 0.2}), level=WARN,
         cause="torque margin 0.59 (fails below 0.5)",
@@ -254,7 +254,9 @@ def test_table_says_why_the_level_is_what_it_is():
 
 
 def test_picture_says_when_each_level_came_first_and_why():
-    one = Diagnosis(0, 0, 1, fault_vector({"friction": 0.2}), np.full(8, 0.004), True, "", 0.84)
+    one = DiagnosedWindow(
+        0, 0, 1, fault_vector({"friction": 0.2}), np.full(8, 0.004), True, "", 0.84
+    )
     cause = "torque margin 0.59 (fails below 0.5)"
     history = DiagnosisLog("flap", "0001", limits={"friction": 0.5})
     levels = (OK, WARN, WARN, ERROR, STALE)

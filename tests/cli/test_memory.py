@@ -11,7 +11,7 @@ import pytest
 
 from ema_bags.windows import RecordedWindow, WindowsOnDemand
 from ema_cli.bags.outline import BINS, Outline
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.windows import read_windows
 from ema_cli.commands.plot import draw_telemetry
 from ema_core.description import ActuatorDescription
@@ -22,7 +22,7 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
-SOURCE = Source(None, None, 1e-6, 0.02)
+SOURCE = SourceOptions(None, None, 1e-6, 0.02)
 SHORT, LONG = 4, 16
 
 

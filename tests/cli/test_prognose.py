@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.unit_course import Course, follow, true_remaining_life
 from ema_cli.bags.unit_record import CALIBRATION_FILE, UnitRecord, find_bags, read_unit
 from ema_cli.commands import prognose as command
@@ -68,8 +68,8 @@ def told(ema, life_folder):
     return json.loads(result.stdout)
 
 
-def source(actuator_id: str | None = None) -> Source:
-    return Source(actuator_id, None, 1e-6, 0.05, None)
+def source(actuator_id: str | None = None) -> SourceOptions:
+    return SourceOptions(actuator_id, None, 1e-6, 0.05, None)
 
 
 def estimate_of(hours: float, seed: int | None = None, **faults: float) -> Estimate:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_bags.windows import BagWindows
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.windows import read_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.telemetry import Telemetry, join
@@ -22,7 +22,7 @@ def simulated(ema, tmp_path):
         result = ema("simulate", *arguments, "--force", "-o", bag)
         assert result.exit_code == 0, result.stderr
         blocks: list[Telemetry] = []
-        found = read_windows(bag, Source(None, None, 1e-6, 0.02), blocks.append)
+        found = read_windows(bag, SourceOptions(None, None, 1e-6, 0.02), blocks.append)
         return found, join(blocks), result.stdout
 
     return run

@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 
-from ema_cli.fleet import SILENT_S, Fleet
+from ema_cli.fleet import SILENT_S, HeardFleet
 from ema_cli.show.fleet_table import FleetTable, age_in_words
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import FaultEstimate, FaultHealth, Health, HiddenCause, RemainingUsefulLife
@@ -56,9 +56,9 @@ def refused(actuator_id: str, stamp_ns: int) -> FaultEstimate:
     return message
 
 
-def fleet_of(*healths: Health) -> Fleet:
+def fleet_of(*healths: Health) -> HeardFleet:
     """Fleet whose monitors reported at second 0."""
-    fleet = Fleet()
+    fleet = HeardFleet()
     for one in healths:
         fleet.add_health("/ema", one, 0.0)
         fleet.add_status(f"/ema/monitor: {one.actuator_id} health", 0.0)

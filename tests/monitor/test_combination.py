@@ -17,7 +17,7 @@ from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.knowledge import Before, Knowledge, information
 from ema_monitor.identification.objective import Coordinates, Objective
-from ema_monitor.identification.preview import NUISANCES, Motion
+from ema_monitor.identification.preview import NUISANCES, StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
@@ -212,7 +212,7 @@ def test_motion_that_shows_nothing_as_well_as_wanted_gives_no_estimate(stretches
 
 
 def test_motions_under_another_load_or_elsewhere_do_not_repeat_each_other(stretches):
-    first, second = (Motion.of(one, 0.1) for one in stretches[:2])
+    first, second = (StretchMotion.of(one, 0.1) for one in stretches[:2])
     assert first.repeats(first)
     assert not first.repeats(first._replace(load=0.2))
     assert not first.repeats(second)

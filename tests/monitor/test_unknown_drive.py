@@ -16,7 +16,7 @@ from ema_core.levels import OK, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import calibrate_unit, load_calibration
-from ema_monitor.current_balance.columns import Columns
+from ema_monitor.current_balance.columns import MotorMotion
 from ema_monitor.current_balance.play import free_play
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.diagnosis import Diagnosed, diagnose
@@ -148,7 +148,7 @@ def test_motion_one_way_does_not_tell_friction_from_load():
 @pytest.mark.parametrize("width", [0.0, 0.02, 0.3])
 def test_play_is_what_the_motor_turns_while_the_shaft_reverses(measured, width):
     window = closed_form(play=width)
-    found = free_play(Columns.of(window.telemetry, of_speed(measured=measured)))
+    found = free_play(MotorMotion.of(window.telemetry, of_speed(measured=measured)))
     assert found is not None
     # Without a speed, the law of the loop is fitted; its error is sampled, here to 1 %.
     assert found.width == pytest.approx(width, rel=1e-3 if measured else 0.05, abs=2e-3)

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.outliers import Event
-from ema_monitor.prognosis.growth.regimes import Change, GrowthNoise, RegimeWatch
+from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeChange, RegimeWatch
 from ema_monitor.prognosis.growth.tracker import Tracker
 
 from .tracked_lives import SIGMA, observed, of
@@ -18,7 +18,7 @@ FRICTION = COMPONENTS.index("friction")
 
 def changes(
     level: Callable[[float], float], seed: int, tests: int = 110, noise: GrowthNoise = NOISE
-) -> list[tuple[int, Change]]:
+) -> list[tuple[int, RegimeChange]]:
     """Return the changes found in a fault, with the tests that showed them."""
     watch, rng = RegimeWatch(), np.random.default_rng(seed)
     used = np.zeros(len(COMPONENTS), dtype=bool)

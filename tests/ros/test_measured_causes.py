@@ -10,7 +10,7 @@ import pytest
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.bags.estimates import estimate_windows
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.windows import read_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.faults import fault_vector
@@ -101,7 +101,9 @@ def bag(tmp_path_factory, cycles, messages) -> Path:
 def offline(bag: Path) -> list[FaultEstimate]:
     """What `ema estimate` finds, as messages."""
     settings = TriggerSettings()
-    source = Source(None, None, settings.threshold, settings.rest_s, measured_max_age_s=MAX_AGE_S)
+    source = SourceOptions(
+        None, None, settings.threshold, settings.rest_s, measured_max_age_s=MAX_AGE_S
+    )
     found = read_windows(bag, source)
     assert any("1 impossible measurement" in one and "cogging" in one for one in found.remarks)
     options = IdentificationOptions(SearchSettings(), None)

@@ -16,7 +16,7 @@ from rclpy.node import Node, NodeNameNonExistentError
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ema_cli.access import Access, node_access
+from ema_cli.access import GraphNames, node_access
 from ema_cli.policies import FOLDER, main, policy_files
 from ema_cli.processes.bringup import NODES
 
@@ -43,7 +43,7 @@ def names(pairs: list[tuple[str, list[str]]]) -> set[str]:
 class Seen:
     """What a node has in the graph, by the rules of a policy."""
 
-    def __init__(self, observer: Node, access: Access) -> None:
+    def __init__(self, observer: Node, access: GraphNames) -> None:
         found = (
             observer.get_publisher_names_and_types_by_node,
             observer.get_subscriber_names_and_types_by_node,
@@ -64,7 +64,7 @@ class Seen:
         self.replies -= ends[1]
 
 
-def check(observer: Node, access: Access) -> None:
+def check(observer: Node, access: GraphNames) -> None:
     """Fail where a node has what it is not permitted, or where it has too little to tell."""
     seen = Seen(observer, access)
     for rule in ("publishes", "subscribes", "replies", "requests", "executes"):
@@ -81,7 +81,7 @@ def check(observer: Node, access: Access) -> None:
     assert idle <= NOT_ALWAYS, f"{access.name} may publish {idle}, and does not"
 
 
-def has_subscription(observer: Node, access: Access, topic: str) -> bool:
+def has_subscription(observer: Node, access: GraphNames, topic: str) -> bool:
     return topic in Seen(observer, access).subscribes
 
 

@@ -9,7 +9,7 @@ import pytest
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.bags.estimates import estimate_windows
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.windows import read_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.commands import THESIS_CHIRP, build_cycle
@@ -51,7 +51,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def offline(bag: Path) -> list[FaultEstimate]:
     """Return what `ema estimate` finds, as messages."""
     settings = TriggerSettings()
-    found = read_windows(bag, Source(None, None, settings.threshold, settings.rest_s, None))
+    found = read_windows(bag, SourceOptions(None, None, settings.threshold, settings.rest_s, None))
     options = IdentificationOptions(SearchSettings(), None)
     estimates = estimate_windows(found.windows, Calibration.builtin(), options)
     return [

@@ -5,12 +5,12 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_core.description import ActuatorDescription
 
 
 def choose_description(
-    path: Path, actuator_id: str, recorded: tuple[ActuatorDescription, ...], source: Source
+    path: Path, actuator_id: str, recorded: tuple[ActuatorDescription, ...], source: SourceOptions
 ) -> tuple[ActuatorDescription | None, str]:
     """Return the description to read a bag with, and what there is to warn of.
 

@@ -19,7 +19,7 @@ _LONGEST_LATENCY_S: Final = 600.0
 
 
 @dataclass
-class Diagnosis:
+class DiagnosedWindow:
     """The diagnosis of one window.
 
     Attributes
@@ -79,7 +79,7 @@ class DiagnosisLog:
     truths: list[StampedFaults] = field(default_factory=list)
     limits: dict[str, float] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
-    _diagnosed: dict[int, Diagnosis] = field(default_factory=dict)
+    _diagnosed: dict[int, DiagnosedWindow] = field(default_factory=dict)
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def add(self, type_name: str, message: Any, received_ns: int) -> None:
@@ -110,7 +110,7 @@ class DiagnosisLog:
                 self._levels[stamp_ns] = message.level, message.cause
             self.limits.update({item.name: item.limit for item in message.faults})
 
-    def diagnoses(self) -> list[Diagnosis]:
+    def diagnoses(self) -> list[DiagnosedWindow]:
         """Return the diagnoses, each with what is known of its cycle."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
         found = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
@@ -161,17 +161,17 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     return history
 
 
-def has_latency(diagnoses: list[Diagnosis]) -> bool:
+def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
     """Return whether the latencies are such: that stamps and reception go by the same clock."""
     latencies = np.array([one.latency_s for one in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))
 
 
-def _diagnosed(message: Any, received_ns: int) -> Diagnosis:
+def _diagnosed(message: Any, received_ns: int) -> DiagnosedWindow:
     covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
     variances = np.diag(covariance)
     end_ns = stamp_from_message(message.window_end)
-    return Diagnosis(
+    return DiagnosedWindow(
         window=message.window,
         start_ns=stamp_from_message(message.window_start),
         end_ns=end_ns,

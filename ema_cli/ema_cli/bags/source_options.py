@@ -77,7 +77,7 @@ _MEASURED = (
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceOptions:
     """What the options say.
 
     Attributes
@@ -132,4 +132,4 @@ def source_options(
     """
     measured = _MEASURED if identifies else ()
     offered = (*_OPTIONS, *measured, click.option("--force", is_flag=True, help=force))
-    return gathered("source", Source, Source.__annotations__, offered)
+    return gathered("source", SourceOptions, SourceOptions.__annotations__, offered)

@@ -12,7 +12,7 @@ from ema_bags.reader import Bag
 from ema_bags.telemetry import DESCRIPTION_TYPE
 from ema_bags.usage import read_counts
 from ema_bags.windows import RecordedWindow
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
@@ -101,7 +101,7 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_unit(
-    paths: Iterable[Path], source: Source, *, skips_unreadable: bool = False
+    paths: Iterable[Path], source: SourceOptions, *, skips_unreadable: bool = False
 ) -> UnitRecord:
     """Read the tests of one unit from bags.
 

@@ -9,7 +9,7 @@ from ema_bags.reader import Bag
 from ema_bags.telemetry import read_telemetry
 from ema_bags.windows import BagWindows, find_recorded_windows
 from ema_cli.bags.chosen_description import choose_description
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.show.progress import progress_bar
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import measured_causes_of
@@ -18,7 +18,7 @@ from ema_monitor.windows.window import MIN_TRAVEL
 
 def read_windows(
     path: Path,
-    source: Source,
+    source: SourceOptions,
     on_block: Callable[[Telemetry], None] | None = None,
     bag: Bag | None = None,
     *,
@@ -79,7 +79,7 @@ def read_windows(
     return found
 
 
-def identifiable_windows(path: Path, source: Source) -> BagWindows:
+def identifiable_windows(path: Path, source: SourceOptions) -> BagWindows:
     """Return what ``read_windows`` does, with the remarks printed; at least one window was begun.
 
     Raises
@@ -96,7 +96,7 @@ def identifiable_windows(path: Path, source: Source) -> BagWindows:
     return found
 
 
-def require_windows(path: Path, found: BagWindows, source: Source) -> None:
+def require_windows(path: Path, found: BagWindows, source: SourceOptions) -> None:
     """Raise unless a window was at least begun.
 
     Raises

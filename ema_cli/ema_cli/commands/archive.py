@@ -16,7 +16,7 @@ from rich.text import Text
 
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
-from ema_archive.running import Progress, run, scan
+from ema_archive.running import RunProgress, run, scan
 from ema_archive.summaries import write_summaries
 from ema_cli.archive_options import GivenSettings, settings_options
 from ema_cli.errors import REFUSED, one_clear_line
@@ -82,7 +82,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
             task = progress.add_task("starting", total=None)
             shown, began_s = "", time.monotonic()
 
-            def follow(now: Progress) -> None:
+            def follow(now: RunProgress) -> None:
                 nonlocal task, shown, began_s
                 if now.what != shown:
                     progress.update(task, visible=False)

@@ -6,7 +6,7 @@ import click
 
 from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source_options import Source, source_options
+from ema_cli.bags.source_options import SourceOptions, source_options
 from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
@@ -38,7 +38,9 @@ _ENOUGH_WINDOWS = 5
     type=click.Path(path_type=Path, dir_okay=False),
     help="Calibration file to write.",
 )
-def calibrate(bags: tuple[Path, ...], form: str | None, source: Source, output: Path) -> None:
+def calibrate(
+    bags: tuple[Path, ...], form: str | None, source: SourceOptions, output: Path
+) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.
 
     A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,

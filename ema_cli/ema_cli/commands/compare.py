@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.estimates import as_object
-from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
 from ema_cli.bags.windows import identifiable_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, NameChoice, one_clear_line
@@ -58,7 +58,7 @@ class _Algorithms(click.ParamType):
 @picture_option("; by default BAG-compare.png")
 def compare(
     bag: Path,
-    source: Source,
+    source: SourceOptions,
     algorithms: list[str],
     options: IdentificationOptions,
     number: int | None,

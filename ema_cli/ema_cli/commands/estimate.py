@@ -16,7 +16,7 @@ from rich.table import Column, Table
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.estimates import as_object, estimate_windows
-from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
 from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
@@ -39,7 +39,7 @@ _REASON_WIDTH: Final = 90
     "-v", "--verbose", is_flag=True, help="Print a table a window, also when there are several."
 )
 def estimate(
-    bag: Path, source: Source, options: IdentificationOptions, as_json: bool, verbose: bool
+    bag: Path, source: SourceOptions, options: IdentificationOptions, as_json: bool, verbose: bool
 ) -> None:
     """Name the faults in each window of BAG, with their uncertainty.
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from ema_bags.reader import Bag
-from ema_cli.bags.source_options import Source, source_options
+from ema_cli.bags.source_options import SourceOptions, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.errors import one_clear_line
 from ema_core.wording import counted, text_table
@@ -15,7 +15,7 @@ from ema_monitor.windows.trigger import Refusal
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @source_options()
-def info(bag: Path, source: Source) -> None:
+def info(bag: Path, source: SourceOptions) -> None:
     """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():
         contents = Bag(bag)

@@ -9,7 +9,7 @@ from ema_bags.windows import BagWindows
 from ema_cli.bags.diagnoses import read_history
 from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.outline import Outline
-from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.comparison import choose_window
 from ema_cli.errors import one_clear_line
@@ -42,7 +42,7 @@ from ema_monitor.windows.trigger import Refusal
 @picture_option("; by default beside the bag")
 def plot(
     bag: Path,
-    source: Source,
+    source: SourceOptions,
     options: IdentificationOptions,
     number: int | None,
     as_history: bool,
@@ -74,7 +74,7 @@ def plot(
 
 
 def _draw_estimate(
-    found: BagWindows, number: int, source: Source, options: IdentificationOptions
+    found: BagWindows, number: int, source: SourceOptions, options: IdentificationOptions
 ) -> Figure:
     """Return a figure of the fit of a window; of ordinary motion, of an estimate's last stretch."""
     windows, what = found.windows, "estimate"

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.figures.prognosis import draw_course
@@ -35,7 +35,7 @@ from ema_monitor.reports import health_report, scenario_report
 @picture_option()
 def prognose(
     bags: tuple[Path, ...],
-    source: Source,
+    source: SourceOptions,
     options: IdentificationOptions,
     prognosis: PrognosisOptions,
     as_json: bool,

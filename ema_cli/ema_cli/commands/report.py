@@ -8,7 +8,7 @@ import click
 
 from ema_archive.fleet import fleet_summary
 from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
 from ema_cli.bags.unit_record import find_bags
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
@@ -37,7 +37,7 @@ from ema_core.files import complete_file
 def report(
     context: click.Context,
     bags: tuple[Path, ...],
-    source: Source,
+    source: SourceOptions,
     options: IdentificationOptions,
     prognosis: PrognosisOptions,
     output: Path,

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from ema_cli.completion import Completion
 from ema_cli.errors import one_clear_line
-from ema_cli.fleet import Fleet, Row
+from ema_cli.fleet import HeardFleet, Row
 from ema_cli.network_option import network_option
 from ema_cli.processes.listener import Listener
 from ema_cli.processes.reach import set_reach
@@ -116,7 +116,7 @@ class _Hearing:
                 self._places[topic] = place
         self.changed = threading.Event()
         self._lock = threading.Lock()
-        self._fleet = Fleet()
+        self._fleet = HeardFleet()
         self._simulated_ns: int | None = None
 
     def take(self, topic: str, message: Any) -> None:

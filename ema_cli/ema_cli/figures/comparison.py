@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ema_cli.comparison import AlgorithmComparison, Run
+from ema_cli.comparison import AlgorithmComparison, ComparedRun
 from ema_core.faults import FAULTS
 from ema_monitor.plot.style import (
     BLUE,
@@ -48,7 +48,7 @@ def draw_comparison(comparison: AlgorithmComparison, title: str) -> Figure:
     figure = Figure(figsize=(10.5, 9.0), layout="constrained")
     rows = -(-len(FAULTS) // _COLUMNS)
     grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[2.2, *[1.2] * rows])
-    runs: dict[Run, dict[str, Any]] = {
+    runs: dict[ComparedRun, dict[str, Any]] = {
         run: {"color": colour, "marker": marker, "ms": 6.0}
         | ({} if run.estimate.valid else {"mfc": "white"})
         for run, (colour, marker) in zip(comparison.runs, cycle(_STYLES), strict=False)
@@ -68,7 +68,7 @@ def draw_comparison(comparison: AlgorithmComparison, title: str) -> Figure:
 
 
 def _draw_convergence(
-    axes: Axes, comparison: AlgorithmComparison, runs: dict[Run, dict[str, Any]]
+    axes: Axes, comparison: AlgorithmComparison, runs: dict[ComparedRun, dict[str, Any]]
 ) -> None:
     for run, style in runs.items():
         costs = np.where(np.isfinite(run.costs), run.costs, np.nan)
@@ -93,7 +93,7 @@ def _draw_convergence(
 
 
 def _draw_fault(
-    axes: Axes, comparison: AlgorithmComparison, runs: dict[Run, dict[str, Any]], i: int
+    axes: Axes, comparison: AlgorithmComparison, runs: dict[ComparedRun, dict[str, Any]], i: int
 ) -> None:
     if comparison.truth is not None:
         axes.axhline(comparison.truth[i], **_TRUTH)
@@ -120,7 +120,9 @@ def _draw_fault(
     tidy(axes, "y")
 
 
-def _marks(comparison: AlgorithmComparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:
+def _marks(
+    comparison: AlgorithmComparison, runs: dict[ComparedRun, dict[str, Any]]
+) -> list[Line2D]:
     """Return the marks that are the same for all algorithms."""
     handles = [Line2D([], [], label="healthy", **_HEALTHY)]
     if comparison.truth is not None:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, has_latency
+from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog, has_latency
 from ema_core.faults import FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
@@ -72,7 +72,7 @@ def draw_history(history: DiagnosisLog) -> Figure:
     return figure
 
 
-def _changes_of_level(diagnoses: list[Diagnosis], place_name: str) -> list[str]:
+def _changes_of_level(diagnoses: list[DiagnosedWindow], place_name: str) -> list[str]:
     """Return when each level came first, and why, a line each."""
     levels = [one.level for one in diagnoses]
     lines = []
@@ -84,7 +84,7 @@ def _changes_of_level(diagnoses: list[Diagnosis], place_name: str) -> list[str]:
     return lines
 
 
-def _moves(diagnoses: list[Diagnosis], i: int) -> bool:
+def _moves(diagnoses: list[DiagnosedWindow], i: int) -> bool:
     healthy = FAULTS[i].healthy
     if any(one.truth is not None for one in diagnoses):
         return any(
@@ -96,7 +96,7 @@ def _moves(diagnoses: list[Diagnosis], i: int) -> bool:
     )
 
 
-def _place(diagnoses: list[Diagnosis]) -> NDArray[np.float64]:
+def _place(diagnoses: list[DiagnosedWindow]) -> NDArray[np.float64]:
     """Return the test cycles, or windows where there is one whose cycle is not known."""
     cycles = [one.cycle for one in diagnoses if one.cycle is not None]
     if len(cycles) < len(diagnoses):
@@ -104,14 +104,14 @@ def _place(diagnoses: list[Diagnosis]) -> NDArray[np.float64]:
     return np.array(cycles, dtype=float)
 
 
-def _shade(axes: Axes, diagnoses: list[Diagnosis]) -> None:
+def _shade(axes: Axes, diagnoses: list[DiagnosedWindow]) -> None:
     for place, one in zip(_place(diagnoses), diagnoses, strict=True):
         if one.level is not None and one.level in LEVEL_COLOURS:
             colour, label = LEVEL_COLOURS[one.level], LEVEL_NAMES[one.level]
             axes.axvspan(place - 0.5, place + 0.5, color=colour, alpha=_SHADE, lw=0, label=label)
 
 
-def _draw_fault(axes: Axes, diagnoses: list[Diagnosis], i: int, limit: float | None) -> None:
+def _draw_fault(axes: Axes, diagnoses: list[DiagnosedWindow], i: int, limit: float | None) -> None:
     place = _place(diagnoses)
     if any(one.truth is not None for one in diagnoses):
         truth = [np.nan if one.truth is None else one.truth[i] for one in diagnoses]
@@ -137,7 +137,7 @@ def _draw_fault(axes: Axes, diagnoses: list[Diagnosis], i: int, limit: float | N
     axes.set_ylabel(FAULTS[i].label)
 
 
-def _draw_errors(axes: Axes, diagnoses: list[Diagnosis], resting: list[int]) -> None:
+def _draw_errors(axes: Axes, diagnoses: list[DiagnosedWindow], resting: list[int]) -> None:
     place = _place(diagnoses)
     good = np.array([one.valid for one in diagnoses])
     for i, colour in zip(resting, _OTHERS, strict=False):
@@ -152,7 +152,7 @@ def _draw_errors(axes: Axes, diagnoses: list[Diagnosis], resting: list[int]) -> 
     axes.legend(loc="upper left", ncols=len(resting), fontsize="small", frameon=False)
 
 
-def _draw_latency(axes: Axes, diagnoses: list[Diagnosis]) -> None:
+def _draw_latency(axes: Axes, diagnoses: list[DiagnosedWindow]) -> None:
     latencies = np.array([one.latency_s for one in diagnoses])
     axes.bar(_place(diagnoses), latencies, width=0.6, color="0.55")
     median = float(np.median(latencies))

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
 
 from ema_bags.message_type import type_name
-from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog
+from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog
 from ema_cli.processes.listener import Listener
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
@@ -65,7 +65,7 @@ class Observer:
         """Return whether a node of the health monitor is in the graph."""
         return self._listener.sees(node_name, NAMESPACE)
 
-    def diagnoses(self) -> list[Diagnosis]:
+    def diagnoses(self) -> list[DiagnosedWindow]:
         """Return the diagnoses so far."""
         with self._lock:
             return self._history.diagnoses()

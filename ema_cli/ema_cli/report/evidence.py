@@ -87,7 +87,7 @@ class Limited(NamedTuple):
     life: str
 
 
-class Cause(NamedTuple):
+class FoundCause(NamedTuple):
     """A hidden cause: in how many tests it was found, and the latest of these."""
 
     words: str
@@ -166,14 +166,16 @@ def _widening(name: str, outlook: Outlook) -> str:
     return f" (widened by {checked.widening:.2f}: earlier predictions were too sure)"
 
 
-def hidden_causes(told: UnitDiagnosis) -> list[Cause]:
+def hidden_causes(told: UnitDiagnosis) -> list[FoundCause]:
     """Return the hidden causes that are part of the explanation of valid tests."""
     found: dict[str, tuple[int, CauseEstimate, Estimate]] = {}
     for one in told.estimates:
         for cause in one.causes if one.valid else ():
             tests, *_ = found.get(cause.name, (0,))
             found[cause.name] = (tests + 1, cause, one)
-    return [Cause(str(cause), tests, moment(one.end_ns)) for tests, cause, one in found.values()]
+    return [
+        FoundCause(str(cause), tests, moment(one.end_ns)) for tests, cause, one in found.values()
+    ]
 
 
 def confusions(told: UnitDiagnosis) -> list[tuple[str, str, int]]:

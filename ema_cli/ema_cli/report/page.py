@@ -6,7 +6,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.prognosis_options import PrognosisOptions
 from ema_cli.report.environment import SHAPES_BY_NAME, template
 from ema_cli.report.evidence import confusions, hidden_causes, limited, tests_of
@@ -19,7 +19,7 @@ from ema_core.faults import FAULTS
 
 def report_page(
     paths: Sequence[Path],
-    source: Source,
+    source: SourceOptions,
     prognosis: PrognosisOptions,
     told: UnitDiagnosis,
     command: str,

@@ -11,14 +11,14 @@ from ema_core.wording import counted
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 
 
-class Picture(NamedTuple):
+class ReportPicture(NamedTuple):
     """A picture with its caption."""
 
     svg: str
     caption: str
 
 
-def pictures_of(told: UnitDiagnosis, end_hours: float | None) -> list[Picture]:
+def pictures_of(told: UnitDiagnosis, end_hours: float | None) -> list[ReportPicture]:
     """Return the fit of the last valid window, and the course of faults and life."""
     found = []
     if (fit := _last_fit(told)) is not None:
@@ -31,12 +31,14 @@ def pictures_of(told: UnitDiagnosis, end_hours: float | None) -> list[Picture]:
         )
         figure = draw_course(told.course, end_hours)
         found.append(
-            Picture(inline_svg(figure, "course", "Faults and remaining life", caption), caption)
+            ReportPicture(
+                inline_svg(figure, "course", "Faults and remaining life", caption), caption
+            )
         )
     return found
 
 
-def _last_fit(told: UnitDiagnosis) -> Picture | None:
+def _last_fit(told: UnitDiagnosis) -> ReportPicture | None:
     """Return the fit of the last valid estimate."""
     estimate = next((one for one in reversed(told.estimates) if one.valid), None)
     if estimate is None or isinstance(told.calibration, UnknownDriveUnit):
@@ -50,6 +52,6 @@ def _last_fit(told: UnitDiagnosis) -> Picture | None:
         "faults."
     )
     figure = draw_fit(last, estimate, told.calibration, told.options.search)
-    return Picture(
+    return ReportPicture(
         inline_svg(figure, "fit", "Measured and estimated current and speed", caption), caption
     )

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
-from ema_cli.bags.source_options import Source
+from ema_cli.bags.source_options import SourceOptions
 from ema_cli.bags.unit_record import find_bags
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core import __version__
@@ -38,7 +38,7 @@ class File:
     sha256: str
 
 
-def files_read(paths: Sequence[Path], source: Source, told: UnitDiagnosis) -> list[File]:
+def files_read(paths: Sequence[Path], source: SourceOptions, told: UnitDiagnosis) -> list[File]:
     """Return the files that a diagnosis rests on."""
     windows = Counter(told.record.bags[window.end_ns] for window in told.record.windows)
     found = []

@@ -19,7 +19,7 @@ _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"
 
 
 @dataclass(frozen=True)
-class Verdict:
+class UnitVerdict:
     """The verdict in three lines, and what to do.
 
     Attributes
@@ -42,11 +42,11 @@ class Verdict:
         return LEVEL_NAMES[self.level]
 
 
-def verdict_of(told: UnitDiagnosis) -> Verdict:
+def verdict_of(told: UnitDiagnosis) -> UnitVerdict:
     """Return the verdict on a unit."""
     if not told.course.outlooks:
         tests = counted(len(told.estimates), "test")
-        return Verdict(
+        return UnitVerdict(
             STALE,
             (
                 f"Unknown: none of {tests} has a valid estimate.",
@@ -60,7 +60,7 @@ def verdict_of(told: UnitDiagnosis) -> Verdict:
     lines = _state(told, last), _wearing(told, last, valid), _lasting(last)
     words = [told.advice_in_words, removal_in_words(last)]
     actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(told)]
-    return Verdict(last.health.level, lines, actions)
+    return UnitVerdict(last.health.level, lines, actions)
 
 
 def _state(told: UnitDiagnosis, last: Outlook) -> str:

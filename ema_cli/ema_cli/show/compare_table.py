@@ -6,7 +6,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ema_cli.comparison import AlgorithmComparison, Run
+from ema_cli.comparison import AlgorithmComparison, ComparedRun
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS
 
 
@@ -58,7 +58,9 @@ def _table(title: str, columns: dict[str, list[str]], left: tuple[str, ...]) -> 
     return table
 
 
-def _starred(runs: list[Run], value_of: Callable[[Run], float], form: str) -> list[str]:
+def _starred(
+    runs: list[ComparedRun], value_of: Callable[[ComparedRun], float], form: str
+) -> list[str]:
     shown = {run: _figure(value_of(run), form) for run in runs}
     judged = {run: text for run, text in shown.items() if run.estimate.valid}
     if len(set(judged.values())) < 2:
@@ -75,7 +77,7 @@ def _figure(value: float, form: str) -> str:
     return format(value, form) if np.isfinite(value) else "-"
 
 
-def _largest_difference(run: Run, best: Run) -> str:
+def _largest_difference(run: ComparedRun, best: ComparedRun) -> str:
     faults, others = (np.array(one.estimate.faults) for one in (run, best))
     if run is best:
         return "fittest"

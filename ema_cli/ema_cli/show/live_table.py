@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ema_cli.bags.diagnoses import Diagnosis
+from ema_cli.bags.diagnoses import DiagnosedWindow
 from ema_cli.show.levels import COLOURS
 from ema_cli.show.terminal_display import TerminalDisplay
 from ema_core.faults import FAULT_NAMES, FAULTS
@@ -35,7 +35,9 @@ class LiveTable(TerminalDisplay):
         else:
             click.echo(line)
 
-    def show(self, diagnoses: Sequence[Diagnosis], state: str, *, final: bool = False) -> None:
+    def show(
+        self, diagnoses: Sequence[DiagnosedWindow], state: str, *, final: bool = False
+    ) -> None:
         """Show the diagnoses so far."""
         if self._console.is_terminal:
             self._live.update(self._table(diagnoses, state), refresh=True)
@@ -49,7 +51,7 @@ class LiveTable(TerminalDisplay):
             click.echo(self._line(one))
             self._written += 1
 
-    def _table(self, diagnoses: Sequence[Diagnosis], state: str) -> Table:
+    def _table(self, diagnoses: Sequence[DiagnosedWindow], state: str) -> Table:
         cause = _since(diagnoses) if diagnoses and diagnoses[-1].cause else ""
         table = Table(
             title="normalised faults: true→estimated±sigma",
@@ -71,13 +73,13 @@ class LiveTable(TerminalDisplay):
             table.add_row(_cycle(one), *faults, level, f"{one.latency_s:.2f} s")
         return table
 
-    def _line(self, one: Diagnosis) -> str:
+    def _line(self, one: DiagnosedWindow) -> str:
         faults = [f"{FAULTS[i].label} {_figures(one, i)}" for i in self._faults]
         parts = [f"cycle {_cycle(one):>3}", *faults, f"{_level(one):5}", f"{one.latency_s:.2f} s"]
         return "   ".join(filter(None, (*parts, one.cause if one.valid else one.reason)))
 
 
-def _since(diagnoses: Sequence[Diagnosis]) -> str:
+def _since(diagnoses: Sequence[DiagnosedWindow]) -> str:
     """Return why the latest level is what it is, and since when it is."""
     last = diagnoses[-1]
     same = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
@@ -85,15 +87,15 @@ def _since(diagnoses: Sequence[Diagnosis]) -> str:
     return f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
 
 
-def _cycle(one: Diagnosis) -> str:
+def _cycle(one: DiagnosedWindow) -> str:
     return "?" if one.cycle is None else str(one.cycle)
 
 
-def _level(one: Diagnosis) -> str:
+def _level(one: DiagnosedWindow) -> str:
     return "-" if one.level is None else LEVEL_NAMES[one.level]
 
 
-def _figures(one: Diagnosis, i: int) -> str:
+def _figures(one: DiagnosedWindow, i: int) -> str:
     true = "?" if one.truth is None else f"{one.truth[i]:.3f}"
     if not one.valid:
         return f"{true} → none"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.current_balance.columns import Columns
+from ema_monitor.current_balance.columns import MotorMotion
 from ema_monitor.current_balance.play import Play, free_play, runs_of
 from ema_monitor.current_balance.terms import (
     BASIC,
@@ -73,7 +73,7 @@ class Balance:
         knee
             Current from which on the part that makes no torque is constant [A].
         """
-        columns = Columns.of(telemetry, description)
+        columns = MotorMotion.of(telemetry, description)
         play = free_play(columns)
         h, current, turned = columns.step_s, columns.current, columns.turned
         step_speed = np.diff(turned) / h

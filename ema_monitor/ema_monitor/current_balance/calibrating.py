@@ -10,7 +10,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.current_balance.balance import Balance
 from ema_monitor.current_balance.columns import has_speed
-from ema_monitor.current_balance.fitting import Fit, Prior, fit
+from ema_monitor.current_balance.fitting import BalancePrior, Fit, fit
 from ema_monitor.current_balance.priors import Known, load_sigmas, taken_for_known_loads
 from ema_monitor.current_balance.terms import BASIC, OF_CURRENT, columns_of, ripples
 from ema_monitor.current_balance.unit import UnknownDriveUnit
@@ -142,7 +142,7 @@ def _fit(
     sigma[3] = 0.5 * usual
     sigma[4] = 3e-3
     spreads = load_sigmas(parameters, balances)
-    prior = Prior(
+    prior = BalancePrior(
         np.zeros(size),
         sigma,
         np.array([[known[0][0], known[1][0]] for known in loads]),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.current_balance.balance import Balance
-from ema_monitor.current_balance.fitting import Fit, Prior, fit
+from ema_monitor.current_balance.fitting import BalancePrior, Fit, fit
 from ema_monitor.current_balance.terms import Ripple, columns_of
 
 EVIDENT: Final = 36.0
@@ -18,7 +18,7 @@ _WORTHWHILE: Final = 0.1
 
 def chosen_ripples(
     balances: Sequence[Balance],
-    prior: Prior,
+    prior: BalancePrior,
     basic: NDArray[np.bool_],
     noise: float,
     groups: tuple[Ripple, ...],
@@ -52,7 +52,7 @@ def chosen_ripples(
     return best
 
 
-def evidence(found: Fit, prior: Prior, where: slice) -> float:
+def evidence(found: Fit, prior: BalancePrior, where: slice) -> float:
     """Return the squared distance of some terms from the mean of their prior."""
     change = found.values[where] - prior.mean[where]
     covariance = found.covariance[where, where]

@@ -14,7 +14,7 @@ _SPAN_WITHOUT_SPEED_S: Final = 3e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class MotorMotion:
     """Motion of the motor between samples, ``n`` of them, and the steps between, ``n - 1``.
 
     Attributes

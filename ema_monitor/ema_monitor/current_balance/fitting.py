@@ -16,7 +16,7 @@ _PASSES: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
+class BalancePrior:
     """What is known of the terms before a motion, and of its loads.
 
     Attributes
@@ -66,7 +66,9 @@ class Fit:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
-def fit(balances: Sequence[Balance], prior: Prior, fitted: NDArray[np.bool_], noise: float) -> Fit:
+def fit(
+    balances: Sequence[Balance], prior: BalancePrior, fitted: NDArray[np.bool_], noise: float
+) -> Fit:
     """Fit terms to balances; load and stiffness of each balance are fitted too.
 
     Parameters
@@ -127,7 +129,7 @@ class _Solved(NamedTuple):
 
 def _solved(
     balances: Sequence[Balance],
-    prior: Prior,
+    prior: BalancePrior,
     chosen: NDArray[np.int64],
     robust: Sequence[NDArray[np.float64]],
     scale: float,
@@ -150,7 +152,7 @@ class _Part:
     def __init__(
         self,
         balance: Balance,
-        prior: Prior,
+        prior: BalancePrior,
         number: int,
         chosen: NDArray[np.int64],
         robust: NDArray[np.float64],

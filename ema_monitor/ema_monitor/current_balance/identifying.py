@@ -14,7 +14,7 @@ from ema_core.faults import BACKLASH, ECCENTRICITY, FRICTION, N_FAULTS, FaultVec
 from ema_monitor.current_balance.balance import Balance
 from ema_monitor.current_balance.calibrating import motion_defect
 from ema_monitor.current_balance.choosing import chosen_ripples, evidence
-from ema_monitor.current_balance.fitting import Fit, Prior, fit
+from ema_monitor.current_balance.fitting import BalancePrior, Fit, fit
 from ema_monitor.current_balance.priors import basic_terms, of_unit, prior_of
 from ema_monitor.current_balance.terms import Ripple, ripples
 from ema_monitor.current_balance.unit import LEARNED, UnknownDriveUnit
@@ -49,7 +49,7 @@ _WAVES: Final = 0.96
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class CombinedMotions:
     """What several motions of a unit tell together, before it is said as faults.
 
     Attributes
@@ -63,7 +63,7 @@ class Motion:
     """
 
     found: Fit
-    prior: Prior
+    prior: BalancePrior
     balances: Sequence[Balance]
     loss: float
     loss_sigma: float
@@ -196,7 +196,7 @@ def _with_true_current(window: Window) -> Window:
 
 def _fitted(
     windows: Sequence[Window], balances: Sequence[Balance], unit: UnknownDriveUnit
-) -> Motion:
+) -> CombinedMotions:
     """Fit the balances, with the torque per ampere free where the motion shows it."""
     prior = prior_of(unit, balances, windows)
     basic = basic_terms(len(unit.terms))
@@ -234,7 +234,7 @@ def _fitted(
     mismatch = math.hypot(floor, share * (level - 1.0) / 2.0)
     friction_sigma = math.hypot(level * math.sqrt(relative) / 2.0, mismatch)
     backlash, backlash_sigma = _backlash(balances, unit)
-    return Motion(
+    return CombinedMotions(
         found,
         prior,
         balances,
@@ -268,7 +268,11 @@ class _Conclusion:
     """What a motion tells, as faults, causes and words."""
 
     def __init__(
-        self, motion: Motion, unit: UnknownDriveUnit, windows: Sequence[Window], widening: float
+        self,
+        motion: CombinedMotions,
+        unit: UnknownDriveUnit,
+        windows: Sequence[Window],
+        widening: float,
     ) -> None:
         self._motion, self._unit = motion, unit
         self._measured = {one.name for one in windows[0].measured}

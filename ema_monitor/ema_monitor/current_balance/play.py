@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.current_balance.columns import Columns
+from ema_monitor.current_balance.columns import MotorMotion
 
 _SLOW: Final = 0.02
 _RUN_S: Final = 3e-3
@@ -20,7 +20,7 @@ _TINY: Final = 1e-12
 _RESOLVED: Final = 1.5
 
 
-class Run(NamedTuple):
+class OneWay(NamedTuple):
     """Samples ``first`` to ``last`` (included) in which the shaft moves one way."""
 
     first: int
@@ -52,7 +52,7 @@ class Play:
     by_error: bool
 
 
-def runs_of(shaft: NDArray[np.float64], step_s: float) -> list[Run]:
+def runs_of(shaft: NDArray[np.float64], step_s: float) -> list[OneWay]:
     """Return the runs one way of a shaft, at the ends of which motor and shaft touch.
 
     Parameters
@@ -75,13 +75,13 @@ def runs_of(shaft: NDArray[np.float64], step_s: float) -> list[Run]:
     ends = np.concatenate([changes, [len(way)]])
     least = max(_FEWEST_STEPS, round(_RUN_S / step_s))
     return [
-        Run(int(begin) + 1, int(end), float(way[begin]))
+        OneWay(int(begin) + 1, int(end), float(way[begin]))
         for begin, end in zip(begins, ends, strict=True)
         if way[begin] != 0.0 and end - begin >= least
     ]
 
 
-def free_play(columns: Columns) -> Play | None:
+def free_play(columns: MotorMotion) -> Play | None:
     """Return the free play that a motion shows; None where it does not reverse twice.
 
     Between two runs of the shaft in opposite directions the motor turns by the play more than the
@@ -121,7 +121,7 @@ def free_play(columns: Columns) -> Play | None:
     return Play(width, sigma, middle, len(widths), columns.speed is None)
 
 
-def _bases(columns: Columns, time: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bases(columns: MotorMotion, time: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what the angle of the motor is a sum of, ``(n, k)``."""
     if columns.speed is not None:
         return np.stack([columns.turned, time], axis=1)
@@ -132,7 +132,7 @@ def _bases(columns: Columns, time: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _within_runs(
-    shaft: NDArray[np.float64], bases: NDArray[np.float64], runs: list[Run]
+    shaft: NDArray[np.float64], bases: NDArray[np.float64], runs: list[OneWay]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return by which slopes the bases explain the shaft within its runs, and their covariance."""
     parts = [slice(run.first, run.last + 1) for run in runs if run.last - run.first >= 2]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.current_balance.balance import Balance
-from ema_monitor.current_balance.fitting import Prior
+from ema_monitor.current_balance.fitting import BalancePrior
 from ema_monitor.current_balance.terms import BASIC, OF_CURRENT, columns_of, ripples
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.windows.window import Window
@@ -51,7 +51,7 @@ def prior_of(
     windows: Sequence[Window],
     *,
     inertia_sigma: float = _FREE,
-) -> Prior:
+) -> BalancePrior:
     """Return what a calibration says of motions to be monitored.
 
     Parameters
@@ -85,7 +85,7 @@ def prior_of(
         known = taken_for_known_loads(window, unit.parameters)
         loads.append([unit.load + known[0][0], unit.stiffness + known[1][0]])
         spreads.append([min(known[0][1], usual[0]), min(known[1][1], usual[1])])
-    return Prior(mean, sigma, np.array(loads), np.array(spreads))
+    return BalancePrior(mean, sigma, np.array(loads), np.array(spreads))
 
 
 def of_unit(balance: Balance, unit: UnknownDriveUnit) -> Balance:

@@ -16,7 +16,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.knowledge import Before, Knowledge
 from ema_monitor.identification.objective import Coordinates
-from ema_monitor.identification.preview import NUISANCES, Motion, Preview
+from ema_monitor.identification.preview import NUISANCES, Preview, StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
@@ -145,7 +145,7 @@ class Combination:
 
     def _begin(self) -> None:
         self._parts: list[Part] = []
-        self._motions: list[Motion] = []
+        self._motions: list[StretchMotion] = []
         self._looked_at = 0
         self._known = self._nothing
         self._preview: Preview | None = None

@@ -25,7 +25,7 @@ _NEAR: Final = 0.05
 _REPEATED: Final = 0.8
 
 
-class Motion(NamedTuple):
+class StretchMotion(NamedTuple):
     """Where a stretch went, a value a millisecond.
 
     Attributes
@@ -80,7 +80,7 @@ class Preview(NamedTuple):
     start: tuple[float, ...]
     misfit: float
     gained: NDArray[np.float64]
-    motion: Motion
+    motion: StretchMotion
 
     @classmethod
     def of(
@@ -124,7 +124,7 @@ class Preview(NamedTuple):
             (float(point[-1]),),
             objective.misfit(left),
             information(at.jacobian, objective.noise),
-            Motion.of(stretch, float(objective.causes(point)[0]) / load.reach),
+            StretchMotion.of(stretch, float(objective.causes(point)[0]) / load.reach),
         )
 
 

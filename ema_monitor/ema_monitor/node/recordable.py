@@ -8,7 +8,7 @@ from typing import Final
 from rclpy.node import Node
 
 from ema_core.description import UnitKey
-from ema_monitor.node.settings import Recording
+from ema_monitor.node.settings import HistoryRules
 from ema_ros.settings import LiveSettings
 from ema_ros.throttle import Throttle
 
@@ -32,7 +32,7 @@ class Recordable:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._settings = LiveSettings(node, Recording)
+        self._settings = LiveSettings(node, HistoryRules)
         self._throttle = Throttle(_LOG_PERIOD_S)
         self._is_on_disk = False
         self._is_suspended = False

@@ -46,7 +46,7 @@ class Files:
 
 
 @dataclass(frozen=True)
-class Recording:
+class HistoryRules:
     """Which tests enter the histories on disk.
 
     Raises

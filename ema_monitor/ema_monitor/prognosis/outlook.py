@@ -19,7 +19,7 @@ from ema_monitor.health import (
 )
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.future import FutureDuty
-from ema_monitor.prognosis.growth.check import Calibration
+from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
@@ -104,7 +104,7 @@ class Outlook:
         default_factory=lambda: np.empty(0), repr=False, compare=False
     )
     tests_tell: bool = True
-    calibrations: Mapping[str, Calibration] = field(default_factory=dict)
+    calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
 
     @property
     def duty(self) -> float:

@@ -31,18 +31,18 @@ _LINEAR_GENERATIONS: Final = 20
 """Most of the fall is over by then: the axis is linear up to here and logarithmic beyond."""
 
 
-class Course(NamedTuple):
+class PlottedColumn(NamedTuple):
     """A column with a value a generation, and the label of its axis."""
 
     column: str
     label: str
 
 
-COSTS: Final = Course("costs", "lowest cost [A$^2$ s]")
-ERRORS: Final = Course("errors_percent", "error of the best [%]")
+COSTS: Final = PlottedColumn("costs", "lowest cost [A$^2$ s]")
+ERRORS: Final = PlottedColumn("errors_percent", "error of the best [%]")
 
 
-def draw_convergence(runs: pd.DataFrame, model: str, course: Course) -> Figure:
+def draw_convergence(runs: pd.DataFrame, model: str, course: PlottedColumn) -> Figure:
     """Return the courses of all runs with a model, thin, and their median by algorithm.
 
     A run that has stopped keeps its last value. Of ``course``, ``COSTS`` has a band from the cost
@@ -74,7 +74,7 @@ def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
     return np.median(rows, axis=0)
 
 
-def _draw(axes: Axes, runs: pd.DataFrame, course: Course) -> None:
+def _draw(axes: Axes, runs: pd.DataFrame, course: PlottedColumn) -> None:
     tidy(axes)
     axes.set_yscale("log")
     axes.set_xscale("symlog", linthresh=_LINEAR_GENERATIONS)
@@ -96,7 +96,7 @@ def _draw(axes: Axes, runs: pd.DataFrame, course: Course) -> None:
         axes.axhspan(at_truth, at_truth if np.isnan(threshold) else threshold, **_THRESHOLD)
 
 
-def _legend(figure: Figure, runs: pd.DataFrame, course: Course) -> None:
+def _legend(figure: Figure, runs: pd.DataFrame, course: PlottedColumn) -> None:
     handles: list[object] = [
         Line2D([], [], color=COLOURS[name], ls=DASHES[name], lw=1.8, label=label)
         for name, label in NAMES_WITH_OWN_CODE.items()

@@ -59,7 +59,7 @@ LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
 
 @dataclass(frozen=True)
-class Calibration:
+class TrackRecord:
     """How the predictions of a fault held against its tests.
 
     Attributes
@@ -246,7 +246,7 @@ class PredictionCheck:
         p = np.exp(self._log_widths - self._log_widths.max(axis=1, keepdims=True))
         return np.maximum(np.exp(p @ np.log(WIDTHS) / p.sum(axis=1)), 1.0)
 
-    def of(self, number: int) -> Calibration:
+    def of(self, number: int) -> TrackRecord:
         """Return what is known of a component."""
         counts, sums = self._scores[:, number, 0], self._scores[:, number, 1]
         one_step, ahead = (
@@ -254,7 +254,7 @@ class PredictionCheck:
             for count, total in zip(counts.tolist(), sums.tolist(), strict=True)
         )
         widening = math.nan if math.isnan(ahead) else float(self.widening()[number])
-        return Calibration(one_step, ahead, widening)
+        return TrackRecord(one_step, ahead, widening)
 
 
 def widened_lives(hours: Array, factor: Array) -> Array:

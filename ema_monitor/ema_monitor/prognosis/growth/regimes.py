@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Change:
+class RegimeChange:
     """A change of the rate of growth.
 
     Attributes
@@ -87,7 +87,7 @@ class GrowthNoise:
     diffusion: float
 
 
-def regime_event(name: str, change: Change) -> Event:
+def regime_event(name: str, change: RegimeChange) -> Event:
     """Return the event that tells of a change of a component's rate."""
     factor = change.after / change.before
     return Event(
@@ -143,7 +143,7 @@ class RegimeWatch:
         self._kept[used, 3, -1] = service
         self._count = np.minimum(self._count + used, TESTS)
 
-    def judge(self, number: int, noise: GrowthNoise) -> Change | None:
+    def judge(self, number: int, noise: GrowthNoise) -> RegimeChange | None:
         """Return the change that the tests of a component show, and forget those before it.
 
         Parameters
@@ -165,7 +165,7 @@ class RegimeWatch:
 
 def _found(
     hours: Array, value: Array, variance: Array, service: Array, noise: GrowthNoise
-) -> tuple[Change | None, int]:
+) -> tuple[RegimeChange | None, int]:
     """Return the change that tests show, and how many tests there are after it."""
     span = hours[-1] - hours[0]
     if not span > 0.0:
@@ -207,7 +207,7 @@ def _found(
     low, high = sorted((abs(before), abs(after)))
     if growth < _SIGNIFICANT * sigmas[1] or high < _LEAST_RATIO * low:
         return None, 0
-    return Change(float(service[at]), before, after, float(sigmas[2])), t.size - at
+    return RegimeChange(float(service[at]), before, after, float(sigmas[2])), t.size - at
 
 
 def _whitener(hours: Array, value: Array, variance: Array, noise: GrowthNoise) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, HIGHEST
-from ema_monitor.prognosis.growth.check import Calibration, PredictionCheck
+from ema_monitor.prognosis.growth.check import PredictionCheck, TrackRecord
 from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES
 from ema_monitor.prognosis.growth.mixture import Mixture
 
@@ -44,7 +44,7 @@ class TrackedFault:
     trend_sigma: float
     laws: Mapping[str, float]
     growing_probability: float
-    calibration: Calibration
+    calibration: TrackRecord
 
 
 def tracked_faults(

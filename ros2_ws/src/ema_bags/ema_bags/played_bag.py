@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 
 from ema_bags.message_type import message_class, type_name
 from ema_bags.qos import recorded_qos, replay_qos
-from ema_bags.reader import Bag, Place, Recorded, Topic
+from ema_bags.reader import Bag, MessagePlace, Recorded, Topic
 from ema_bags.schema import to_installed
 from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import unknown_name
@@ -199,7 +199,7 @@ class PlayedBag:
             reasons = ["no message of an actuator in it, and actuator_only is set"]
         raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
 
-    def _upgraded(self, items: Iterable[tuple[Place, Recorded]]) -> Iterator[Recorded]:
+    def _upgraded(self, items: Iterable[tuple[MessagePlace, Recorded]]) -> Iterator[Recorded]:
         for place, item in items:
             upgrade = self._upgrades[item.topic]
             try:

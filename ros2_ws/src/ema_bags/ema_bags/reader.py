@@ -62,7 +62,7 @@ class Recorded(NamedTuple):
 _MOST_GAPS: Final = 10
 
 
-class Place(NamedTuple):
+class MessagePlace(NamedTuple):
     """Where a message is in a recording; messages are read in the order of their places."""
 
     log_time_ns: int
@@ -98,7 +98,7 @@ class Bag:
         self.path = Path(path)
         self._damage: dict[str, None] = {}
         # Why the first malformed message of each topic is none, and where all of them are.
-        self._malformed: dict[str, tuple[str, set[Place]]] = {}
+        self._malformed: dict[str, tuple[str, set[MessagePlace]]] = {}
         self._files: dict[Path, Contents] = {}
         self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
@@ -151,7 +151,7 @@ class Bag:
         found = Counter(item.topic for item in self.raw_messages())
         return {name: found[name] for name in self.topics}
 
-    def note_malformed(self, topic: str, place: Place, reason: str) -> None:
+    def note_malformed(self, topic: str, place: MessagePlace, reason: str) -> None:
         """Take a message for none that can be used; ``damage`` counts it and says why.
 
         Parameters
@@ -184,9 +184,9 @@ class Bag:
     def placed_messages(
         self,
         topics: Iterable[str] | None = None,
-        first: Place | None = None,
-        last: Place | None = None,
-    ) -> Iterator[tuple[Place, Recorded]]:
+        first: MessagePlace | None = None,
+        last: MessagePlace | None = None,
+    ) -> Iterator[tuple[MessagePlace, Recorded]]:
         """Read and decode messages with their places, so that some can be read once more.
 
         Parameters
@@ -230,10 +230,10 @@ class Bag:
         topics: Iterable[str] | None,
         start_ns: int | None = None,
         end_ns: int | None = None,
-    ) -> Iterator[tuple[Place, Recorded]]:
+    ) -> Iterator[tuple[MessagePlace, Recorded]]:
         """Read messages as they are stored, with their places; as of :meth:`raw_messages`."""
-        first = None if start_ns is None else Place(start_ns, -1, -1, -1)
-        last = None if end_ns is None else Place(end_ns + 1, -1, -1, -1)
+        first = None if start_ns is None else MessagePlace(start_ns, -1, -1, -1)
+        last = None if end_ns is None else MessagePlace(end_ns + 1, -1, -1, -1)
         return self._in_log_order(self._chosen(topics), first, last)
 
     def _open_folder(self) -> None:
@@ -336,9 +336,9 @@ class Bag:
         self,
         chosen: Mapping[str, Topic],
         decoders: Mapping[str, Callable[[bytes], Any]],
-        first: Place | None,
-        last: Place | None,
-    ) -> Iterator[tuple[Place, Recorded]]:
+        first: MessagePlace | None,
+        last: MessagePlace | None,
+    ) -> Iterator[tuple[MessagePlace, Recorded]]:
         for place, item in self._in_log_order(chosen, first, last):
             try:
                 message = decoders[item.topic](item.message)
@@ -348,12 +348,15 @@ class Bag:
             yield place, item._replace(message=message)
 
     def _in_log_order(
-        self, chosen: Mapping[str, Topic], first: Place | None = None, last: Place | None = None
-    ) -> Iterator[tuple[Place, Recorded]]:
+        self,
+        chosen: Mapping[str, Topic],
+        first: MessagePlace | None = None,
+        last: MessagePlace | None = None,
+    ) -> Iterator[tuple[MessagePlace, Recorded]]:
         found: Counter[str] = Counter()
         # The stretches may overlap in time: what is read waits until no stretch to come can hold
         # anything earlier. Equal times stay in the order of the files.
-        waiting: list[tuple[Place, Recorded]] = []
+        waiting: list[tuple[MessagePlace, Recorded]] = []
         for file_number, path, stretch in self._stretches(chosen):
             if first and stretch.end_ns < first.log_time_ns:
                 continue
@@ -363,7 +366,7 @@ class Bag:
                 yield heapq.heappop(waiting)
             for number, item in self._read(path, stretch, chosen):
                 found[item.topic] += 1
-                place = Place(item.log_time_ns, file_number, stretch.offset, number)
+                place = MessagePlace(item.log_time_ns, file_number, stretch.offset, number)
                 if (not first or first <= place) and (not last or place <= last):
                     heapq.heappush(waiting, (place, item))
         while waiting:

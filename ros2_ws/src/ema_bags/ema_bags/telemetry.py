@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ema_bags.reader import Bag, Place
+from ema_bags.reader import Bag, MessagePlace
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_ros.messages import description_from_message, telemetry_from_message
@@ -47,8 +47,8 @@ class RecordedTelemetry:
     descriptions: tuple[ActuatorDescription, ...]
 
     def items(
-        self, first: Place | None = None, last: Place | None = None
-    ) -> Iterator[tuple[Place, Telemetry | Malformed | ActuatorDescription]]:
+        self, first: MessagePlace | None = None, last: MessagePlace | None = None
+    ) -> Iterator[tuple[MessagePlace, Telemetry | Malformed | ActuatorDescription]]:
         """Read blocks and descriptions of the actuator in the order of their log times.
 
         Parameters

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.reader import Bag, Place
+from ema_bags.reader import Bag, MessagePlace
 from ema_bags.telemetry import (
     MEASURED_TYPE,
     TRUE_FAULTS_TYPE,
@@ -26,11 +26,13 @@ from ema_core.telemetry import Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
-from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
+
+if TYPE_CHECKING:
+    from ema_monitor.prognosis.duty.flown import FlownDuty
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
@@ -49,8 +51,8 @@ class WindowPlace:
     """
 
     recorded: RecordedTelemetry
-    first: Place
-    last: Place
+    first: MessagePlace
+    last: MessagePlace
     offset: int
     samples: int
 
@@ -133,7 +135,7 @@ class BagWindows:
     longest_motion_s: float
     has_rested: bool
     truths: list[StampedFaults]
-    flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
+    flown: "list[tuple[int, FlownDuty]]" = field(default_factory=list)
 
     @property
     def usable(self) -> Sequence[Window]:
@@ -196,9 +198,9 @@ class _LatestBlocks:
     def __init__(self, recorded: RecordedTelemetry, window_s: float) -> None:
         self._recorded = recorded
         self._window_s = window_s
-        self._blocks: deque[tuple[Place, int, int]] = deque()
+        self._blocks: deque[tuple[MessagePlace, int, int]] = deque()
 
-    def append(self, place: Place, block: Telemetry) -> None:
+    def append(self, place: MessagePlace, block: Telemetry) -> None:
         """Add the next block."""
         if self._blocks and self._blocks[-1][2] != block.first_index:
             self._blocks.clear()
@@ -307,7 +309,8 @@ def find_recorded_windows(
     windows: list[RecordedWindow] = []
     named_defects: list[Defect] = []
     measurements, wrong = _recorded_measurements(recorded)
-    meter, flown, last_ns = None, list[tuple[int, FlownDuty]](), 0
+    flown: list[tuple[int, FlownDuty]] = []
+    meter, last_ns = None, 0
     if with_duty:
         from ema_monitor.prognosis.duty.meter import DutyMeter  # the compiler only for it
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
 from ema_bags.inputs.conversion import convert
-from ema_bags.inputs.defects import Defect, find_defects, refused, stream_defects
+from ema_bags.inputs.defects import InputDefect, find_defects, refused, stream_defects
 from ema_bags.inputs.importing import blocks_of
 from ema_bags.inputs.joining import join_topics, stamped, uses_arrival
 from ema_bags.inputs.mapping import Mapping
@@ -100,7 +100,7 @@ class Bridge:
         self._settings = settings
         self._collector = Collector(mapping)
         self.description: ActuatorDescription | None = None
-        self.defects: list[Defect] = []
+        self.defects: list[InputDefect] = []
         self.withheld = 0
         self.rate: Rate | None = None
         self._resampler: Resampler | None = None
@@ -137,7 +137,7 @@ class Bridge:
         return self._collector.problem()
 
     @property
-    def refused(self) -> list[Defect]:
+    def refused(self) -> list[InputDefect]:
         """Defects that withhold telemetry."""
         return refused(self.defects, self._mapping)
 

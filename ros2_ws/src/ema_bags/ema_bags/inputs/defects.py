@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.factors import Change, explain
+from ema_bags.inputs.factors import MappingChange, explain
 from ema_bags.inputs.mapping import Mapping
-from ema_bags.inputs.motion import Motion
+from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.resampling import Losses
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
@@ -23,7 +23,7 @@ _WITH_PREFIX: Final = ("A", "mA", "N.m", "mN.m")
 
 
 @dataclass(frozen=True)
-class Defect:
+class InputDefect:
     """Something wrong.
 
     Attributes
@@ -56,7 +56,7 @@ def find_defects(
     stamps_ns: NDArray[np.int64],
     mapping: Mapping,
     description: ActuatorDescription,
-) -> list[Defect]:
+) -> list[InputDefect]:
     """Return what is wrong with the columns of telemetry that a mapping gives.
 
     What needs motion to be told, as a sign or a unit, is only looked for where there is motion.
@@ -69,7 +69,7 @@ def find_defects(
         Stamps of the samples, ``(n,)`` [ns].
     """
     found = [*_other_drive(mapping, description), *_not_finite(columns)]
-    motion = Motion.of(columns, stamps_ns, description.parameters.tau)
+    motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
     found += _frozen(columns, motion)
@@ -79,7 +79,7 @@ def find_defects(
         found += _wrong_current(motion, mapping, description)
     if mapping.position.shaft == "motor":
         found.append(
-            Defect(
+            InputDefect(
                 "position_at_motor",
                 False,
                 "the position is measured at the motor, before the backlash",
@@ -89,7 +89,7 @@ def find_defects(
     return found
 
 
-def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> list[Defect]:
+def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> list[InputDefect]:
     """Return what is wrong with the stamps and the completeness of samples.
 
     Parameters
@@ -101,7 +101,7 @@ def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> l
     n = max(losses.samples, 1)
     if losses.lost:
         found.append(
-            Defect(
+            InputDefect(
                 "lost_samples",
                 False,
                 f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
@@ -112,7 +112,7 @@ def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> l
     if losses.jumps or losses.repeated:
         bad = losses.jumps + losses.repeated
         found.append(
-            Defect(
+            InputDefect(
                 "time_not_monotonic",
                 bad > _MANY * n,
                 f"the time goes back {counted(losses.jumps, 'time')} and stands still "
@@ -129,7 +129,7 @@ def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> l
         )
     if losses.missing:
         found.append(
-            Defect(
+            InputDefect(
                 "not_finite",
                 losses.missing > 0.5 * n,
                 f"{losses.missing} of {counted(n, 'sample')} have a value that is not a finite "
@@ -139,7 +139,7 @@ def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> l
         )
     if rebuilt:
         found.append(
-            Defect(
+            InputDefect(
                 "stamps_rebuilt",
                 False,
                 f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival",
@@ -149,15 +149,15 @@ def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> l
     return found
 
 
-def refused(defects: Iterable[Defect], mapping: Mapping) -> list[Defect]:
+def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
     """Return the defects that forbid estimates: errors that the mapping does not accept."""
     return [item for item in defects if item.is_error and item.name not in mapping.accept]
 
 
-def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[Defect]:
+def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[InputDefect]:
     current = mapping.measured_current
     if current is not None and current.kind == "i_q" and description.drive == "six_step":
-        yield Defect(
+        yield InputDefect(
             "drive_of_i_q",
             True,
             "the current is i_q, which is of a field-oriented drive, and the description has drive "
@@ -167,11 +167,11 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
         )
 
 
-def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[Defect]:
+def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
     for name, values in columns.items():
         bad = np.flatnonzero(~np.isfinite(values))
         if len(values) and len(bad) == len(values):
-            yield Defect(
+            yield InputDefect(
                 "not_finite",
                 True,
                 f"{name} is not a finite number in any of {counted(len(values), 'sample')}",
@@ -179,7 +179,9 @@ def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[Defect]:
             )
 
 
-def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator[Defect]:
+def _frozen(
+    columns: dict[str, NDArray[np.float64]], motion: ThinnedMotion
+) -> Iterator[InputDefect]:
     moves = {name: motion.travel(name) > _LEAST_TRAVEL for name in ("command", "position")}
     moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
     for name in ("command", "position", "speed", "current"):
@@ -195,7 +197,7 @@ def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator
             continue
         remedy = f"{name}: choose another source"
         if name == "current" and finite[0] == 0.0:
-            yield Defect(
+            yield InputDefect(
                 "current_zero",
                 True,
                 f"current is 0 in all {counted(len(finite), 'sample')} while {others[0]} moves: "
@@ -205,7 +207,7 @@ def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator
             continue
         if name in ("current", "speed"):
             remedy += f", or leave {name} out"
-        yield Defect(
+        yield InputDefect(
             f"{name}_frozen",
             True,
             f"{name} is {finite[0]:g} in all {counted(len(finite), 'sample')} while {others[0]} "
@@ -215,8 +217,8 @@ def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator
 
 
 def _wrong_factors(
-    motion: Motion, mapping: Mapping, description: ActuatorDescription, frozen: set[str]
-) -> Iterator[Defect]:
+    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription, frozen: set[str]
+) -> Iterator[InputDefect]:
     """Yield units, signs and shafts that the relations of the columns contradict."""
     if frozen & {"command_frozen", "position_frozen", "speed_frozen"}:
         return
@@ -225,7 +227,7 @@ def _wrong_factors(
         tau = description.parameters.tau
         ratio = motion.speed_ratio
         if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
-            yield Defect(
+            yield InputDefect(
                 "gear_ratio",
                 True,
                 f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
@@ -234,7 +236,7 @@ def _wrong_factors(
                 f"{tau * ratio:.6g}}} in the description, or speed: {{scale: {ratio:.6g}}}",
             )
         if motion.gain is not None and not 0.5 < motion.gain < 2.0:
-            yield Defect(
+            yield InputDefect(
                 "command_position",
                 True,
                 f"the position moves {motion.gain:.3g} times as far as the command",
@@ -246,16 +248,16 @@ def _wrong_factors(
         yield _changed(change)
 
 
-def _changed(change: Change) -> Defect:
+def _changed(change: MappingChange) -> InputDefect:
     name = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}[
         change.entry
     ]
-    return Defect(f"{change.quantity}_{name}", True, change.reason, change.remedy)
+    return InputDefect(f"{change.quantity}_{name}", True, change.reason, change.remedy)
 
 
 def _wrong_current(
-    motion: Motion, mapping: Mapping, description: ActuatorDescription
-) -> Iterator[Defect]:
+    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+) -> Iterator[InputDefect]:
     """Yield a sign or size of the current that acceleration and friction contradict."""
     source = mapping.measured_current
     if source is None or motion.current is None:
@@ -265,7 +267,7 @@ def _wrong_current(
         return
     slope, correlation = found
     if correlation < -0.4:
-        yield Defect(
+        yield InputDefect(
             "current_sign_reversed",
             True,
             "the current is negative where the motor accelerates and drives friction in the "
@@ -282,7 +284,7 @@ def _wrong_current(
         meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
         is_unit = meant in _WITH_PREFIX and meant != source.unit
         remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
-        yield Defect(
+        yield InputDefect(
             "current_unit",
             True,
             f"the current is {slope:.3g} times as large as inertia and friction of the "
@@ -291,7 +293,7 @@ def _wrong_current(
         )
         return
     if not 1.0 / 30.0 < slope < 30.0:
-        yield Defect(
+        yield InputDefect(
             "current_size",
             True,
             f"the current is {slope:.3g} times as large as inertia and friction of the "

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from ema_bags.inputs.mapping import SHAFTS, AngleSource, Mapping, Source
-from ema_bags.inputs.motion import Motion
+from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.units import ANGLES, SPEEDS
 from ema_core.description import ActuatorDescription
 
@@ -27,7 +27,7 @@ _OVER_SPEED: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Change:
+class MappingChange:
     """A change of a mapping.
 
     Attributes
@@ -60,8 +60,8 @@ class _Option:
 
 
 def explain(
-    motion: Motion, mapping: Mapping, description: ActuatorDescription
-) -> list[Change] | None:
+    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+) -> list[MappingChange] | None:
     """Return the fewest changes of a mapping with which its columns agree with each other.
 
     Returns
@@ -123,7 +123,7 @@ def explain(
         return None
     numbers = {"gain": gain, "ratio": ratio, "reach": reach, "stop": p.theta_stop}
     return [
-        Change(name, entry, value, _reason(name, entry, value, sources[name], numbers))
+        MappingChange(name, entry, value, _reason(name, entry, value, sources[name], numbers))
         for name, item in best[1].items()
         for entry, value in item.changes
     ]

@@ -11,7 +11,7 @@ from ema_bags.inputs.importing import primary_stamps
 from ema_bags.inputs.joining import join_topics
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.series import Series
-from ema_bags.inputs.tables import Columns, read_columns, table_series
+from ema_bags.inputs.tables import TableColumns, read_columns, table_series
 from ema_core.description import ActuatorDescription
 
 _MOST_LISTED = 40
@@ -43,7 +43,7 @@ class InputFile:
     def __init__(self, path: Path, mapping: Mapping | None = None) -> None:
         self.path = path
         self.remarks: list[str] = []
-        self._columns: Columns | None = None
+        self._columns: TableColumns | None = None
         self._bag: AnyBag | None = None
         if not path.exists():
             raise FileNotFoundError(2, "there is no such file", str(path))

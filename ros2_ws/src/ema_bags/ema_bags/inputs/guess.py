@@ -19,8 +19,8 @@ from ema_bags.inputs.mapping import (
     SpeedSource,
     Table,
 )
-from ema_bags.inputs.motion import Motion
-from ema_bags.inputs.tables import Columns
+from ema_bags.inputs.motion import ThinnedMotion
+from ema_bags.inputs.tables import TableColumns
 from ema_bags.inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
@@ -73,7 +73,7 @@ class Guess:
     remarks: list[str]
 
 
-def guess_columns(columns: Columns) -> Guess:
+def guess_columns(columns: TableColumns) -> Guess:
     """Return a mapping of the columns of a table by their names and units.
 
     Raises
@@ -203,9 +203,9 @@ def refine(
         mapping = replace(mapping, speed=None)
         remarks.append("speed never changes: it is taken as not measured")
 
-    def moving(of: Mapping) -> Motion | None:
+    def moving(of: Mapping) -> ThinnedMotion | None:
         columns = convert(raw, of, description)
-        return Motion.of(columns, stamps_ns, description.parameters.tau)
+        return ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
 
     motion = moving(mapping)
     if motion is None:
@@ -246,7 +246,7 @@ def _refined_current(
     return replace(mapping, current=current)
 
 
-def _clock(columns: Columns, remarks: list[str]) -> tuple[Clock, list[str]]:
+def _clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
     """Return the clock and the names of the other columns."""
     names = list(columns.values)
     named = [name for name in names if name in columns.dates or "time" in _kinds_of(name)]

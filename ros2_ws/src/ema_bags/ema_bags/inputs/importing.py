@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
 from ema_bags.inputs.conversion import convert
-from ema_bags.inputs.defects import Defect, find_defects, stream_defects
+from ema_bags.inputs.defects import InputDefect, find_defects, stream_defects
 from ema_bags.inputs.joining import join_topics, stamped, uses_arrival
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
-from ema_bags.inputs.resampling import Losses, Resampler, Run
+from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
 from ema_bags.inputs.series import Series
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
@@ -50,11 +50,11 @@ class Imported:
     description: ActuatorDescription
     rate: Rate
     columns: dict[str, NDArray[np.float64]]
-    runs: list[Run]
+    runs: list[GaplessRun]
     filled: tuple[str, ...]
     losses: Losses
     rebuilt: int
-    defects: list[Defect]
+    defects: list[InputDefect]
     shift_ns: int
 
     def blocks(self) -> Iterator[Telemetry]:
@@ -112,7 +112,7 @@ def import_series(
 
 
 def blocks_of(
-    run: Run, filled: tuple[str, ...], sample_period: float, size: int, shift_ns: int = 0
+    run: GaplessRun, filled: tuple[str, ...], sample_period: float, size: int, shift_ns: int = 0
 ) -> Iterator[Telemetry]:
     """Yield a run in blocks; columns that are not measured are empty.
 

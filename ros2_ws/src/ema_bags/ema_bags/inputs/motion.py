@@ -16,7 +16,7 @@ _FOLLOWS: Final = 0.85
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ThinnedMotion:
     """Columns thinned to steps of about 10 ms, within which nothing is missing.
 
     Attributes
@@ -47,7 +47,7 @@ class Motion:
     @classmethod
     def of(
         cls, columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64], tau: float
-    ) -> "Motion | None":
+    ) -> "ThinnedMotion | None":
         """Return the motion in some columns; None where there are too few samples.
 
         Parameters

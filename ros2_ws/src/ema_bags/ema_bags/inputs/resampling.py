@@ -45,7 +45,7 @@ class Losses:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class GaplessRun:
     """Samples at a fixed period without a gap.
 
     Attributes
@@ -98,7 +98,7 @@ class Resampler:
         """Running index of the last sample."""
         return self._index
 
-    def push(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
+    def push(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[GaplessRun]:
         """Take samples and return the runs that they make.
 
         Parameters
@@ -112,7 +112,7 @@ class Resampler:
         finite = np.all(np.isfinite(values), axis=1)
         self.losses.missing += int(np.count_nonzero(~finite))
         stamps_ns, values = stamps_ns[finite], values[finite]
-        runs: list[Run] = []
+        runs: list[GaplessRun] = []
         for stamps, part in self._increasing(stamps_ns, values):
             runs += (
                 self._regular(stamps, part)
@@ -145,7 +145,9 @@ class Resampler:
                 self._last_ns = None
             stamps_ns, values = stamps_ns[stop:], values[stop:]
 
-    def _regular(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
+    def _regular(
+        self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> list[GaplessRun]:
         """Return runs of samples as they are."""
         before = stamps_ns[0] if self._last_ns is None else self._last_ns
         steps = np.diff(stamps_ns, prepend=np.int64(before)) / self._period_ns
@@ -156,9 +158,13 @@ class Resampler:
         indices = self._index + np.cumsum(counts)
         self._index, self._last_ns = int(indices[-1]), int(stamps_ns[-1])
         starts = [0, *np.flatnonzero(counts[1:] > 1) + 1, len(stamps_ns)]
-        return [Run(int(indices[a]), stamps_ns[a:b], values[a:b]) for a, b in pairwise(starts)]
+        return [
+            GaplessRun(int(indices[a]), stamps_ns[a:b], values[a:b]) for a, b in pairwise(starts)
+        ]
 
-    def _between(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
+    def _between(
+        self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> list[GaplessRun]:
         """Return runs of values between the samples, at regular times."""
         if self._last_ns is None or self._last_values is None:
             self._origin_ns, self._next = int(stamps_ns[0]), 0
@@ -188,7 +194,7 @@ class Resampler:
         resampled = np.column_stack([np.interp(relative, own, column) for column in values.T])
         starts = [0, *np.flatnonzero(np.diff(numbers) > 1) + 1, len(numbers)]
         return [
-            Run(self._origin_index + int(numbers[a]), times[a:b], resampled[a:b])
+            GaplessRun(self._origin_index + int(numbers[a]), times[a:b], resampled[a:b])
             for a, b in pairwise(starts)
         ]
 

@@ -29,7 +29,7 @@ _UNIT: Final = re.compile(
 
 
 @dataclass(frozen=True)
-class Columns:
+class TableColumns:
     """Columns of a file.
 
     Attributes
@@ -73,7 +73,7 @@ class Columns:
         return self.values[name]
 
 
-def read_columns(path: Path, table: Table | None = None) -> Columns:
+def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     """Read a CSV or Parquet file.
 
     Parameters
@@ -117,10 +117,10 @@ def read_columns(path: Path, table: Table | None = None) -> Columns:
             units.setdefault(name, unit[1])
     if not values or not len(frame):
         raise ValueError(f"{path} has no columns of numbers: {len(frame)} lines were read")
-    return Columns(path, values, units, tuple(dates), tuple(texts), written)
+    return TableColumns(path, values, units, tuple(dates), tuple(texts), written)
 
 
-def table_series(columns: Columns, mapping: Mapping) -> Series:
+def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     """Return what a mapping wants of a file; the stamps are of its clock, without it of the rate.
 
     Raises
