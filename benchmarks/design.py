@@ -31,7 +31,7 @@ from ema_core.commands import THESIS_CHIRP, Command, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, estimation_error, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.design.certifying import certify
 from ema_monitor.design.designing import FINEST, design_command
 from ema_monitor.design.information import Information
@@ -112,7 +112,7 @@ def chirp_demands(_: None = None) -> dict[str, float]:
     """Return what the chirp itself demands, as limits."""
     record = Condition("chirp", THESIS_CHIRP).recorder()
     windows = record(THESIS_CHIRP, healthy_faults(), _CALIBRATION_WINDOWS, {})
-    information = Information(calibrate(windows))
+    information = Information(calibrate_model(windows))
     demands = information.demands(information.windows(THESIS_CHIRP))._asdict()
     return {name: demands[name] for name in ("travel", "current", "torque", "speed")}
 
@@ -135,7 +135,7 @@ def foreign(work: tuple[int, str, Command, int]) -> list[dict[str, Any]]:
     healthy = [
         _foreign_window(number, command, healthy_faults(), i) for i in range(_CALIBRATION_WINDOWS)
     ]
-    calibration = calibrate(healthy)
+    calibration = calibrate_model(healthy)
     records = []
     for i in range(tests):
         faults = moderate_faults(np.random.default_rng([_SEED, 1, number, i]))

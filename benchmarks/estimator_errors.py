@@ -24,7 +24,7 @@ from trials import ACTUATOR, workers
 
 from ema_core.faults import N_FAULTS, TYPICAL
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_sim.lives import constant_life, run_to_failure
 
@@ -98,7 +98,7 @@ def main(windows: int, spoiled: int) -> None:
         healthy = pool.map(
             "healthy windows", noisy_window, cases.healthy(HEALTHY_WINDOWS, "calibration")
         )
-        calibration = calibrate(healthy, ACTUATOR)
+        calibration = calibrate_model(healthy, ACTUATOR)
         samples = [Sample(case, i >= windows, calibration) for i, case in enumerate(tests)]
         records = pool.map("tests of lives", Sample.record, samples)
     lines = [json.dumps(record, separators=(",", ":")) for record in records]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trials import ACTUATOR, Job, Variant, Workers, errors_percent
 
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.windows.window import Window
 
@@ -105,7 +105,7 @@ def healthy_unit(workers: Workers, sizes: Sizes) -> Healthy:
     pairs = workers.map("healthy windows", _pair, cases.healthy(sizes.spectrum, "calibration"))
     clean, noisy = (list(windows) for windows in zip(*pairs, strict=True))
     return Healthy(
-        clean, noisy, Calibration.builtin(), calibrate(noisy[:HEALTHY_WINDOWS], ACTUATOR)
+        clean, noisy, Calibration.builtin(), calibrate_model(noisy[:HEALTHY_WINDOWS], ACTUATOR)
     )
 
 
@@ -173,7 +173,7 @@ def noisy_window(case: Case) -> Window:
 
 def calibration_on(healthy: list[Case]) -> Calibration:
     """Return the calibration of a unit on its healthy cases, by noisy sensors."""
-    return calibrate([noisy_window(case) for case in healthy], ACTUATOR)
+    return calibrate_model([noisy_window(case) for case in healthy], ACTUATOR)
 
 
 def _pair(case: Case) -> tuple[Window, Window]:

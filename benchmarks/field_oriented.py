@@ -29,7 +29,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identifying import identify
 
@@ -81,7 +81,7 @@ def measure(progress: Progress, *, quick: bool) -> dict[str, Any]:
         for drive, description in DESCRIPTIONS.items():
             healthy = [of_drive(c, drive) for c in cases.healthy(HEALTHY_WINDOWS, "calibration")]
             windows = pool.map(f"{drive}, healthy", noisy_window, healthy)
-            calibration = calibrate(windows, description)
+            calibration = calibrate_model(windows, description)
             for noisy in (False, True):
                 sensors = "noisy" if noisy else "ideal"
                 for name, some in sets.items():

@@ -28,7 +28,7 @@ from trust_cases import Kind, Task, Unit
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, FAULTS, N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import CombinationSettings
@@ -95,7 +95,7 @@ def calibration_of(recording: Recording) -> Calibration:
         healthy = recording.healthy()
         each = CALIBRATION_STRETCHES // len(healthy)
         windows += [window for one in healthy for window in one.stretches()[:each]]
-    return calibrate(windows, ACTUATOR)
+    return calibrate_model(windows, ACTUATOR)
 
 
 def identified(work: tuple[Recording, Calibration]) -> Found:

@@ -54,7 +54,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from trials import ACTUATOR, Workers, workers
 
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import SimulatedLife
 
@@ -203,7 +203,9 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
     if sizes.real:
         with _timed("real", durations):
             healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
-            calibration = calibrate(pool.map("healthy windows", noisy_window, healthy), ACTUATOR)
+            calibration = calibrate_model(
+                pool.map("healthy windows", noisy_window, healthy), ACTUATOR
+            )
             jobs = [InTheLoop(scored, calibration) for scored in real(sizes.real)]
             scores = pool.map("lives in the loop", score_real, jobs)
             figures["real"], figures["real_lives"] = _figures(scores)

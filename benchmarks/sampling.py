@@ -27,7 +27,7 @@ from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, healthy_faults, random_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identifying import identify
 from ema_monitor.windows.finder import Segment, WindowFinder
@@ -115,7 +115,7 @@ def _figures(
     first = 1000 * seed
     halves = [_Recording(description, healthy_faults(), _HEALTHY // 2, first + i) for i in (0, 1)]
     healthy = pool.map(f"{name}: healthy", _record, halves)
-    calibration = calibrate([one for windows in healthy for one in windows], description)
+    calibration = calibrate_model([one for windows in healthy for one in windows], description)
     recordings = [
         _Recording(description, faults, 1, first + 2 + i) for i, faults in enumerate(truths)
     ]

@@ -22,7 +22,7 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identifying import identify
 
@@ -104,7 +104,7 @@ class Judged:
 
 def calibrations(task: Task) -> Calibration:
     """Return the calibration of a task's unit, on its own healthy windows."""
-    return calibrate([healthy.window() for healthy in task.healthy()], task.description)
+    return calibrate_model([healthy.window() for healthy in task.healthy()], task.description)
 
 
 def judged(work: tuple[Task, Calibration, bool]) -> list[Judged]:

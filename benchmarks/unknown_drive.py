@@ -24,7 +24,7 @@ from trials import run_benchmark, workers
 from unknown_units import FastUnit, SlowUnit
 
 from ema_core.levels import OK
-from ema_monitor.calibrations import calibrate_unit
+from ema_monitor.calibrations import calibrate
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identifying import identify
@@ -79,7 +79,7 @@ def fast_unit(task: tuple[int, bool, bool]) -> list[dict[str, Any]]:
     """Calibrate a unit and identify its tests; return truth and estimates."""
     seed, foreign, speed = task
     unit = FastUnit.of(seed, foreign=foreign, speed=speed)
-    calibration = calibrate_unit(
+    calibration = calibrate(
         [unit.window({}, {}, number) for number in range(_CALIBRATIONS)], unit.description
     )
     rng = np.random.default_rng((20, seed))
@@ -99,7 +99,7 @@ def fast_unit(task: tuple[int, bool, bool]) -> list[dict[str, Any]]:
 def slow_unit(seed: int) -> dict[str, Any]:
     """Calibrate a slowly logged unit; return what its records are taken for."""
     unit = SlowUnit.of(seed)
-    calibration = calibrate_unit(
+    calibration = calibrate(
         [unit.record({}, {}, number) for number in range(_CALIBRATIONS)], unit.description
     )
     number = _CALIBRATIONS

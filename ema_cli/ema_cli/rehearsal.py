@@ -16,7 +16,7 @@ from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.design.states import Recorder
 from ema_monitor.model.monitor_model import compile_kernels, form_of
 from ema_monitor.windows.band import band_limited, rms
@@ -183,7 +183,7 @@ class Rehearsal(Recorder):
             if deviations[name] != 0.0
         }
         healthy = self(command, healthy_faults(), _PILOT_WINDOWS, {})
-        mine = calibrate(healthy, self._description)
+        mine = calibrate_model(healthy, self._description)
         rows = np.random.default_rng(0).standard_normal((100, len(healthy[0])))
         of_white = rms(band_limited(rows, self._description.sample_period))
         scatters = zip(

@@ -7,7 +7,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, FaultVector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.design.certificate import Certificate
 from ema_monitor.design.certifying import certify
 from ema_monitor.design.designing import Design, design_command
@@ -68,6 +68,7 @@ __all__ = [
     "find_windows",
     "identify",
     "identify_motion",
+    "load_calibration",
     "track",
 ]
 

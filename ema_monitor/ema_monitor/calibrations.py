@@ -7,7 +7,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.files import built_of
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.current_balance.calibrating import calibrate_unknown
 from ema_monitor.current_balance.unit import FORMAT, UnknownDriveUnit
 from ema_monitor.windows.window import Window
@@ -32,21 +32,33 @@ def load_calibration(path: Path) -> AnyCalibration:
     return built_of(path, content, UnknownDriveUnit.of_mapping)
 
 
-def calibrate_unit(
-    windows: Sequence[Window], description: ActuatorDescription, form: str | None = None
+def calibrate(
+    windows: Sequence[Window],
+    description: ActuatorDescription | None = None,
+    form: str | None = None,
 ) -> AnyCalibration:
     """Calibrate on healthy windows of one actuator, as its drive wants it.
 
     Parameters
     ----------
-    windows, description, form
-        As of `calibrate`; ``form`` does not matter where the drive is unknown.
+    windows
+        Healthy windows, at least one; of a test cycle, ten or more average out the PWM's ripple.
+        They are used one at a time, several times over. What was measured beside them is taken
+        for known, within its sigma.
+    description
+        The unit that the windows were taken from; the built-in actuator when None.
+    form
+        Form of the monitor model, that of the drive when None; it does not matter where the drive
+        is unknown.
 
     Raises
     ------
     ValueError
-        As of `calibrate` and `calibrate_unknown`.
+        When there is no window, one has no excitation, another sample period than the first or
+        other columns than the description says, the motion is too little, or the unit deviates
+        impossibly far from its description.
     """
+    description = description or ActuatorDescription()
     if description.drive == "unknown":
         return calibrate_unknown(windows, description)
-    return calibrate(windows, description, form)
+    return calibrate_model(windows, description, form)

@@ -10,7 +10,7 @@ from ema_core.commands import THESIS_CHIRP
 from ema_core.description import SAMPLE_PERIOD, ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.objective import Objective
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
@@ -63,7 +63,7 @@ def reference_window(faults: ArrayLike) -> Window:
 def calibration(model: str) -> Calibration:
     """Return the calibration of one of ``MODELS`` on the healthy reference."""
     healthy = reference_window(healthy_faults())
-    return calibrate([healthy], ActuatorDescription(), MODELS[model])
+    return calibrate_model([healthy], ActuatorDescription(), MODELS[model])
 
 
 @cache

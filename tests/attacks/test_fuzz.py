@@ -2,6 +2,8 @@
 
 import random
 from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -45,7 +47,7 @@ def change_bytes(data: bytes, rng: random.Random) -> bytes:
 
 def change_yaml(data: bytes, rng: random.Random) -> bytes:
     """Put strange values in the places of others; the file stays YAML."""
-    content = yaml.safe_load(data)
+    content = deepcopy(_parsed(data))
     for _ in range(rng.randint(1, 3)):
         at = content
         while isinstance(at, dict | list) and at:
@@ -54,7 +56,12 @@ def change_yaml(data: bytes, rng: random.Random) -> bytes:
                 at[key] = rng.choice(STRANGE)
                 break
             at = at[key]
-    return yaml.safe_dump(content).encode()
+    return yaml.dump(content, Dumper=yaml.CSafeDumper).encode()
+
+
+@cache
+def _parsed(data: bytes) -> object:
+    return yaml.load(data, yaml.CSafeLoader)
 
 
 def read_bag(path: Path) -> None:

@@ -9,7 +9,7 @@ from .killed_nodes import NodeKills
 from .soak import run as soak
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_nodes_lose_the_open_chunk_or_the_current_test_alone(case_of):
     # With this seed the monitor, the recorder and the dashboard are killed in turn.
     case = case_of(seed=180)
@@ -31,7 +31,7 @@ def test_nodes_that_are_killed_or_stand_still_are_missed_and_go_on(case_of, case
     assert case.failures == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_graph_whose_monitor_is_restarted_keeps_all_rules(case_of):
     case = case_of()
     run_condition(case, "restart of the monitor", 3.0, 3.0)

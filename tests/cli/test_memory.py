@@ -17,7 +17,7 @@ from ema_cli.commands.plot import draw_telemetry
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -89,7 +89,7 @@ def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     unit = ActuatorDescription()
 
     def fit(windows: list[RecordedWindow]) -> Calibration:
-        return calibrate(WindowsOnDemand(windows), unit)
+        return calibrate_model(WindowsOnDemand(windows), unit)
 
     fit(found.windows[:SHORT])
     short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))

@@ -13,6 +13,11 @@ from ema_core.steady_thread import SteadyThread
 from ..waiting import DEADLINE_S
 
 
+@pytest.fixture(autouse=True)
+def short_waits(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.01)
+
+
 def fail() -> None:
     raise ZeroDivisionError("made up")
 

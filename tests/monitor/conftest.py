@@ -12,7 +12,7 @@ from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
@@ -91,4 +91,4 @@ def healthy_windows(windows_of) -> list[Window]:
 
 @pytest.fixture(scope="session")
 def calibration(healthy_windows, description) -> Calibration:
-    return calibrate(healthy_windows, description)
+    return calibrate_model(healthy_windows, description)

@@ -11,7 +11,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.identifying import identify
@@ -53,7 +53,7 @@ def found(description: ActuatorDescription, faults=None, cycles: int = 1) -> lis
 def unit(way: str) -> Unit:
     period, acquisition = WAYS[way]
     description = ActuatorDescription(sample_period=period, acquisition=acquisition)
-    calibration = calibrate(found(description, cycles=8), description)
+    calibration = calibrate_model(found(description, cycles=8), description)
     return Unit(description, calibration, found(description, FAULTS)[0])
 
 
@@ -112,7 +112,7 @@ def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
     blind = unit("no current").window
     assert "the current is said to be measured" in identify(blind, description, calibration).reason
     with pytest.raises(ValueError, match="window 0: the current is said to be measured"):
-        calibrate([blind], description)
+        calibrate_model([blind], description)
 
 
 @pytest.mark.slow

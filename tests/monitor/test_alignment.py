@@ -4,7 +4,7 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.alignment import difference_at, moved, shift_between
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
 
@@ -54,7 +54,7 @@ def test_windows_with_a_noisy_command_are_averaged_in_step(healthy_windows):
         jittered.append(Window(found.telemetry, window.play))
     starts = {window.telemetry.first_index for window in jittered}
     assert len(starts) > 1
-    calibration = calibrate(jittered, description)
-    sharp = calibrate(healthy_windows, description)
+    calibration = calibrate_model(jittered, description)
+    sharp = calibrate_model(healthy_windows, description)
     # Out of step by a sample, the residual at each reversal would show in the scatter.
     assert calibration.healthy_rms < 1.3 * sharp.healthy_rms

@@ -8,7 +8,7 @@ import yaml
 
 from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.windows.band import band_limited, rms
 
 ROWS = ("command", "correction", "speed_correction")
@@ -75,7 +75,7 @@ def test_identity_survives_saving_and_loading(calibration, path, tmp_path):
 
 def test_single_window_calibration_survives(healthy_windows, description, tmp_path):
     """Its scatters are not numbers and stay so."""
-    calibration = calibrate(healthy_windows[:1], description)
+    calibration = calibrate_model(healthy_windows[:1], description)
     calibration.save(tmp_path / "single.yaml")
     loaded = Calibration.load(tmp_path / "single.yaml")
     assert np.isnan(loaded.healthy_rms)
@@ -84,7 +84,10 @@ def test_single_window_calibration_survives(healthy_windows, description, tmp_pa
 
 
 def test_different_content_has_a_different_identity(calibration, healthy_windows, description):
-    assert calibrate(healthy_windows[:4], description).calibration_id != calibration.calibration_id
+    assert (
+        calibrate_model(healthy_windows[:4], description).calibration_id
+        != calibration.calibration_id
+    )
 
 
 def test_saving_replaces_an_older_file_and_leaves_nothing_else(calibration, tmp_path):

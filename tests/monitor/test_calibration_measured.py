@@ -9,7 +9,7 @@ import pytest
 from ema_core.faults import N_FAULTS
 from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.verdict import resting_on_unit
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES
 from ema_monitor.model.measured import measured_causes, taken_for_known
@@ -34,7 +34,7 @@ def measured(windows: Sequence[Window], value: float, sigma: float = 0.01) -> li
 @pytest.mark.slow
 def test_a_measured_load_is_none_of_the_unit(loaded):
     """Otherwise the unit has it for good, and a window without load shows the opposite."""
-    blind, seeing = calibrate(loaded), calibrate(measured(loaded, LOAD))
+    blind, seeing = calibrate_model(loaded), calibrate_model(measured(loaded, LOAD))
     # 1.6 % of the load is what the fit of the unit leaves.
     assert blind.unit.load_torque == pytest.approx(LOAD, abs=0.005)
     assert seeing.unit.load_torque == pytest.approx(0.0, abs=0.005)
@@ -45,7 +45,9 @@ def test_a_measured_load_is_none_of_the_unit(loaded):
 def test_sigma_of_the_measured_load_is_part_of_what_is_known_of_the_unit(loaded):
     """Of the load that the windows show, the unit may have what the sensor is wrong by."""
     sigma = [
-        np.sqrt(calibrate(measured(loaded, LOAD, one)).unit_covariance[LOAD_TORQUE, LOAD_TORQUE])
+        np.sqrt(
+            calibrate_model(measured(loaded, LOAD, one)).unit_covariance[LOAD_TORQUE, LOAD_TORQUE]
+        )
         for one in (1e-4, 0.01)
     ]
     # An offset of the current, as far as its prior lets it, takes a fifth of it.
@@ -54,7 +56,7 @@ def test_sigma_of_the_measured_load_is_part_of_what_is_known_of_the_unit(loaded)
 
 def test_windows_without_measurement_give_the_calibration_that_they_gave(healthy_windows):
     one, other = (
-        calibrate([replace(window, measured=known) for window in healthy_windows[:2]])
+        calibrate_model([replace(window, measured=known) for window in healthy_windows[:2]])
         for known in ((), measured_causes({"load_torque": (0.0, 1e-9)}))
     )
     np.testing.assert_allclose(one.unit, other.unit, rtol=1e-9, atol=1e-12)

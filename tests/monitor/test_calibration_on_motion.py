@@ -6,7 +6,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_sim.api import simulate
 
 from .motion import FLAP, H, moved, moves, stretches_of
@@ -49,7 +49,7 @@ def test_samples_count_by_speed_and_not_at_all_in_a_dwell():
 def test_motion_gives_the_friction_and_lift_that_the_test_cycle_gives():
     """Slow motion alone tells the two apart where samples count by their speed."""
     windows = stretches_of(moved(moves(5.0, rate=0.2), load=0.0))
-    unit, of_chirp = calibrate(windows, FLAP).unit, Calibration.builtin().unit
+    unit, of_chirp = calibrate_model(windows, FLAP).unit, Calibration.builtin().unit
     # Without weights 0.05 and 0.05 A apart; their priors are 0.1 and 0.125 A wide.
     assert unit.friction == pytest.approx(of_chirp.friction, abs=0.015)
     assert unit.lift == pytest.approx(of_chirp.lift, abs=0.02)
@@ -59,7 +59,7 @@ def test_motion_gives_the_friction_and_lift_that_the_test_cycle_gives():
 def test_a_calibration_on_test_cycles_alone_counts_all_samples_alike():
     """Their figures are those that they were before ordinary motion could calibrate."""
     [window] = find_windows(simulate())
-    calibration = calibrate([window], FLAP)
+    calibration = calibrate_model([window], FLAP)
     model = calibration.model().respond(window, np.array([0, 0, 0, 0, 0, 0, 0.5, 0.5]), 1.0)
     # The correction is what the model misses, sample by sample.
     np.testing.assert_allclose(

@@ -12,7 +12,7 @@ from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, FieldOrientedParameters, constants
 from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identifying import identify
 from ema_monitor.model import field_oriented
 from ema_monitor.model.monitor_model import MonitorModel
@@ -138,7 +138,7 @@ def test_current_and_speed_are_those_of_the_three_phases(faults):
 @pytest.fixture(scope="module")
 def calibration():
     telemetry = simulate(cycles=6, description=UNIT, current_noise=0.02, seed=4)
-    return calibrate(find_windows(telemetry, description=UNIT), UNIT)
+    return calibrate_model(find_windows(telemetry, description=UNIT), UNIT)
 
 
 def test_calibration_knows_neither_lift_nor_idle_phases(calibration):
@@ -204,7 +204,7 @@ def test_window_of_another_drive_is_refused_by_name(calibration):
 def test_drive_without_such_a_model_is_refused_by_name(drive, form, named):
     [window] = find_windows(simulate(cycles=1))
     with pytest.raises(ValueError, match=named):
-        calibrate([window], replace(ActuatorDescription(), drive=drive), form)
+        calibrate_model([window], replace(ActuatorDescription(), drive=drive), form)
 
 
 def test_performance_is_that_of_its_own_drive(calibration):

@@ -9,7 +9,7 @@ from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.model.deviations import NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS, FORMS_OF_DRIVES, MonitorModel
 from ema_monitor.windows.band import band_limited, rms
@@ -51,7 +51,7 @@ def test_calibrated_model_is_exact_on_the_window_it_was_made_from(
     healthy_windows, description, form
 ):
     window = healthy_windows[1]
-    calibration = calibrate([window], description, form)
+    calibration = calibrate_model([window], description, form)
     # The residual is added again to what it was taken from: rounding of amperes and 100 rad/s.
     assert expected(calibration, window) == pytest.approx(seen(window), abs=1e-11)
     assert calibration.windows == 1
@@ -62,7 +62,7 @@ def test_calibrated_model_is_exact_on_the_window_it_was_made_from(
 @pytest.mark.parametrize("form", FORMS_OF_DRIVES["six_step"])
 def test_residuals_average_to_zero(healthy_windows, description, form):
     windows = healthy_windows if form == "fast" else healthy_windows[:2]
-    calibration = calibrate(windows, description, form)
+    calibration = calibrate_model(windows, description, form)
     residuals = [seen(w) - expected(calibration, w) for w in windows]
     assert np.mean(residuals, axis=0) == pytest.approx(0.0, abs=1e-11)
     assert calibration.windows == len(windows)
@@ -74,7 +74,7 @@ def test_residuals_average_to_zero(healthy_windows, description, form):
 def test_structure_of_a_unit_is_found(healthy_windows, description, lift, friction, inertia):
     """To what the prior pulls, which is worth a hundredth of an ampere."""
     window = made_by(scaled(friction, inertia), healthy_windows[0], lift)
-    calibration = calibrate([window], description)
+    calibration = calibrate_model([window], description)
     assert calibration.unit.lift == pytest.approx(lift, rel=0.01)
     assert 1 + calibration.unit.friction == pytest.approx(friction, rel=3e-3)
     assert 1 + calibration.unit.inertia == pytest.approx(inertia, rel=3e-3)
@@ -107,7 +107,7 @@ def test_unit_off_its_data_sheet_shows_friction_and_inertia_over_torque_constant
     scales = UNITS[unit]
     plant = PARAMETERS.replace({n: s * getattr(PARAMETERS, n) for n, s in scales.items()})
     windows = [stirred_window({}, seed, plant) for seed in range(10 * unit, 10 * unit + 3)]
-    calibration = calibrate(windows, description)
+    calibration = calibrate_model(windows, description)
 
     def over_torque_constant(*names):
         ratio = sum(getattr(plant, n) for n in names) / sum(getattr(PARAMETERS, n) for n in names)
@@ -135,7 +135,7 @@ def test_what_the_windows_do_not_tell_stays_nominal(description):
     position = window.command - lag
     window = replace(window, telemetry=replace(window.telemetry, position=position))
     assert window.telemetry.speed == pytest.approx(omega, rel=1e-9)
-    calibration = calibrate([window], description)
+    calibration = calibrate_model([window], description)
     priors = {one.name: one for one in unit_priors(PARAMETERS, window.excitation)}
     index = NAMES.index("inertia")
     assert calibration.unit.inertia == pytest.approx(0.0, abs=1e-3)
@@ -151,7 +151,7 @@ def test_what_the_windows_do_not_tell_stays_nominal(description):
 
 def test_source_form_has_corrections_only(healthy_windows, description):
     """The thesis calibrates by addition alone."""
-    calibration = calibrate(healthy_windows[:1], description, "source")
+    calibration = calibrate_model(healthy_windows[:1], description, "source")
     assert calibration.unit.lift == 0.0
     assert (1 + calibration.unit.friction, 1 + calibration.unit.inertia) == (1.0, 1.0)
     assert rms(calibration.correction) > 0.05
@@ -159,12 +159,12 @@ def test_source_form_has_corrections_only(healthy_windows, description):
 
 def test_fast_form_can_be_calibrated_by_corrections_alone(healthy_windows, description):
     window = healthy_windows[0]
-    calibration = calibrate([window], description, structural=False)
+    calibration = calibrate_model([window], description, structural=False)
     assert calibration.unit.lift == 0.0
     assert (1 + calibration.unit.friction, 1 + calibration.unit.inertia) == (1.0, 1.0)
     assert expected(calibration, window) == pytest.approx(seen(window), abs=1e-11)
     # What the fit explains by lift and friction is left to the corrections.
-    fitted = calibrate([window], description)
+    fitted = calibrate_model([window], description)
     assert rms(calibration.correction) > 1.2 * rms(fitted.correction)
 
 
@@ -172,7 +172,7 @@ def test_fast_form_can_be_calibrated_by_corrections_alone(healthy_windows, descr
 def test_healthy_rms_is_that_of_another_window(healthy_windows, description, windows):
     sigma = 0.3
     made = [made_by(PARAMETERS, healthy_windows[0], 0.13, sigma, seed) for seed in range(windows)]
-    calibration = calibrate(made, description)
+    calibration = calibrate_model(made, description)
     alone = rms(band_limited(np.random.default_rng(99).normal(0.0, sigma, 200_000), H))
     # Against the mean of n windows another one also shows what is left of the noise in that mean.
     # Some 5000 / 15 independent values a window: 4 % for two windows, of which one is independent.
@@ -188,14 +188,14 @@ def test_scatter_of_the_speed_is_told_as_that_of_the_current(healthy_windows, de
         answered(base, base.current, base.telemetry.speed[1:] + rng.normal(0.0, 0.2, len(base)))
         for _ in range(6)
     ]
-    calibration = calibrate(made, description)
+    calibration = calibrate_model(made, description)
     alone = rms(band_limited(rng.normal(0.0, 0.2, 200_000), H))
     assert calibration.healthy_speed_rms == pytest.approx(alone * np.sqrt(7 / 6), rel=0.12)
     assert np.isnan(calibration.healthy_rms)
 
 
 def test_equal_windows_tell_no_scatter(healthy_windows, description):
-    calibration = calibrate([healthy_windows[0]] * 3, description)
+    calibration = calibrate_model([healthy_windows[0]] * 3, description)
     assert np.isnan(calibration.healthy_rms)
     assert calibration.windows == 3
     assert LEAST_SCATTER > 0.0
@@ -204,12 +204,12 @@ def test_equal_windows_tell_no_scatter(healthy_windows, description):
 def test_windows_that_begin_later_are_laid_over_the_first(record, healthy_windows, description):
     """A window cut two samples later on has the correction of the same moments."""
     window = healthy_windows[0]
-    one = calibrate([window], description)
+    one = calibrate_model([window], description)
     telemetry = record({}, 5)
     first = int(window.telemetry.first_index - telemetry.first_index) + 2
     later = Window(telemetry.part(first, first + len(window) + 1), window.play)
     assert np.array_equal(later.command[:-2], window.command[2:])
-    both = calibrate([window, later], description)
+    both = calibrate_model([window, later], description)
     # The model starts anew two samples later, which the first milliseconds show.
     inside = slice(500, -10)
     assert both.correction[inside] == pytest.approx(one.correction[inside], abs=0.05)
@@ -219,10 +219,10 @@ def test_windows_that_begin_later_are_laid_over_the_first(record, healthy_window
 def test_model_starts_where_the_window_says_the_motor_stands(healthy_windows, description):
     """Without that knowledge it is centred in its play."""
     window = healthy_windows[0]
-    one = calibrate([replace(window, play=None)], description)
-    other = calibrate([replace(window, play=0.0)], description)
+    one = calibrate_model([replace(window, play=None)], description)
+    other = calibrate_model([replace(window, play=0.0)], description)
     assert one.calibration_id == other.calibration_id
-    assert one.calibration_id != calibrate([window], description).calibration_id
+    assert one.calibration_id != calibrate_model([window], description).calibration_id
 
 
 @pytest.mark.parametrize("period", [1.25e-4, 2.5e-4, 1e-5, 1e-4])
@@ -235,7 +235,7 @@ def test_step_divides_the_sample_period(description, period):
     dt = period / np.ceil(period / FORMS["fast"] - 1e-6)
     response = MonitorModel(PARAMETERS, dt=float(dt)).respond(window, healthy_faults())
     window = answered(window, response.current[0], response.speed[0])
-    calibration = calibrate([window], replace(description, sample_period=period))
+    calibration = calibrate_model([window], replace(description, sample_period=period))
     steps = period / calibration.dt
     assert steps == pytest.approx(round(steps))
     assert calibration.dt <= FORMS["fast"] * (1 + 1e-9) < period / (round(steps) - 1 or 1e-9)
@@ -243,19 +243,19 @@ def test_step_divides_the_sample_period(description, period):
 
 def test_nothing_to_calibrate_on_is_refused(description):
     with pytest.raises(ValueError, match="at least one healthy window"):
-        calibrate([], description)
+        calibrate_model([], description)
 
 
 def test_windows_of_another_sample_period_are_refused(healthy_windows, description):
     other = changed(healthy_windows[1], sample_period=2e-4)
     with pytest.raises(ValueError, match=r"window 1: .* 0\.0002 s, the first of 0\.0001 s"):
-        calibrate([healthy_windows[0], other], description)
+        calibrate_model([healthy_windows[0], other], description)
 
 
 def test_calibration_is_that_of_the_described_unit(description, healthy_windows):
     parameters = PARAMETERS.replace({"R_s": 3.0})
     unit = replace(description, serial_number="N7", parameters=parameters)
-    calibration = calibrate(healthy_windows[:1], unit)
+    calibration = calibrate_model(healthy_windows[:1], unit)
     assert (calibration.serial_number, calibration.parameters) == ("N7", parameters)
     assert calibration.unit_parameters.R_s == 3.0
 
@@ -264,4 +264,4 @@ def test_window_without_excitation_is_no_calibration(description):
     columns = (np.full(11, value) for value in (5e-6, 0.1, 0.0, 0.0))
     window = Window(Telemetry(0, H, 0, *columns), 0.0)
     with pytest.raises(ValueError, match=r"window 0: no excitation"):
-        calibrate([window], description)
+        calibrate_model([window], description)

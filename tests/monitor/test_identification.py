@@ -17,7 +17,7 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_core.parameters import constants
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identifying import identify
@@ -173,7 +173,7 @@ def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
         replace(window, telemetry=sensors.measure(window.telemetry))
         for window in (stirred_window({}, seed) for seed in range(40, 56))
     ]
-    own = calibrate(measured[:8], description)
+    own = calibrate_model(measured[:8], description)
     faults = np.stack([identify(window, description, own).faults for window in measured[8:]])
     # Measured 0.91; without putting back the components, those at a bound alone make up 0.3.
     assert np.mean(faults == healthy_faults()) > 0.8

@@ -12,7 +12,7 @@ from ema_core.faults import (
     fault_vector,
     healthy_faults,
 )
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
 from ema_monitor.identification.uncertainty import (
@@ -154,7 +154,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
 
 def test_single_window_calibration_does_not_tell_the_fit(windows_of, healthy_windows, description):
     [window] = windows_of(CASES["friction low"])
-    estimate = identify(window, description, calibrate(healthy_windows[:1], description))
+    estimate = identify(window, description, calibrate_model(healthy_windows[:1], description))
     assert (estimate.valid, estimate.verdict) == (True, "degraded")
     assert "the fit cannot be judged" in estimate.reason
     assert "healthy windows of the calibration (1)" in estimate.reason
@@ -165,7 +165,7 @@ def test_single_window_calibration_does_not_tell_the_fit(windows_of, healthy_win
 def test_unknown_goodness_widens_as_the_worst_valid_one(windows_of, healthy_windows, description):
     """With a known scatter at which the same residual is at the limit, nothing else changes."""
     [window] = windows_of(CASES["friction low"])
-    blind = calibrate(healthy_windows[:1], description)
+    blind = calibrate_model(healthy_windows[:1], description)
     seeing = replace(blind, healthy_rms=1e-3, healthy_speed_rms=1e3)
     settings = SearchSettings(fitness="least_squares", goodness_limit=1e6)
     unknown, known = (identify(window, description, one, settings) for one in (blind, seeing))
@@ -181,7 +181,7 @@ def test_calibration_from_equal_windows_can_be_used(
 ):
     """A noiseless simulation that starts from rest every time scatters by nothing."""
     [window] = windows_of(CASES["friction low"])
-    equal = calibrate([healthy_windows[0]] * windows, description)
+    equal = calibrate_model([healthy_windows[0]] * windows, description)
     estimate = identify(window, description, equal)
     assert estimate.valid
     assert estimation_error(estimate.faults, fault_vector(CASES["friction low"])) < 1.0

@@ -9,7 +9,7 @@ import pytest
 from ema_core.commands import Command
 from ema_core.faults import GAIN, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.evidence import Evidence
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.relations import Relations
@@ -197,7 +197,7 @@ def test_readings_measured_beside_healthy_windows_are_not_of_the_unit(descriptio
     value = {name: one[0] for name, one in known.items()}
     plain, wrong = recorded({}, {}), recorded({}, value)
     measured = replace(wrong, measured=measured_causes(known))
-    ours, theirs = (calibrate([one], description) for one in (plain, measured))
+    ours, theirs = (calibrate_model([one], description) for one in (plain, measured))
     assert theirs.travel_ratio == pytest.approx(ours.travel_ratio, abs=1e-4)
     assert theirs.law_offset == pytest.approx(ours.law_offset, abs=0.05 * HELD)
     assert theirs.unit.friction == pytest.approx(ours.unit.friction, abs=0.01)

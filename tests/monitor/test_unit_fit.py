@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.model.deviations import NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.windows.band import rms
@@ -67,7 +67,7 @@ def of_several(description):
     unit = Deviations(lift=0.15, friction=0.06, inertia=-0.05, stribeck_speed=3.0)
     commands = (CHIRP, CHIRP, SINE, RAMP, SINE)
     windows = [made_by(unit, command, 0.02, seed) for seed, command in enumerate(commands)]
-    return unit, windows, calibrate(windows, description)
+    return unit, windows, calibrate_model(windows, description)
 
 
 @pytest.mark.parametrize("name", UNITS)
@@ -78,7 +78,7 @@ def test_deviation_of_a_unit_is_found(description, name):
     """
     unit = Deviations(lift=0.125, **{name: UNITS[name]})
     windows = [made_by(unit, command) for command in (CHIRP, SINE, RAMP)]
-    calibration = calibrate(windows, description)
+    calibration = calibrate_model(windows, description)
     prior = next(one for one in unit_priors(PARAMETERS, 0.03) if one.name == name)
     sigma = sigma_of(calibration, name)
     found = getattr(calibration.unit, name)
@@ -109,7 +109,7 @@ def test_several_commands_make_one_unit(of_several):
 def test_another_command_narrows_what_the_first_leaves_open(of_several, description):
     """A ramp goes further, and at constant speed."""
     _, windows, calibration = of_several
-    chirp_alone = calibrate(windows[:2], description)
+    chirp_alone = calibrate_model(windows[:2], description)
     for name in ("load_stiffness", "speed_gain"):
         assert sigma_of(calibration, name) < 0.9 * sigma_of(chirp_alone, name), name
 
@@ -126,7 +126,7 @@ def test_covariance_is_symmetric_and_zero_where_nothing_is_fitted(of_several):
 
 def test_command_given_in_another_order_gives_the_same_unit(of_several, description):
     _, windows, calibration = of_several
-    other = calibrate(windows[::-1], description)
+    other = calibrate_model(windows[::-1], description)
     for name, one, two in zip(NAMES, calibration.unit, other.unit, strict=True):
         # Where the iteration ends is a hundredth of what may be expected.
         sigma = sigma_of(calibration, name)
@@ -136,7 +136,7 @@ def test_command_given_in_another_order_gives_the_same_unit(of_several, descript
 
 def test_what_the_windows_do_not_tell_keeps_its_prior(description):
     """A ramp of one speed does not tell viscous from dry friction, and hardly the play."""
-    calibration = calibrate([made_by(Deviations(lift=0.125), RAMP)], description)
+    calibration = calibrate_model([made_by(Deviations(lift=0.125), RAMP)], description)
     priors = {one.name: one for one in unit_priors(PARAMETERS, 0.03)}
     for name in ("backlash", "viscous_friction"):
         assert sigma_of(calibration, name) > 0.5 * priors[name].sigma, name
@@ -149,7 +149,7 @@ def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
     """Of another actuator, whose friction is three times as high."""
     window = moved_by(MonitorModel(PARAMETERS.replace({"f_sm": 3.0 * PARAMETERS.f_sm})), CHIRP)
     with pytest.raises(ValueError, match="drives friction of the unit to its bound 1: ") as error:
-        calibrate([window], description)
+        calibrate_model([window], description)
     message = str(error.value)
     assert "expected about 0 ± 0.1" in message
     assert "are the parameters those of this actuator" in message
@@ -161,7 +161,7 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
     """Before anything is fitted, where the current is beyond what a unit deviates by."""
     p = PARAMETERS.replace({name: scale * getattr(PARAMETERS, name)})
     with pytest.raises(ValueError, match=r"current: it is [12]\.\d+ times what the model expects"):
-        calibrate([moved_by(MonitorModel(p), CHIRP)], description)
+        calibrate_model([moved_by(MonitorModel(p), CHIRP)], description)
 
 
 @pytest.mark.parametrize(
@@ -179,5 +179,5 @@ def test_wrong_column_is_refused_with_what_is_wrong(description, column, factor,
     window = made_by(Deviations(lift=0.125), CHIRP)
     wrong = changed(window, **{column: factor * getattr(window.telemetry, column)})
     with pytest.raises(ValueError, match=f"such a healthy actuator: {column}: ") as error:
-        calibrate([wrong], description)
+        calibrate_model([wrong], description)
     assert str(error.value).endswith(said)

@@ -15,7 +15,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibrations import calibrate_unit, load_calibration
+from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.current_balance.columns import MotorMotion
 from ema_monitor.current_balance.play import free_play
 from ema_monitor.current_balance.unit import UnknownDriveUnit
@@ -104,7 +104,7 @@ def chirp_of(
 
 @pytest.fixture(scope="module")
 def unit() -> UnknownDriveUnit:
-    made = calibrate_unit([chirp_of({}, {}, seed=seed) for seed in range(5)], UNKNOWN)
+    made = calibrate([chirp_of({}, {}, seed=seed) for seed in range(5)], UNKNOWN)
     assert isinstance(made, UnknownDriveUnit)
     return made
 
@@ -112,7 +112,7 @@ def unit() -> UnknownDriveUnit:
 @pytest.fixture(scope="module")
 def unit_without_speed() -> UnknownDriveUnit:
     windows = [chirp_of({}, {}, seed=seed) for seed in range(5)]
-    made = calibrate_unit(windows, WITHOUT_SPEED)
+    made = calibrate(windows, WITHOUT_SPEED)
     assert isinstance(made, UnknownDriveUnit)
     return made
 
@@ -120,7 +120,7 @@ def unit_without_speed() -> UnknownDriveUnit:
 @pytest.mark.parametrize("slow", [False, True])
 @pytest.mark.parametrize("measured", [True, False])
 def test_inertia_and_friction_of_the_closed_form_are_found(measured, slow):
-    made = calibrate_unit([closed_form(slow=slow)], of_speed(measured=measured, slow=slow))
+    made = calibrate([closed_form(slow=slow)], of_speed(measured=measured, slow=slow))
     assert isinstance(made, UnknownDriveUnit)
     # Exact but for the priors of the terms, a hundredth, and the samples in which the speed bends.
     assert made.terms[0] == pytest.approx(INERTIA, rel=0.03)
@@ -129,7 +129,7 @@ def test_inertia_and_friction_of_the_closed_form_are_found(measured, slow):
 
 def test_plateaus_to_and_fro_tell_friction_from_load():
     description = of_speed(measured=False, slow=True)
-    made = calibrate_unit([closed_form(slow=True)], description)
+    made = calibrate([closed_form(slow=True)], description)
     estimate = identify(closed_form(1.6 * FRICTION, load=0.5, slow=True), description, made)
     assert estimate.faults.friction == pytest.approx(0.3, abs=0.02)
     load = next(one for one in estimate.causes if one.name == "load_torque")
@@ -138,7 +138,7 @@ def test_plateaus_to_and_fro_tell_friction_from_load():
 
 def test_motion_one_way_does_not_tell_friction_from_load():
     description = of_speed(measured=True)
-    made = calibrate_unit([closed_form()], description)
+    made = calibrate([closed_form()], description)
     estimate = identify(closed_form(ways=(1.0,) * 6), description, made)
     assert math.isnan(estimate.sigma.friction)
     assert "goes one way" in estimate.reason
@@ -163,7 +163,7 @@ def test_filtered_current_is_that_before_the_filter():
         seen.append(held)
     filtered = replace(window.telemetry, current=np.array(seen))
     description = replace(UNKNOWN, acquisition=Acquisition("filtered", T))
-    made = calibrate_unit([Window(filtered)], description)
+    made = calibrate([Window(filtered)], description)
     assert isinstance(made, UnknownDriveUnit)
     assert made.terms[:2] == pytest.approx([INERTIA, FRICTION], rel=0.03)
 
@@ -256,7 +256,7 @@ def test_eccentricity_is_shown_by_its_ripple(unit):
 
 def test_load_that_keeps_the_gear_on_one_flank_hides_the_backlash():
     description = of_speed(measured=True)
-    made = calibrate_unit([closed_form()], description)
+    made = calibrate([closed_form()], description)
     estimate = identify(closed_form(play=0.0, load=0.9 * FRICTION), description, made)
     assert math.isnan(estimate.sigma.backlash)
     assert "backlash is hidden" in estimate.reason
@@ -290,12 +290,12 @@ def test_calibration_survives_its_file(unit, tmp_path):
 
 
 def test_calibration_says_what_the_motion_did_not_show():
-    made = calibrate_unit([closed_form(ways=(1.0, -1.0))], of_speed(measured=True))
+    made = calibrate([closed_form(ways=(1.0, -1.0))], of_speed(measured=True))
     assert "backlash" in made.not_learned
     telemetry = closed_form().telemetry
     without = Window(replace(telemetry, current=np.zeros(len(telemetry))))
     with pytest.raises(ValueError, match="the current is 0 throughout"):
-        calibrate_unit([without], of_speed(measured=True))
+        calibrate([without], of_speed(measured=True))
 
 
 def test_stretches_of_motion_are_fitted_together(unit):

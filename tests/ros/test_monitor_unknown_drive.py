@@ -12,7 +12,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate
-from ema_monitor.calibrations import calibrate_unit
+from ema_monitor.calibrations import calibrate
 from ema_monitor.health import TORQUE_PER_AMPERE
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
@@ -41,7 +41,7 @@ def window_of(telemetry: Telemetry) -> Window:
 
 @pytest.mark.slow
 def test_faults_and_torque_of_an_unknown_drive_are_published(tmp_path: Path):
-    calibration = calibrate_unit([window_of(cycle(n)) for n in range(4)], UNKNOWN)
+    calibration = calibrate([window_of(cycle(n)) for n in range(4)], UNKNOWN)
     calibration.save(tmp_path / "unit.yaml")
     with monitor({"calibration_file": f"{tmp_path}/unit.yaml"}) as session:
         session.describe(UNKNOWN)

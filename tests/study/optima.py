@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.objective import Objective
 from ema_monitor.optimizers.driver import Progress, minimise
 from ema_monitor.optimizers.interface import Hints
@@ -121,7 +121,7 @@ def _calibration(variant: Variant) -> Calibration:
     if variant.true_torque_constant:
         parameters = description.parameters
         description = replace(description, parameters=parameters.replace({"G_M": parameters.k_t}))
-    return calibrate(
+    return calibrate_model(
         [reference_window(healthy_faults())],
         description,
         MODELS[variant.model],

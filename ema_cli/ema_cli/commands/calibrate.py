@@ -11,7 +11,7 @@ from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
-from ema_monitor.calibrations import calibrate_unit
+from ema_monitor import calibrations
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
@@ -66,7 +66,7 @@ def calibrate(
                 click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
         with progress_bar() as progress:
             progress.add_task("calibrating", total=None)
-            calibration = calibrate_unit(WindowsOnDemand(windows), descriptions[0], form)
+            calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
         calibration.save(output)
     if known := taken_for_known(item for item in windows if not isinstance(item.place, Refusal)):
         click.echo(f"taken for known: {known}")

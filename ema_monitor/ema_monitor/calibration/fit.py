@@ -46,7 +46,7 @@ class UnitFit(NamedTuple):
     covariance: NDArray[np.float64]
 
 
-def calibrate(
+def calibrate_model(
     windows: Sequence[Window],
     description: ActuatorDescription | None = None,
     form: str | None = None,

@@ -12,7 +12,7 @@ from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS, N_FAULTS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.design.prediction import Prospect, prospect
 from ema_monitor.design.states import (
     N_COMBINED,
@@ -136,7 +136,7 @@ def rehearse(
         When the motion makes no window, or does not allow a calibration.
     """
     healthy = record(command, healthy_faults(), _HEALTHY, {})
-    known = calibration or calibrate(healthy, description)
+    known = calibration or calibrate_model(healthy, description)
 
     def of(faults: NDArray[np.float64], count: int) -> Prospect:
         return prospect(record(command, faults, count, {}), faults, description, known)

@@ -16,7 +16,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate, ForgetActuator
-from ema_monitor.calibrations import calibrate_unit
+from ema_monitor.calibrations import calibrate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identifying import Identification
 from ema_monitor.model.measured import taken_for_known
@@ -138,7 +138,7 @@ class MonitorCalls:
             else:
                 path = self._store.prepare(description, request.file)
                 windows = list(self._healthy_windows(description.actuator_id, request.windows))
-                calibration = calibrate_unit(windows, description)
+                calibration = calibrate(windows, description)
                 self._store.keep(description, calibration, path)
                 known = "; taken for known: " if (taken := taken_for_known(windows)) else ""
                 response.message = (
