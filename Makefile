@@ -65,7 +65,7 @@ bench-web: setup $(web)/node_modules ## the page with 200 actuators for 10 minut
 	$(activate) && cd $(web) && LOAD_S=600 node --test test/load.bench.mjs
 
 screenshots: setup $(web)/node_modules ## pictures of every state of the page in docs/screens
-	$(activate) && cd $(web) && node test/screenshots.mjs ../../docs/screens
+	$(activate) && cd $(web) && node test/screenshots.mjs ../../../../docs/screens
 
 lint: style types ## style, types and import contracts
 

@@ -6,7 +6,7 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
 
-const WRITER = fileURLToPath(new URL("../../../tests/web/synthetic_archive.py", import.meta.url));
+const WRITER = fileURLToPath(new URL("../../../../../tests/web/synthetic_archive.py", import.meta.url));
 
 export function drawnFleet() {
   const folder = mkdtempSync(path.join(tmpdir(), "ema-archive-"));

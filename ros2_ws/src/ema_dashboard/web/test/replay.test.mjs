@@ -10,7 +10,7 @@ import { browse, until } from "./stage.mjs";
 import { load } from "./sources.mjs";
 
 const { FAULTS } = await load("faults.ts");
-const BAG = fileURLToPath(new URL("../../../bags/faulty_flap.mcap", import.meta.url));
+const BAG = fileURLToPath(new URL("../../../../../bags/faulty_flap.mcap", import.meta.url));
 const DOMAIN = `
 import sys
 from ema_cli.processes.domains import Domain

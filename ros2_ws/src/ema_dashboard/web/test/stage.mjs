@@ -6,7 +6,7 @@ import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
 import { Origin } from "./origin.mjs";
 
-const SERVER = fileURLToPath(new URL("../../../tests/web/synthetic_server.py", import.meta.url));
+const SERVER = fileURLToPath(new URL("../../../../../tests/web/synthetic_server.py", import.meta.url));
 
 /** The process of synthetic_server.py, which answers each order. */
 export class Source {
