@@ -63,12 +63,12 @@ def measured() -> list[Row]:
     ]
     pairs = circles()
     return [
-        Row("production Python, lines", sum(sizes), 46_000, 62_000),
-        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py")), 20_000, 28_000),
-        Row("tests, lines", lines(tracked("tests/*.py")), 38_000, 48_000),
-        Row("benchmarks, lines", lines(tracked("benchmarks/*.py")), 8_500, 13_600),
+        Row("production Python, lines", sum(sizes), 46_000, 61_700),
+        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py")), 20_000, 27_500),
+        Row("tests, lines", lines(tracked("tests/*.py")), 38_000, 47_000),
+        Row("benchmarks, lines", lines(tracked("benchmarks/*.py")), 8_500, 11_800),
         Row("packages beside ema_interfaces and ema_bringup", len(packages), 9, 9),
-        Row("pairs of folders of ema_monitor that import each other", len(pairs), 0, 3),
+        Row("pairs of folders of ema_monitor that import each other", len(pairs), 0, 0),
         Row("median lines of a file", statistics.median(sizes), 220),
         Row("largest file, lines", max(sizes), 650, 650),
     ]
