@@ -277,9 +277,26 @@ def test_health_grows_stale_after_three_expected_periods():
         assert stale.confidence == 0.0
         assert "no valid estimate for more than 0.3 s" in stale.reason
         assert stale.header.stamp == session.estimates()[0].window_end
-        # That there was no test for some time is no fault, that telemetry has stopped is lost data.
-        session.until_status("flap health", "OK (no valid estimate for more than", b"\x00")
+        session.until_status("flap health", "unknown, last OK (no valid estimate for", b"\x03")
         session.until_status("flap telemetry", "no telemetry any more", b"\x03")
+
+
+def test_monitor_that_is_not_active_says_ok_of_nothing():
+    with monitor() as session:
+        session.describe()
+        session.feed(Source().cycle())
+        assert session.next_estimate().valid
+        session.until(lambda: [h for h in session.healths() if h.level == OK])
+        said = len(session.statuses("flap health"))
+        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+        session.until(lambda: session.healths()[-1].level == STALE)
+        assert session.healths()[-1].reason.startswith("the monitor is not active")
+        for task in ("flap health", "flap telemetry", "flap friction"):
+            session.until_status(task, "the monitor is not active", b"\x03", since=said)
+        # After the next test it knows again.
+        assert session.change_state(Transition.TRANSITION_ACTIVATE)
+        session.feed(Source().cycle())
+        session.until(lambda: session.healths()[-1].level == OK)
 
 
 def test_lifecycle_goes_round_and_refuses_what_is_impossible():

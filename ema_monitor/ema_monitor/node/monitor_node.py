@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,11 +42,12 @@ from ema_ros.latched_subscription import subscribe_latched
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import LiveSettings, declare, read
-from ema_ros.status import ERROR, Task
+from ema_ros.status import ERROR, STALE, Task
 from ema_ros.throttle import Throttle
 
 _LOG_PERIOD_S: Final = 30.0
 _STALE_CHECK_S: Final = 1.0
+_NOT_ACTIVE: Final = "the monitor is not active"
 
 
 class MonitorNode(ManagedNode):
@@ -189,6 +191,9 @@ class MonitorNode(ManagedNode):
         for segment in self._intake.finish():
             self._worker.refuse(segment, "")
         self._follow_ups.stop()
+        with self._units.lock:
+            for unit in self._units.values():
+                unit.publish_stale(_NOT_ACTIVE)
 
     def clean_up(self) -> None:
         """Forget the actuators, and end the services."""
@@ -216,8 +221,14 @@ class MonitorNode(ManagedNode):
             failures = [message] if level == ERROR else []
             level, message = ERROR, "; ".join([*failures, self._follow_ups.failure])
         dropped = self._worker.dropped
+        units = self._units.tasks(self._worker.waiting, dropped, actuator_id)
+        if not self._is_active:
+            units = [
+                replace(one, level=STALE, message=f"{_NOT_ACTIVE}, before: {one.message}")
+                for one in units
+            ]
         return [
-            *self._units.tasks(self._worker.waiting, dropped, actuator_id),
+            *units,
             *self._prognosis.tasks(actuator_id),
             self._units.input_task(
                 self.hardware_id,

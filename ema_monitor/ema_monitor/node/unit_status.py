@@ -30,8 +30,12 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
         "remaining life 95 % [h]": life.hours_95,
     }
     figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
-    level = OK if unit.level is None else unit.level
-    summary = LEVEL_NAMES[level] if unit.level is not None else "unknown"
+    # Nobody is told OK, or an old level, by a monitor that does not know.
+    level = STALE if unit.level is None or health.level == STALE else unit.level
+    is_stale = level == STALE
+    summary = "unknown" if is_stale else LEVEL_NAMES[level]
+    if is_stale and unit.level is not None:
+        summary = f"unknown, last {LEVEL_NAMES[unit.level]}"
     if unit.outlook.dominant:
         summary += f": {unit.outlook.dominant}"
     if health.reason:
@@ -47,9 +51,9 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
             summary,
             unit.hardware_id,
             figures,
-            _category(level, worst[-1] if worst else FAILURE, unit.level is None),
+            _category(level, worst[-1] if worst else FAILURE, is_stale),
         ),
-        *(_item_task(unit, item, end) for item, end in items),
+        *(_item_task(unit, item, end, is_stale) for item, end in items),
     ]
 
 
@@ -102,12 +106,13 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     return Task(name, level, message, unit.hardware_id, counts, category)
 
 
-def _item_task(unit: Actuator, item: FaultHealth, end: str) -> Task:
-    level, is_known = unit.level_of(item), is_finite_number(item.value)
+def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> Task:
+    is_known = is_finite_number(item.value)
+    level = unit.level_of(item) if is_known and not is_stale else STALE
     message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
     figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
-    category = _category(level, end, not is_known)
+    category = _category(level, end, level == STALE)
     return Task(name, level, message, unit.hardware_id, figures, category)
 
 

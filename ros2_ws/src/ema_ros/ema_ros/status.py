@@ -40,8 +40,8 @@ class Task:
     name
         Name of the task, always the same.
     level
-        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` for data that
-        were received and no longer are, and for nothing else.
+        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` for what is not
+        known, or not any more.
     hardware_id
         Unit concerned, of ``hardware_name``.
     values
