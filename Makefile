@@ -50,7 +50,7 @@ $(web)/node_modules: $(web)/package-lock.json
 	cd $(web) && npm ci --no-progress
 	@touch $@
 
-page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a change in $(web)
+page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a change in ros2_ws/src/ema_dashboard/web
 	$(activate) && python $(web)/registry.py
 	cd $(web) && npx tsc && node build.mjs
 

@@ -253,7 +253,7 @@ compile_kernels() {
 # Of what this Python imports from here. Where PYTHONDONTWRITEBYTECODE is set, every process of a
 # node or command would compile it anew. What is up to date is left as it is, in a twentieth of a
 # second.
-compile_bytecode() { "$venv/bin/python" -m compileall -q "$root"/ema_*/ "$ws"/src/ema_*/; }
+compile_bytecode() { "$venv/bin/python" -m compileall -q "${bases[@]}"; }
 
 # ---- What has to be done
 if [[ $root == *[[:space:]\'\"]* ]]; then

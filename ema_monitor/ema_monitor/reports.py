@@ -4,7 +4,7 @@ The node publishes them, commands print them: neither computes anything more.
 """
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.health import FaultHealth
@@ -123,8 +123,8 @@ class HealthReport:
     removal_hours: float
     removal_cycles: float
     removal_days: float
-    events: tuple[EventReport, ...] = field(default=())
-    reason: str = ""
+    events: tuple[EventReport, ...]
+    reason: str
 
 
 @dataclass(frozen=True)

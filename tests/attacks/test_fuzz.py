@@ -22,6 +22,7 @@ from .made_tests import UNIT, entry_at
 ROOT = Path(__file__).parents[2]
 INPUTS = 60
 STRANGE = (None, True, -1, 0, 1e300, float("nan"), "", "x" * 300, [], {}, [[[1]]], {"a": {}})
+MAPPINGS = ROOT / "ros2_ws/src/ema_bags/mappings"
 CALIBRATION = ROOT / "ema_monitor/ema_monitor/calibration/builtin_calibration.yaml"
 DESCRIPTION = (
     b"actuator_id: flap\nserial_number: S1\nsample_period: 0.0001\nparameters: {R_s: 2.1}\n"
@@ -102,9 +103,7 @@ TARGETS: dict[str, tuple[Callable[[Path], bytes], Change, str, Callable[[Path], 
     ),
     "description": (lambda _: DESCRIPTION, change_yaml, "input.yaml", load_description),
     "mapping": (
-        lambda _: sorted((ROOT / "ros2_ws" / "src" / "ema_bags" / "mappings").glob("*.yaml"))[
-            0
-        ].read_bytes(),
+        lambda _: sorted(MAPPINGS.glob("*.yaml"))[0].read_bytes(),
         change_yaml,
         "input.yaml",
         load_mapping,

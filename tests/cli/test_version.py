@@ -8,12 +8,14 @@ import pytest
 from ema_bags.reader import Bag
 from ema_core import __version__
 
+from ..packages import FOLDERS
+
 ROOT = Path(__file__).parents[2]
 DECLARED = sorted(
     path.relative_to(ROOT)
-    for folder in ("ema_*", "ros2_ws/src/*")
-    for pattern in (f"{folder}/setup.py", f"{folder}/package.xml")
-    for path in ROOT.glob(pattern)
+    for folder in FOLDERS.values()
+    for path in (folder / "setup.py", folder / "package.xml")
+    if path.exists()
 )
 
 

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from ..packages import FOLDERS
+
 ROOT = Path(__file__).parents[2]
 QUALITY = ROOT / "docs" / "quality.md"
-PACKAGES = sorted(
-    path.parent
-    for pattern in ("ema_*/package.xml", "ros2_ws/src/*/package.xml")
-    for path in ROOT.glob(pattern)
-)
+PACKAGES = sorted(FOLDERS.values())
 LINK = re.compile(r"\]\(([^)#]+)(?:#([^)]*))?\)")
 
 

@@ -9,13 +9,10 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from ..packages import FOLDERS
+
 ROOT = Path(__file__).parents[2]
-FOLDERS = {
-    path.parent.name: path.parent
-    for pattern in ("ema_*/setup.py", "ros2_ws/src/*/setup.py")
-    for path in ROOT.glob(pattern)
-}
-PACKAGES = sorted(FOLDERS)
+PACKAGES = sorted(name for name, folder in FOLDERS.items() if (folder / "setup.py").exists())
 DISTRIBUTIONS = {
     "yaml": "pyyaml",
     "prometheus_client": "prometheus-client",

@@ -5,7 +5,6 @@ Lanes, operation by operation, are tested in
 """
 
 import re
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -16,7 +15,7 @@ from numba.core.typing.context import Context
 
 from ema_core.simd import LANES, MASK, VECTOR, load, store
 
-REPOSITORY = Path(__file__).parents[2]
+from ..packages import FOLDERS
 
 
 def test_no_other_file_uses_what_is_private():
@@ -26,8 +25,8 @@ def test_no_other_file_uses_what_is_private():
     )
     users = {
         path.name
-        for place in ("ema_*/ema_*", "ros2_ws/src/ema_*/ema_*")
-        for path in REPOSITORY.glob(f"{place}/**/*.py")
+        for name, folder in FOLDERS.items()
+        for path in (folder / name).rglob("*.py")
         if private.search(path.read_text())
     }
     assert users == {"kernel_cache.py", "rclpy_private.py", "simd.py"}

@@ -31,7 +31,7 @@ from ema_monitor.reports import health_report, scenario_report
 @source_options(USE_OPTIONS, identifies=True)
 @identification_options
 @prognosis_options
-@click.option("--json", "as_json", is_flag=True, help="Print one object, as the health report.")
+@click.option("--json", "as_json", is_flag=True, help="Print one object, as the health message.")
 @picture_option()
 def prognose(
     bags: tuple[Path, ...],

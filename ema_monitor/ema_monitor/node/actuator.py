@@ -285,9 +285,9 @@ class Actuator:
         reason = f"no valid estimate for more than {limit_s:g} s"
         if self._open_defects:
             reason += f"; {self.defects}"
-        return self.publish_stale(reason)
+        return self.withdraw_health(reason)
 
-    def publish_stale(self, reason: str) -> HealthMessage | None:
+    def withdraw_health(self, reason: str) -> HealthMessage | None:
         """Publish that the health is not known any more, and why; return it if it was published."""
         health = replace(self.outlook.health, level=STALE, confidence=0.0, reason=reason)
         self.outlook = replace(self.outlook, health=health)

@@ -193,7 +193,7 @@ class MonitorNode(ManagedNode):
         self._follow_ups.stop()
         with self._units.lock:
             for unit in self._units.values():
-                unit.publish_stale(_NOT_ACTIVE)
+                unit.withdraw_health(_NOT_ACTIVE)
 
     def clean_up(self) -> None:
         """Forget the actuators, and end the services."""
