@@ -63,9 +63,9 @@ def measured() -> list[Row]:
     ]
     pairs = circles()
     return [
-        Row("production Python, lines", sum(sizes), 46_000, 61_700),
-        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py")), 20_000, 27_500),
-        Row("tests, lines", lines(tracked("tests/*.py")), 38_000, 47_000),
+        Row("production Python, lines", sum(sizes), 46_000, 62_800),
+        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py")), 20_000, 28_050),
+        Row("tests, lines", lines(tracked("tests/*.py")), 38_000, 47_900),
         Row("benchmarks, lines", lines(tracked("benchmarks/*.py")), 8_500, 11_800),
         Row("packages beside ema_interfaces and ema_bringup", len(packages), 9, 9),
         Row("pairs of folders of ema_monitor that import each other", len(pairs), 0, 0),

@@ -14,8 +14,8 @@ from ema_archive.tables import count_row, estimate_row
 from ema_bags.reader import Bag
 from ema_bags.telemetry import DESCRIPTION_TYPE, read_telemetry
 from ema_bags.usage import read_counts
-from ema_bags.windows import BagWindows, find_recorded_windows
-from ema_core.description import ActuatorDescription
+from ema_bags.windows import BagWindows, RecordedWindow, find_recorded_windows
+from ema_core.description import ActuatorDescription, UnitKey
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
@@ -152,32 +152,39 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
                 raise
             reasons.append(_in_words(error, path, task.url))
             continue
-        unit = found.description
-        calibration = calibration_of(task.source, unit.actuator_id, unit.serial_number)
-        counts, wrong = read_counts(bag, unit)
-        units.append(
-            UnitRows(
-                unit.actuator_id,
-                unit.serial_number,
-                shortened(unit.model),
-                identity_of(calibration),
-                _estimates(found, calibration, task, sha256),
-                [
-                    count_row(count, number) | _identity(unit) | {"bag": task.url}
-                    for number, count in enumerate(counts)
-                ],
+        # Each window is of the unit that was described at its time.
+        of_units: dict[UnitKey, list[RecordedWindow]] = {found.description.unit_key: []}
+        for one in found.windows:
+            of_units.setdefault(one.description.unit_key, []).append(one)
+        remarks += [_plain(remark, path, task.url) for remark in found.remarks]
+        for windows in of_units.values():
+            unit = windows[-1].description if windows else found.description
+            calibration = calibration_of(task.source, unit.actuator_id, unit.serial_number)
+            counts, wrong = read_counts(bag, unit)
+            units.append(
+                UnitRows(
+                    unit.actuator_id,
+                    unit.serial_number,
+                    shortened(unit.model),
+                    identity_of(calibration),
+                    _estimates(windows, calibration, task, sha256),
+                    [
+                        count_row(count, number) | _identity(unit) | {"bag": task.url}
+                        for number, count in enumerate(counts)
+                    ],
+                )
             )
-        )
-        remarks += [_plain(remark, path, task.url) for remark in (*found.remarks, *wrong)]
+            if len(of_units) == 1:
+                remarks += [_plain(remark, path, task.url) for remark in wrong]
         if not found.windows:
-            reasons.append(_without_window(found, unit))
+            reasons.append(_without_window(found, found.description))
     if not units:
         return BagResult(task, DAMAGED, "; ".join(reasons), sha256, remarks)
     return BagResult(task, DONE, "; ".join(reasons), sha256, remarks, units)
 
 
 def _estimates(
-    found: BagWindows, calibration: AnyCalibration | str, task: BagTask, sha256: str
+    windows: list[RecordedWindow], calibration: AnyCalibration | str, task: BagTask, sha256: str
 ) -> list[dict[str, Any]]:
     shared = {
         "bag": task.url,
@@ -187,7 +194,7 @@ def _estimates(
     }
     return [
         estimate_row(one.estimate, one.number) | _identity(one.description) | shared
-        for one in diagnose(found.windows, calibration, task.settings.search)
+        for one in diagnose(windows, calibration, task.settings.search)
         if isinstance(one, Diagnosed)
     ]
 

@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
-_VERSION: Final = 3
+_VERSION: Final = 4
 _TABLES: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE bag (
@@ -32,9 +32,16 @@ CREATE TABLE unit (
     model TEXT NOT NULL, is_due INTEGER NOT NULL, made_by TEXT NOT NULL DEFAULT '',
     latest TEXT, growth TEXT NOT NULL DEFAULT '[]', record TEXT NOT NULL DEFAULT '{}'
 ) WITHOUT ROWID;
+CREATE TABLE file (
+    path TEXT PRIMARY KEY, size INTEGER NOT NULL, changed_ns INTEGER NOT NULL, sha256 TEXT NOT NULL
+) WITHOUT ROWID;
 CREATE TEMP TABLE current (source TEXT, unit TEXT, id TEXT, PRIMARY KEY (source, unit))
     WITHOUT ROWID;
 """
+
+_REMEDY: Final = (
+    "where it is damaged, scan the bags to a new archive: all that it has is made of them"
+)
 
 
 class Database(AbstractContextManager[Any, None]):
@@ -59,6 +66,8 @@ class Database(AbstractContextManager[Any, None]):
 
     def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
         path = archive / FILE
+        if path.exists() and not path.stat().st_size and (archive / "tables").exists():
+            raise ValueError(f"{path} is empty, although there are tables: {_REMEDY}")
         if not path.exists():
             if not is_new:
                 raise ValueError(
@@ -79,22 +88,30 @@ class Database(AbstractContextManager[Any, None]):
             except BlockingIOError as error:
                 self._lock.close()
                 raise ValueError(f"{archive} is being changed by another command") from error
+        self._db = sqlite3.connect(path, timeout=30.0, isolation_level=None)
         try:
-            self._db = sqlite3.connect(path, timeout=30.0, isolation_level=None)
             self._prepare(path)
-        except sqlite3.Error as error:
-            raise ValueError(f"{path} cannot be used: {error}") from error
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            self._close()
+            raise ValueError(f"{path} cannot be used: {error}; {_REMEDY}") from error
+        except BaseException:
+            self._close()
+            raise
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        self._close()
+        if isinstance(error, sqlite3.DatabaseError | UnicodeDecodeError):
+            # Of a read: it is held by another program, or damaged.
+            words = f"{self.archive / FILE} cannot be used: {error}; {_REMEDY}"
+            raise OSError(words) from error
+
+    def _close(self) -> None:
         self._db.close()
         if self._lock is not None:
             self._lock.close()
-        if isinstance(error, sqlite3.DatabaseError):
-            # Of a read: it is held by another program, or damaged.
-            raise OSError(f"{self.archive / FILE} cannot be used: {error}") from error
 
     def _prepare(self, path: Path) -> None:
         db = self._db

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ema_archive.bag_records import DUE, BagRecords
 from ema_archive.bag_task import DAMAGED, FAILED
 from ema_archive.database import FILE, transaction
+from ema_archive.file_records import FileRecords
 from ema_archive.settings import ArchiveSettings
 from ema_archive.unit_records import UnitRecords
 
@@ -26,6 +27,8 @@ class Status:
         Units, and those whose health and life are to be found anew.
     windows, valid
         Windows, and those with a valid estimate.
+    damaged_files
+        Files of its tables that are missing or damaged.
     """
 
     bags: int
@@ -38,9 +41,10 @@ class Status:
     units_due: int
     windows: int
     valid: int
+    damaged_files: int
 
 
-class Manifest(BagRecords, UnitRecords):
+class Manifest(BagRecords, UnitRecords, FileRecords):
     """What an archive knows; arguments and errors are those of ``Database``."""
 
     @property
@@ -119,4 +123,5 @@ class Manifest(BagRecords, UnitRecords):
             len(self.units_due(settings)),
             windows,
             valid,
+            len(self.damaged_files()),
         )

@@ -34,11 +34,11 @@ _ORDER: Final = {
 
 def shortened(name: str) -> str:
     """Return a name that may be that of a folder: a digest stands for the end of a long one."""
-    if len(_quoted(name)) <= _LONGEST:
+    if len(quoted(name)) <= _LONGEST:
         return name
     digest = hashlib.sha256(name.encode()).hexdigest()[:16]
     kept = name
-    while len(_quoted(kept)) > _LONGEST - 1 - len(digest):
+    while len(quoted(kept)) > _LONGEST - 1 - len(digest):
         kept = kept[:-1]
     return f"{kept}~{digest}"
 
@@ -54,7 +54,7 @@ def replace_rows(
     place: tuple[str, str, str],
     bags: Collection[str],
     rows: Iterable[dict[str, Any]],
-) -> None:
+) -> Path:
     """Put rows of some bags in the place of those that they had in a month of a unit.
 
     Parameters
@@ -65,6 +65,11 @@ def replace_rows(
         Addresses of the bags, those without new rows included.
     rows
         Their rows.
+
+    Returns
+    -------
+    Path
+        The file; it is not there where it would have no rows.
 
     Raises
     ------
@@ -84,12 +89,13 @@ def replace_rows(
     elif path.exists():
         path.unlink()
         folder.rmdir()
+    return path
 
 
 def read_unit(archive: Path, table: str, unit: str) -> pa.Table:
     """Return all rows of a unit in order of time."""
     schema = SCHEMAS[table]
-    folders = (archive / TABLES / table).glob(f"model=*/unit={_quoted(unit)}")
+    folders = (archive / TABLES / table).glob(f"model=*/unit={quoted(unit)}")
     parts = [
         _read(path, schema)
         for folder in sorted(folders)
@@ -99,14 +105,22 @@ def read_unit(archive: Path, table: str, unit: str) -> pa.Table:
     return whole.sort_by(_ORDER[table])
 
 
-def write_health(archive: Path, model: str, unit: str, rows: pa.Table) -> None:
-    """Write the rows of health of a unit, in the place of earlier ones."""
+def write_health(archive: Path, model: str, unit: str, rows: pa.Table) -> Path:
+    """Write the rows of health of a unit, in the place of earlier ones; return their file."""
     kept = _unit_folder(archive, "health", model, unit)
     if rows.num_rows:
         _write(kept / _FILE, rows)
-    for folder in (archive / TABLES / "health").glob(f"model=*/unit={_quoted(unit)}"):
+    for folder in (archive / TABLES / "health").glob(f"model=*/unit={quoted(unit)}"):
         if folder != kept or not rows.num_rows:
             shutil.rmtree(folder)
+    return kept / _FILE
+
+
+def place_of(path: Path) -> tuple[str, str, str]:
+    """Return table, unit and month of a file of a table, as in paths; the month may be empty."""
+    keys = dict(part.split("=", 1) for part in path.parts if "=" in part)
+    table = path.parts[path.parts.index(TABLES) + 1]
+    return table, keys["unit"], keys.get("month", "")
 
 
 def read_state(archive: Path, unit: str) -> bytes:
@@ -126,7 +140,7 @@ def write_state(archive: Path, unit: str, state: bytes) -> None:
 
 
 def _state_path(archive: Path, unit: str) -> Path:
-    return archive / "state" / f"{_quoted(unit)}.bin"
+    return archive / "state" / f"{quoted(unit)}.bin"
 
 
 def write_whole(archive: Path, name: str, table: pa.Table) -> None:
@@ -135,12 +149,10 @@ def write_whole(archive: Path, name: str, table: pa.Table) -> None:
 
 
 def _unit_folder(archive: Path, table: str, model: str, unit: str) -> Path:
-    return (
-        archive / TABLES / table / f"model={_quoted(model) or _UNNAMED}" / f"unit={_quoted(unit)}"
-    )
+    return archive / TABLES / table / f"model={quoted(model) or _UNNAMED}" / f"unit={quoted(unit)}"
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
     """Return a name as it is written in a path, from which DuckDB and others read it."""
     return quote(name, safe=" +")
 

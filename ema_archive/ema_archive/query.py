@@ -121,12 +121,24 @@ def export(archive: Path, question: str, path: Path) -> int:
         rows = db.from_arrow(table)
         try:
             if path.suffix == ".csv":
-                rows.write_csv(str(partial))
+                rows.project(_without_formulas(table.schema)).write_csv(str(partial))
             else:
                 rows.write_parquet(str(partial), compression="zstd")
         except duckdb.IOException as error:
             raise OSError(f"cannot be written: {_first_line(error)}") from error
     return table.num_rows
+
+
+def _without_formulas(schema: pa.Schema) -> str:
+    """Return columns in SQL with a quote before what a spreadsheet would compute."""
+    columns = []
+    for column in schema:
+        name = '"' + column.name.replace('"', '""') + '"'
+        if pa.types.is_string(column.type):
+            is_computed = f"regexp_matches({name}, '^[=+@\\t\\r-]')"
+            name = f"CASE WHEN {is_computed} THEN chr(39) || {name} ELSE {name} END AS {name}"
+        columns.append(name)
+    return ", ".join(columns)
 
 
 def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelation:

@@ -114,7 +114,8 @@ def resumed(
         estimate = estimate_from(row)
         if not estimate.valid:
             if not history.holds(estimate.end_ns):
-                history.append(UnusedCycle(estimate.end_ns))
+                refused = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason)
+                history.append(refused)
         elif not history.holds_valid(estimate.end_ns):
             found = rows.get(estimate.end_ns)
             if found is None:

@@ -19,7 +19,7 @@ from ema_archive.unit_task import UnitResult, UnitTask, follow_unit
 from ema_core.tasks import Outcome, WorkerLostError, Workers
 
 _MOST_GATHERED: Final = 2000
-_GATHERED_S: Final = 30.0
+_GATHERED_S: Final = 5.0
 _OTHER_SOFTWARE: Final = (
     "the worker has other software than this command: install the same version on all machines"
 )
@@ -60,6 +60,8 @@ class RunTally:
         Units whose health and life was found, and how many of their windows were followed for it.
     not_followed
         Units whose health and life could not be found, with the reason.
+    mended
+        What was wrong with the tables, in words.
     """
 
     bags: int = 0
@@ -68,6 +70,7 @@ class RunTally:
     units: int = 0
     followed: int = 0
     not_followed: dict[str, str] = field(default_factory=dict)
+    mended: list[str] = field(default_factory=list)
 
 
 def scan(
@@ -105,7 +108,8 @@ def run(
 ) -> RunTally:
     """Do what is to be done in an archive.
 
-    What is done is in the tables within half a minute, also when the run is ended by an exception.
+    What is done is in the tables within five seconds, also when the run is ended by an exception.
+    Files of the tables that are missing or damaged are made anew.
 
     Parameters
     ----------
@@ -121,7 +125,7 @@ def run(
     ClusterLostError
         When the workers are out of reach.
     """
-    tally = RunTally()
+    tally = RunTally(mended=manifest.mend())
     try:
         run_bags(manifest, workers, tally, follow, diagnose)
         run_units(manifest, workers, tally, follow)
@@ -193,13 +197,14 @@ def write_results(
     # Without rows: those that they have are taken away.
     left = [BagResult(BagTask(url, "", "", settings), DONE) for url in moved]
     parts = {(one.task.url, part.model, part.unit): part for one in kept for part in one.units}
-    archive = manifest.archive
+    archive, files = manifest.archive, []
     for place, urls in sorted(manifest.begin([*kept, *left]).items()):
         model, unit, month = place
         found = [part for url in sorted(urls) if (part := parts.get((url, model, unit)))]
         for table in ("estimates", "usage"):
             rows = [row for part in found for row in part.rows(table, month)]
-            replace_rows(archive, table, place, urls, rows)
+            files.append(replace_rows(archive, table, place, urls, rows))
+    manifest.note_files(files)
     manifest.commit(results, settings, moved)
 
 
@@ -225,7 +230,8 @@ def run_units(
             continue
         entry = entries[unit]
         manifest.begin_unit(entry)
-        write_health(manifest.archive, entry.model, entry.unit, result.health)
+        file = write_health(manifest.archive, entry.model, entry.unit, result.health)
+        manifest.note_files([file])
         write_state(manifest.archive, entry.unit, result.kept)
         manifest.commit_unit(entry, result)
         tally.units += 1

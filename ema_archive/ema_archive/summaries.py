@@ -30,7 +30,7 @@ BAGS: Final = pa.schema(
 
 _PLACE: Final = [("model", pa.string()), ("unit", pa.string())]
 UNITS: Final = pa.schema([*_PLACE, *HEALTH, ("calibrated", pa.timestamp("us"))])
-"""A row for each unit with a valid test: its latest row of health, and when the file of its
+"""A row for each unit: its row of health after the newest test, and when the file of its
 calibration was changed."""
 
 UNIT_GROWTH: Final = pa.schema([*_PLACE, *GROWTH])

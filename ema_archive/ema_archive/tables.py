@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_core.levels import STALE
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
@@ -92,6 +93,7 @@ HEALTH: Final = pa.schema(
         ("cycles", pa.int64()),
         ("hours_per_cycle", pa.float64()),
         ("level", pa.int8()),
+        ("last_level", pa.int8()),
         ("health_index", pa.float64()),
         ("severity", pa.int8()),
         ("confidence", pa.float64()),
@@ -110,7 +112,7 @@ HEALTH: Final = pa.schema(
         ("settings", pa.string()),
     ]
 )
-"""A row for each valid test: health and remaining life after it."""
+"""A row for each test, valid or refused: health and remaining life after it."""
 
 GROWTH: Final = pa.schema(
     [
@@ -169,14 +171,15 @@ def count_from(row: Mapping[str, Any]) -> Count:
 
 def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
     """Return health and life after a test as a row; provenance and unit are the caller's to add."""
-    health = outlook.health
+    health, stamp_ns = outlook.health, outlook.claim.measured_ns
     row: dict[str, Any] = {
-        "tested": outlook.stamp_ns // 1000,
-        "stamp_ns": outlook.stamp_ns,
+        "tested": stamp_ns // 1000 if stamp_ns else None,
+        "stamp_ns": stamp_ns,
         "hours": float(outlook.hours),
         "cycles": outlook.cycles,
         "hours_per_cycle": float(outlook.hours_per_cycle),
         "level": health.level,
+        "last_level": outlook.last_level if health.level == STALE else health.level,
         "health_index": float(health.health_index),
         "severity": health.severity,
         "confidence": float(health.confidence),

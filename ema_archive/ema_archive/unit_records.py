@@ -30,7 +30,7 @@ class KnownUnit:
     Attributes
     ----------
     latest
-        Its latest row of health; None when there is none.
+        Its row of health after its newest test; None before the first run.
     growth
         Its rows of growth.
     record
@@ -80,7 +80,7 @@ class UnitRecords(Database):
     def commit_unit(self, entry: UnitEntry, result: UnitResult) -> None:
         """Note health and life of a unit."""
         with transaction(self._db):
-            if result.latest is None and not self._count("part WHERE unit = ?", (entry.unit,)):
+            if not self._count("part WHERE unit = ?", (entry.unit,)):
                 # All its bags are of others now.
                 self._db.execute("DELETE FROM unit WHERE unit = ?", (entry.unit,))
             else:
@@ -91,7 +91,7 @@ class UnitRecords(Database):
                     (
                         result.made_by,
                         entry.model,
-                        None if result.latest is None else json.dumps(result.latest),
+                        json.dumps(result.latest),
                         json.dumps(result.growth),
                         json.dumps(asdict(result.record)),
                         entry.unit,

@@ -1,7 +1,7 @@
 """The task of a unit: from the rows of its estimates and counts to those of health and life."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
 
@@ -17,9 +17,16 @@ from ema_archive.tables import (
     growth_rows,
     health_row,
 )
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.identification.estimate import DEGRADED, FAILED, REFUSED, VALID
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.unit import Unit
+
+_TELLING: Final = (VALID, DEGRADED, FAILED)
+_FOUND: Final = ("verdict", "fitness", *FAULT_NAMES)
+"""What copies of a test have in common."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +67,9 @@ class UnitResult:
     software
         Identity of the software of the worker.
     health
-        Rows of the table of health, one a valid test.
+        Rows of the table of health, one a test.
     latest
-        The last of them, as plain values; None when there is none.
+        Row of health after the newest test, as plain values; its level is STALE without any.
     growth
         Rows of the table of growth.
     record
@@ -77,7 +84,7 @@ class UnitResult:
     made_by: str
     software: str
     health: pa.Table
-    latest: dict[str, Any] | None
+    latest: dict[str, Any]
     growth: list[dict[str, Any]]
     record: ServiceRecord
     kept: bytes
@@ -113,16 +120,19 @@ def follow_unit(task: UnitTask) -> UnitResult:
     last = None
     for estimate, outlook in unit.follow(later, parameters, settings, counts):
         if outlook is not None:
-            history = unit.history
-            kept = entry_columns(history.entries[-1], history.assessments[outlook.stamp_ns])
-            rows.append(health_row(outlook, estimate.calibration_id) | shared | kept)
             last = outlook
+            row = health_row(outlook, estimate.calibration_id) | shared
+            if estimate.valid:
+                history = unit.history
+                found = history.assessments[outlook.stamp_ns]
+                row |= entry_columns(history.entries[-1], found)
+            rows.append(row)
     if last is None:
-        # Of a refused test nothing follows: health is that of the test before.
-        last = unit.resume(parameters, settings)
+        last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
+    latest = rows[-1] if rows else health_row(last, "") | shared
     names = {name: shared[name] for name in ("actuator_id", "serial_number")}
     state = b""
-    if can_resume(settings) and rows:
+    if can_resume(settings) and unit.history.entries:
         digest = state_digest(estimates, usage)
         growth = unit.growth.state()
         state = KeptState(maker, len(estimates), digest, growth).as_bytes()
@@ -131,8 +141,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
         maker,
         prognosis_software(),
         pa.Table.from_pylist(rows, HEALTH),
-        rows[-1] if rows else None,
-        [] if last is None else [row | names for row in growth_rows(last)],
+        latest,
+        [row | names for row in growth_rows(last)],
         ServiceRecord(lives_of(rows), months_of(estimates), changed_ns(task.source, *key)),
         state,
         len(estimates) - known,
@@ -140,12 +150,23 @@ def follow_unit(task: UnitTask) -> UnitResult:
 
 
 def _windows(table: pa.Table) -> list[dict[str, Any]]:
-    """Return rows of estimates, of a window that is in several bags the first that is valid."""
+    """Return rows of estimates, of a window that is in several bags the first that tells most.
+
+    Two different tests that end at the same time are none: nothing shows which came first.
+    """
     found: dict[int, dict[str, Any]] = {}
     for row in table.to_pylist():
         other = found.setdefault(row["end_ns"], row)
-        if row["valid"] and not other["valid"]:
+        if other is row or row["verdict"] not in _TELLING:
+            continue
+        if other["verdict"] not in _TELLING:
             found[row["end_ns"]] = row
+        elif any(str(row[name]) != str(other[name]) for name in _FOUND):
+            reason = (
+                f"{other['bag']} and {row['bag']} have different tests that end at the same time: "
+                "their stamps must show which came first"
+            )
+            found[row["end_ns"]] = other | {"valid": False, "verdict": REFUSED, "reason": reason}
     return list(found.values())
 
 
@@ -164,7 +185,8 @@ def _begun(
     if kept is not None and kept.made_by == maker and kept.tests <= len(estimates):
         before, health = estimates[: kept.tests], task.health.to_pylist()
         if state_digest(before, usage) == kept.digest:
-            stamps = {row["end_ns"] for row in before if row["valid"]}
+            stamps = {row["end_ns"] for row in before}
+            valid = {row["end_ns"] for row in before if row["valid"]}
             # A run that died may have left rows of others beside the state.
             made = (prognosis_software(), task.settings.prognosis_id)
             # As they are made: stamps of a table are dates when they are read.
@@ -174,6 +196,6 @@ def _begun(
                 if row["stamp_ns"] in stamps and (row["software"], row["settings"]) == made
             ]
             unit = resumed(key, kept, settings, before, rows)
-            if unit is not None and len(rows) >= len(stamps):
+            if unit is not None and valid <= {row["stamp_ns"] for row in rows}:
                 return unit, kept.tests, rows
     return Unit(History(*key), settings), 0, []

@@ -31,14 +31,15 @@ SELECT * FROM alarms WHERE is_over AND NOT was_repaired ORDER BY began, model, u
 -- Windows that are in several bags, as of copies: health and life follow from the first that is valid.
 CREATE VIEW copies AS
 SELECT model, unit, end_ns, any_value(tested) AS tested, list(bag ORDER BY bag) AS bags
-FROM estimates GROUP BY model, unit, end_ns HAVING count(*) > 1 ORDER BY model, unit, end_ns;
+FROM estimates GROUP BY model, unit, end_ns
+HAVING count(*) > 1 AND count(DISTINCT fitness) <= 1 ORDER BY model, unit, end_ns;
 
 -- What gave no estimate: bags that cannot be read or have no window, and refused windows.
 CREATE VIEW refused AS
 SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, reason
 FROM bags WHERE state <> 'new' AND reason <> ''
 UNION ALL
-SELECT bag, number, tested, 'refused' AS what, reason FROM estimates WHERE NOT valid;
+SELECT bag, number, tested, verdict AS what, reason FROM estimates WHERE NOT valid;
 
 -- The same reasons, whatever figures are in them, counted.
 CREATE VIEW refused_why AS

@@ -7,12 +7,10 @@ from typing import Any, Final
 import numpy as np
 
 from ema_core.causes import CauseEstimate
-from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
+from ema_ros.claims import SILENT_S, worth
 from ema_ros.stamps import stamp_from_message
-
-SILENT_S: Final = 5.0
-"""A monitor reports on `/diagnostics` each second; after so long without, it is silent [s]."""
 
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 
@@ -26,9 +24,9 @@ class Row:
     place
         Namespace of its monitor.
     level
-        Level of its health; STALE when its monitor is silent.
+        Level of its health, as it is worth now.
     last_level
-        The level it had when it was heard last.
+        The same; where it is STALE, the one before.
     health_index
         As of Health [-]; NaN when unknown.
     dominant
@@ -135,12 +133,11 @@ class HeardFleet:
         return self._actuators.setdefault((place, message.actuator_id), _Actuator())
 
     def _row(self, key: tuple[str, str], one: _Actuator, now_s: float, clock_ns: int) -> Row:
-        health = one.health
-        is_silent = now_s - np.fmax(one.reported_s, one.heard_s) > SILENT_S
-        reasons = [health.cause or health.reason]
-        if is_silent:
-            was = f"its monitor is silent, the level was {LEVEL_NAMES[health.level]}"
-            reasons.insert(0, was)
+        is_silent = bool(now_s - np.fmax(one.reported_s, one.heard_s) > SILENT_S)
+        health = worth(one.health, clock_ns, is_silent=is_silent)
+        reasons = [one.health.cause or one.health.reason]
+        if health is not one.health:
+            reasons.insert(0, health.reason)
         test_ns = stamp_from_message(health.header.stamp)
         if one.refused is not None:
             test_ns = max(test_ns, stamp_from_message(one.refused.header.stamp))
@@ -153,8 +150,8 @@ class HeardFleet:
         return Row(
             *key,
             serial_number=health.serial_number,
-            level=STALE if is_silent else health.level,
-            last_level=health.level,
+            level=health.level,
+            last_level=health.last_level if health.level == STALE else health.level,
             health_index=health.health_index,
             dominant=_dominant_in_words(health),
             life=hours,

@@ -83,6 +83,9 @@ class FaultHealth:
         Whether life ends below the limit rather than above.
     share
         Share of the way from healthy to the limit [-].
+    held
+        Value of the latest test [-], where that gives the warning and the tests before disagree:
+        it is held until the next one confirms it; else NaN.
     """
 
     name: str
@@ -92,6 +95,7 @@ class FaultHealth:
     limit: float
     limit_is_lower: bool
     share: float
+    held: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -263,12 +267,12 @@ def _assess_fault(
     fault, value, sigma = FAULTS[number], estimate.faults[number], estimate.sigma[number]
     is_unknown = bool(estimate.unobservable[number])
     alone = STALE if is_unknown else _level(fault.name, value - fault.healthy, sigma, limits)
-    level = alone
+    level, held = alone, math.nan
     if tracked is not None:
         value, sigma = tracked.value, tracked.sigma
         level = _level(fault.name, value - fault.healthy, sigma, limits)
         if tracked.doubtful and alone in (WARN, ERROR):
-            level = max(level, WARN)
+            level, held = max(level, WARN), float(estimate.faults[number])
     limit = limits.of(fault.name)
     is_lower = value < fault.healthy
     return FaultHealth(
@@ -279,6 +283,7 @@ def _assess_fault(
         fault.healthy + (-limit if is_lower else limit),
         is_lower,
         abs(value - fault.healthy) / limit,
+        held,
     )
 
 

@@ -7,6 +7,7 @@ import math
 from dataclasses import asdict, dataclass
 
 from ema_core.description import ActuatorDescription
+from ema_core.levels import STALE
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.growth.check import TrackRecord
@@ -104,6 +105,11 @@ class HealthReport:
     actuator_id: str
     serial_number: str
     level: int
+    last_level: int
+    measured: Stamp
+    received: Stamp
+    good_until: Stamp
+    author: str
     health_index: float
     severity: int
     confidence: float
@@ -155,6 +161,11 @@ def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthR
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
         level=health.level,
+        last_level=outlook.last_level if health.level == STALE else health.level,
+        measured=Stamp.of(outlook.claim.measured_ns),
+        received=Stamp.of(outlook.claim.received_ns),
+        good_until=Stamp.of(outlook.claim.good_until_ns),
+        author=outlook.claim.author,
         health_index=health.health_index,
         severity=health.severity,
         confidence=health.confidence,

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from bisect import bisect
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -10,7 +11,7 @@ from typing import Final, NamedTuple
 from ema_core.levels import ERROR
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import FAILED, Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_of
 from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.flown import FlownDuty, together
@@ -20,11 +21,12 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
-from ema_monitor.prognosis.outlook import Outlook, outlook_of, unknown_outlook
+from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import (
     CALIBRATION,
+    FAULT,
     GAP,
     HISTORY,
     OTHER,
@@ -53,7 +55,9 @@ class Unit:
     """Follows one unit from test to test; any thread may call.
 
     The outlook depends on the tests in the history and on the settings alone: a replay of the same
-    tests, or of the history after a restart, gives the same.
+    tests, or of the history after a restart, gives the same. The newest test by its stamp gives the
+    level, whether it is valid or refused: one that comes late takes its place in growth and changes
+    no level.
 
     Parameters
     ----------
@@ -65,6 +69,8 @@ class Unit:
         Gives the requirements of a unit, or why they cannot be monitored.
     opened_ns
         When a history with tests was opened, which is an event of its own [ns]; None for none.
+    author
+        Node that says what follows from the tests; empty for a command.
 
     Attributes
     ----------
@@ -78,8 +84,14 @@ class Unit:
         settings: PrognosisSettings | None = None,
         requirements_of: RequirementsOf = FITTED.of,
         opened_ns: int | None = None,
+        author: str = "",
     ) -> None:
         self.history = history
+        self._author = author
+        # Stamp of the newest test that came while this runs, and when it came [ns].
+        self._received = 0, 0
+        # What the valid tests say, unless settings or tests have changed since.
+        self._by_valid: Outlook | None = None
         self._requirements_of = requirements_of
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
@@ -103,8 +115,12 @@ class Unit:
         settings: PrognosisSettings,
         count: Count | None = None,
         flown: FlownDuty | None = None,
+        received_ns: int = 0,
     ) -> Outlook | None:
-        """Record the estimate of a test and return the outlook after it; None if it is invalid.
+        """Record the estimate of a test and return the outlook after it.
+
+        None where nothing follows from it: the window was not looked at, or is refused and older
+        than the newest test.
 
         Parameters
         ----------
@@ -118,6 +134,8 @@ class Unit:
             Latest count of service hours that was read before the test; None when there is none.
         flown
             Duty since the test before, valid or not; None when it is not known.
+        received_ns
+            When it was received [ns]; 0 when that does not matter.
 
         Notes
         -----
@@ -127,22 +145,70 @@ class Unit:
         """
         with self._lock:
             self._apply(settings)
+            self._received = max(self._received, (estimate.end_ns, received_ns))
             is_new = not self.history.holds(estimate.end_ns)
             if not estimate.valid:
-                if is_new:
-                    self.history.append(UnusedCycle(estimate.end_ns, flown))
-                return None
+                return self._refuse(estimate, flown, parameters) if is_new else None
+            latest = self.growth.service.latest
             if self.history.holds_valid(estimate.end_ns):
                 again = "a test that is in the history already came again and changes nothing"
                 self._findings.append(Finding(OTHER, again))
+            elif latest is not None and estimate.end_ns < latest.stamp_ns:
+                self._add_late(estimate, latest, count, flown)
             else:
-                cycles = self.history.unused_cycles + is_new
+                cycles = len(self.history.unused) + is_new
                 flown = together(self.history.unused_duty, flown)
                 entry, ignored = self._entry(estimate, cycles, count, flown)
-                findings = [*ignored, *self._oddities(entry), *self._grow(entry)]
+                findings = [*ignored, *self._gap_before(entry), *self._grow(entry)]
                 self.history.append(entry)
                 self._findings += findings
             return self._outlook_with_events(parameters)
+
+    def _refuse(
+        self,
+        estimate: Estimate,
+        flown: FlownDuty | None,
+        parameters: ActuatorParameters | None,
+    ) -> Outlook | None:
+        """Record a test without a valid estimate; return the outlook if it is the newest one."""
+        before = self.history.newest
+        test = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason, flown)
+        self.history.append(test)
+        if self.history.newest is not test:
+            return None
+        if self._by_valid is None:
+            self._by_valid = self._outlook(parameters)
+        outlook = self._claimed(self._by_valid)
+        had_failed = isinstance(before, UnusedCycle) and before.verdict == FAILED
+        if not outlook.failure or had_failed:
+            return outlook
+        event = UnitEvent(estimate.end_ns, outlook.hours, FAULT, outlook.failure)
+        return replace(outlook, events=(event,))
+
+    def _add_late(
+        self, estimate: Estimate, latest: Entry, count: Count | None, flown: FlownDuty | None
+    ) -> None:
+        """Record a valid test that is older than the latest one, between its neighbours."""
+        entries = self.history.entries
+        place = bisect(entries, estimate.end_ns, key=lambda entry: entry.stamp_ns)
+        before, after = entries[place - 1] if place else None, entries[place]
+        cycles = min(before.cycles + 1, after.cycles) if before else max(after.cycles - 1, 1)
+        hours, each = math.nan, self._settings.service.hours_per_cycle
+        if each > 0.0:
+            begin = before.hours + each if before else max(after.hours - each, 0.0)
+            hours, count = min(begin, after.hours), None
+        else:
+            count = _later(count, before.count if before else None, estimate.end_ns)
+        known = len(entries)
+        self.history.append(Entry(estimate, hours, cycles, count, flown))
+        if len(entries) > known:
+            self._find_growth_anew()
+        late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
+        text = (
+            f"a test came late, {late_s:g} s older than the latest one: it counts for growth and "
+            "changes no level"
+        )
+        self._findings.append(Finding(OTHER, text))
 
     def follow(
         self,
@@ -188,7 +254,7 @@ class Unit:
         """Return the outlook after the latest test so far; None when there was none."""
         with self._lock:
             self._apply(settings)
-            return self._outlook_with_events(parameters) if self.history.entries else None
+            return self._outlook_with_events(parameters) if self.history.newest else None
 
     def outlook(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
@@ -202,7 +268,9 @@ class Unit:
         """
         with self._lock:
             self._apply(settings)
-            return self._outlook(parameters)
+            if not self.history.entries:
+                raise ValueError("there is no history yet: no valid test so far")
+            return self._claimed(self._outlook(parameters))
 
     def under(
         self,
@@ -236,7 +304,8 @@ class Unit:
             The number of tests wanted.
         """
         with self._lock:
-            entries = self.history.entries
+            both = [*self.history.entries, *self.history.late]
+            entries = sorted(both, key=lambda entry: entry.stamp_ns)
             hours = self.growth.service.by_stamp()
             chosen = entries[max(0, len(entries) - most) :]
             tests = [
@@ -282,6 +351,8 @@ class Unit:
     def _apply(self, settings: PrognosisSettings) -> None:
         """Use settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
+        if old != settings:
+            self._by_valid = None
         is_other_fleet = old.fleet is not settings.fleet
         assumed = (settings.limits, settings.tracker, settings.damage)
         if is_other_fleet or (old.limits, old.tracker, old.damage) != assumed:
@@ -325,7 +396,9 @@ class Unit:
         return replace(settings.tracker, fleet=fleet)
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
-        outlook = self._outlook(parameters)
+        outlook = self._by_valid = self._outlook(parameters)
+        if not self.history.entries:
+            return self._claimed(outlook)
         before = self._assessment_before(outlook)
         assessment = assessment_of(outlook, before, self._findings, self._own_events(outlook))
         # Each is published once.
@@ -333,9 +406,25 @@ class Unit:
         self.history.assess(assessment)
         known = before.events if before else ()
         new = tuple(event for event in assessment.events if event not in known)
-        return replace(outlook, events=new)
+        return replace(self._claimed(outlook), events=new)
+
+    def _claimed(self, outlook: Outlook) -> Outlook:
+        """Return what the valid tests say as it holds after the newest test, with its claim."""
+        newest = self.history.newest
+        if newest is None:
+            return outlook
+        stamp_ns, received_ns = newest.stamp_ns, 0
+        if self._received[0] == stamp_ns:
+            received_ns = self._received[1]
+        claim = Claim(stamp_ns, received_ns, self._author, self._settings.good_for_s)
+        if isinstance(newest, UnusedCycle):
+            outlook = outlook.after_refusal(newest)
+        return replace(outlook, claim=claim)
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
+        """Return what the valid tests say."""
+        if not self.history.entries:
+            return unknown_outlook("no valid test so far")
         requirements = "requirements cannot be monitored without a calibration of a known drive"
         if parameters is not None:
             requirements = self._requirements_of(parameters, self._settings.requirements)
@@ -412,22 +501,21 @@ class Unit:
             return entry, [Finding(SERVICE_HOURS, text)]
         before = latest.count if latest else None
         # After a restart, the latest count may be in the history alone.
-        read = [item for item in (count, before) if item and item.stamp_ns <= estimate.end_ns]
-        newest = max(read, key=lambda item: item.stamp_ns, default=None)
+        newest = _later(count, before, estimate.end_ns)
         if newest is not None and newest != before:
             cycles = newest.cycles or cycles
         return Entry(estimate, math.nan, cycles, newest, flown), []
 
-    def _oddities(self, entry: Entry) -> list[Finding]:
-        """Return what is odd about the stamp and cycle of a test after the latest one."""
+    def _gap_before(self, entry: Entry) -> list[Finding]:
+        """Return that test cycles before a test had no valid estimate, if so."""
         latest = self.growth.service.latest
-        if latest is None:
+        if latest is None or (missed := entry.cycles - latest.cycles - 1) <= 0:
             return []
-        oddities = []
-        if (missed := entry.cycles - latest.cycles - 1) > 0:
-            text = f"{counted(missed, 'test')} without a valid estimate before this one"
-            oddities.append(Finding(GAP, text))
-        if (back_ns := latest.stamp_ns - entry.stamp_ns) > 0:
-            text = f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
-            oddities.append(Finding(OTHER, text))
-        return oddities
+        text = f"{counted(missed, 'test')} without a valid estimate before this one"
+        return [Finding(GAP, text)]
+
+
+def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:
+    """Return the later of two counts, of those that were read by the end of a test [ns]."""
+    read = [count for count in (one, other) if count and count.stamp_ns <= end_ns]
+    return max(read, key=lambda count: count.stamp_ns, default=None)

@@ -71,7 +71,7 @@ def test_health_and_life_are_those_of_the_command(ema, archive, made_fleet):
         rows = table_of(archive, "health").to_pylist()
         rows = [row for row in rows if row["serial_number"] == entry.serial_number]
         rows.sort(key=lambda row: row["stamp_ns"])
-        tests = [test for test in told["tests"] if test["valid"]]
+        tests = [test for test in told["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2
         for row, test in zip(rows, tests, strict=True):
             assert row["stamp_ns"] == test["end_ns"]

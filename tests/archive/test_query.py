@@ -10,7 +10,7 @@ import pytest
 
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import replace_rows, write_health
-from ema_archive.query import VIEWS, answer, columns_of
+from ema_archive.query import VIEWS, answer, columns_of, export
 from ema_archive.running import run, scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
@@ -181,3 +181,14 @@ def test_settings_of_the_archive_are_kept_exactly():
     assert again == settings
     assert again.prognosis_id == settings.prognosis_id != ArchiveSettings().prognosis_id
     assert again.estimation_id == ArchiveSettings().estimation_id
+
+
+def test_text_that_a_spreadsheet_would_compute_is_quoted_in_csv(archive, tmp_path):
+    path = tmp_path / "told.csv"
+    texts = ("=HYPERLINK('http://x')", "-1", "+a", "@b", "plain", "\ta")
+    question = " UNION ALL ".join(
+        f"SELECT '{text.replace(chr(39), chr(39) * 2)}' AS told" for text in texts
+    )
+    export(archive, question, path)
+    lines = path.read_text().splitlines()[1:]
+    assert [line.strip('"')[0] for line in lines] == ["'", "'", "'", "'", "p", "'"]

@@ -23,13 +23,19 @@ _PHASE: Final = FAULT_NAMES.index("eccentricity_phase")
 
 
 def estimate_at(
-    number: int, rng: np.random.Generator | None = None, *, valid: bool = True, **faults: float
+    number: float,
+    rng: np.random.Generator | None = None,
+    *,
+    valid: bool = True,
+    failed: bool = False,
+    **faults: float,
 ) -> Estimate:
     """Return the estimate of test ``number``; with a generator it errs."""
-    end_ns = FIRST_NS + number * PERIOD_NS
+    end_ns = FIRST_NS + round(number * PERIOD_NS)
     if not valid:
-        reason = "a gap of 3 samples"
-        return refusal(Refusal(end_ns - _LONG_NS, end_ns, reason), "", SearchSettings(), reason)
+        reason = "a phase is open" if failed else "a gap of 3 samples"
+        window = Refusal(end_ns - _LONG_NS, end_ns, reason)
+        return refusal(window, "", SearchSettings(), reason, is_failure=failed)
     k = fault_vector(faults)
     if rng is not None:
         shown = np.array([name in faults for name in FAULT_NAMES])

@@ -3,11 +3,12 @@
 import pytest
 
 from .stateful import LEAST_WALKS, unreached, walk
+from .walk_claims import Claimed
 from .walk_lifecycle import Lifecycle
 from .walk_prognosis import Prognosis
 from .walk_queue import Queue
 
-STEPS = {Queue: 50, Lifecycle: 30, Prognosis: 25}
+STEPS = {Claimed: 20, Queue: 50, Lifecycle: 30, Prognosis: 25}
 
 
 @pytest.mark.slow

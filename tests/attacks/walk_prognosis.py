@@ -17,7 +17,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from .made_tests import FIRST_NS, PERIOD_NS, UNIT, estimate_at
+from .made_tests import UNIT, estimate_at
 from .stateful import Walk
 
 _SETTINGS = PrognosisSettings()
@@ -37,6 +37,7 @@ class Prognosis(Walk):
         "a step was found",
         "an outlier was found",
         "a test came again",
+        "a test came late",
         "the monitor started again",
         "the monitor was killed",
         "a replay agreed",
@@ -57,7 +58,7 @@ class Prognosis(Walk):
 
     def _tell(self, estimate: Estimate, count: Count | None) -> None:
         outlook = self.prognostics.update(estimate, None, _SETTINGS, count)
-        assert (outlook is not None) == estimate.valid
+        assert outlook is not None or not estimate.valid
         if outlook is None:
             return
         self.outlook = outlook
@@ -71,7 +72,9 @@ class Prognosis(Walk):
         self.reach("hours are unknown", when=math.isnan(outlook.hours))
         self.prognostics.write()
 
-    def _test(self, count: str, wrong: float = 0.0, *, valid: bool = True) -> None:
+    def _test(
+        self, count: str, wrong: float = 0.0, *, valid: bool = True, held: bool = False
+    ) -> tuple[Estimate, Count | None]:
         self.friction = min(self.friction + 0.004, 0.6)
         friction = min(max(self.friction + wrong, 0.0), 0.9)
         estimate = estimate_at(self.number, self.rng, valid=valid, friction=friction)
@@ -79,9 +82,11 @@ class Prognosis(Walk):
         hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[count]
         told = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
         self.number += 1
-        self.told.append((estimate, told))
-        self.reach("tests without a count", when=count == "none")
-        self._tell(estimate, told)
+        if not held:
+            self.told.append((estimate, told))
+            self.reach("tests without a count", when=count == "none")
+            self._tell(estimate, told)
+        return estimate, told
 
     @rule(count=st.sampled_from(_COUNTS), tests=st.integers(1, 3))
     def test(self, count: str, tests: int) -> None:
@@ -95,6 +100,18 @@ class Prognosis(Walk):
         """A test without a valid estimate."""
         self.step()
         self._test("right", valid=False)
+
+    @rule(valid=st.booleans())
+    def come_late(self, *, valid: bool) -> None:
+        """A test that comes after a later one: the newest one still leads."""
+        self.step()
+        held = self._test("right", valid=valid, held=True)
+        self._test("right")
+        self.told.append(held)
+        before = self.outlook
+        self._tell(*held)
+        assert _claim(self.outlook) == _claim(before), "a late test leads"
+        self.reach("a test came late")
 
     @rule(size=st.sampled_from((-0.3, 0.3)))
     def err(self, size: float) -> None:
@@ -125,9 +142,11 @@ class Prognosis(Walk):
         if not self.told:
             return
         self.step()
-        before = len(self.prognostics.history.entries)
+        history = self.prognostics.history
+        before = len(history.entries) + len(history.late)
         self._tell(*self.told[which % len(self.told)])
-        assert len(self.prognostics.history.entries) == before, "a test was counted twice"
+        after = len(history.entries) + len(history.late)
+        assert after == before, "a test was counted twice"
         self.reach("a test came again")
 
     @rule()
@@ -178,8 +197,9 @@ class Prognosis(Walk):
         hours = [test.hours for test in self.prognostics.growth.service.used]
         assert hours == sorted(hours), "service hours go back"
         assert not self.prognostics.history.problem, self.prognostics.history.problem
-        stamps = [entry.stamp_ns for entry in self.prognostics.history.entries]
-        valid = [FIRST_NS + n * PERIOD_NS for n, told in enumerate(self.told) if told[0].valid]
+        history = self.prognostics.history
+        stamps = sorted(entry.stamp_ns for entry in (*history.entries, *history.late))
+        valid = sorted(estimate.end_ns for estimate, _ in self.told if estimate.valid)
         assert stamps == valid, "a valid test is missing, or there twice"
 
     def teardown(self) -> None:
@@ -187,6 +207,10 @@ class Prognosis(Walk):
         super().teardown()
         self.prognostics.history.close()
         self._folder.cleanup()
+
+
+def _claim(outlook: Outlook | None) -> object:
+    return outlook and (outlook.claim, outlook.health.level)
 
 
 def _said(outlook: Outlook | None) -> str:

@@ -73,10 +73,10 @@ def test_contained_types_come_once_and_depth_first():
         line for line in schema_text("ema_interfaces/msg/Health").splitlines() if "MSG: " in line
     ]
     assert titles == [
+        "MSG: builtin_interfaces/Time",
         "MSG: ema_interfaces/FaultHealth",
         "MSG: ema_interfaces/RemainingUsefulLife",
         "MSG: ema_interfaces/UnitEvent",
-        "MSG: builtin_interfaces/Time",
         "MSG: std_msgs/Header",
     ]
 

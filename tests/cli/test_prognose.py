@@ -340,6 +340,8 @@ def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, writ
     result = ema("prognose", tmp_path)
     assert "no valid estimate" in result.stderr
     assert "1 valid of 2 tests" in result.stdout
+    assert "level STALE (last OK)" in result.stdout
+    assert "the newest test was refused: gap of" in result.stdout
     assert result.exit_code == 0
 
 

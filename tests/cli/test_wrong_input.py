@@ -125,13 +125,15 @@ def test_not_a_number_inside_a_window(ema, record, spoiled, faulty_blocks, colum
     assert f"{column} is nan at index {blocks[100].first_index + 7}" in estimate["reason"]
 
 
-def test_dead_current_sensor_is_not_taken_for_faults(ema, record, faulty_blocks):
-    blocks = [replace(block, current=np.zeros(len(block))) for block in faulty_blocks]
+@pytest.mark.parametrize("column", ["current", "speed", "position"])
+def test_dead_sensor_is_not_taken_for_faults(ema, record, faulty_blocks, column):
+    blocks = [replace(block, **{column: np.zeros(len(block))}) for block in faulty_blocks]
     result = ema("estimate", record(blocks), "--json")
     assert result.exit_code == 3
     [estimate] = json.loads(result.stdout)
     assert not estimate["valid"]
-    assert "neither faults nor known causes explain the window" in estimate["reason"]
+    assert estimate["verdict"] == "failed"
+    assert f"dead {column} sensor: it says 0 throughout" in estimate["reason"]
 
 
 def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):

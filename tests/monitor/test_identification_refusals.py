@@ -84,12 +84,14 @@ def test_defect_that_comes_up_within_a_window_is_named(window, calibration, desc
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_motor_that_the_loop_lets_stand_still_is_refused(window, calibration, description, force):
-    """No defect where the position follows the command: then no current is wanted."""
+def test_speed_that_stands_still_while_the_position_moves_is_a_dead_sensor(
+    window, calibration, description, force
+):
     still = np.zeros(len(window) + 1)
     idle = changed(window, speed=still, position=window.telemetry.command.copy())
     estimate = identify(idle, description, calibration, force=force)
-    check_refused(estimate, "no excitation", "the motor stands still")
+    check_refused(estimate, "dead speed sensor: it says 0 throughout")
+    assert estimate.verdict == "failed"
 
 
 @pytest.mark.parametrize(

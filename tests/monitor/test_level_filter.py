@@ -1,4 +1,4 @@
-"""A level changes when several estimates in a row say so, and not before."""
+"""A level rises at once, and falls when several estimates in a row say so."""
 
 from itertools import pairwise
 
@@ -12,17 +12,16 @@ from ema_monitor.node.level_filter import LevelFilter
     ("levels", "confirmations", "filtered"),
     [
         ([WARN], 2, [WARN]),
-        ([OK, WARN, OK, WARN, OK], 2, [OK, OK, OK, OK, OK]),
-        ([OK, WARN, WARN, OK, OK], 2, [OK, OK, WARN, WARN, OK]),
-        # An error after a warning confirms that it is no longer OK.
-        ([OK, WARN, ERROR], 2, [OK, OK, ERROR]),
-        # What goes up and down confirms nothing.
-        ([WARN, ERROR, OK, ERROR, OK], 2, [WARN, WARN, WARN, WARN, WARN]),
+        ([OK, WARN, OK, WARN, OK], 2, [OK, WARN, WARN, WARN, WARN]),
+        ([OK, WARN, WARN, OK, OK], 2, [OK, WARN, WARN, WARN, OK]),
+        ([OK, WARN, ERROR], 2, [OK, WARN, ERROR]),
+        # Of those that are lower the last is taken.
+        ([ERROR, OK, WARN, OK, OK], 2, [ERROR, ERROR, WARN, WARN, OK]),
         ([OK, ERROR, OK], 1, [OK, ERROR, OK]),
-        ([OK, WARN, WARN, WARN], 3, [OK, OK, OK, WARN]),
+        ([ERROR, OK, OK, OK], 3, [ERROR, ERROR, ERROR, OK]),
     ],
 )
-def test_change_is_taken_when_it_is_confirmed(
+def test_level_rises_at_once_and_falls_when_that_is_confirmed(
     levels: list[int], confirmations: int, filtered: list[int]
 ):
     one, seen, changes = LevelFilter(), [], []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_core.levels import ERROR
+from ema_core.levels import ERROR, STALE
 from ema_monitor import Count, Diagnosed, Monitor, MonitorSettings, Outlook, diagnosis, identify
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.prognosis.service import Service
@@ -88,7 +88,9 @@ def test_gap_refuses_its_window(blocks):
     [refused] = [event for event in events if isinstance(event, Diagnosed)]
     assert not refused.estimate.valid
     assert "gap of" in refused.estimate.reason
-    assert not any(isinstance(event, Outlook) for event in events)
+    [outlook] = [event for event in events if isinstance(event, Outlook)]
+    assert outlook.health.level == STALE
+    assert "the newest test was refused: gap of" in outlook.health.reason
 
 
 def test_telemetry_that_goes_back_is_a_defect(blocks):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_core.levels import STALE
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
@@ -49,8 +50,9 @@ def lived(
             number, seed=3, valid=valid, friction=friction(number), backlash=backlash(number)
         )
         outlook = prognostics.update(estimate, PARAMETERS, settings)
-        assert (outlook is not None) == valid
-        outlooks += [outlook] if outlook else []
+        assert outlook is not None
+        assert (outlook.health.level == STALE) == (not valid)
+        outlooks += [outlook] if valid else []
     return prognostics, outlooks
 
 

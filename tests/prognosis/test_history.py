@@ -87,14 +87,15 @@ def test_every_figure_comes_back_to_the_last_bit(path: Path):
 def test_count_and_cycles_without_estimate_come_back(path: Path):
     count = Count(123, 45.5, 67)
     history = History(*UNIT, path)
-    history.append(UnusedCycle(1))
-    history.append(Entry(made_test(0), 45.5, 67, count))
-    history.append(UnusedCycle(2))
-    history.append(UnusedCycle(3))
+    history.append(UnusedCycle(1, "refused", "gap"))
+    history.append(Entry(test := made_test(0), 45.5, 67, count))
+    history.append(UnusedCycle(test.end_ns + 2, "refused", "gap"))
+    history.append(UnusedCycle(test.end_ns + 3, "failed", "a phase is open"))
     history.close()
     again = History(*UNIT, path)
     again.close()
-    assert (len(again.entries), again.entries[0].count, again.unused_cycles) == (1, count, 2)
+    assert (len(again.entries), again.entries[0].count, len(again.unused)) == (1, count, 2)
+    assert again.newest == again.unused[-1]
 
 
 def test_nothing_is_made_before_the_first_test(path: Path):
@@ -178,7 +179,7 @@ def test_of_two_monitors_that_begin_a_history_the_second_names_the_reason(path: 
 
 def test_windows_without_estimate_are_held_as_well(path: Path):
     history = History(*UNIT, path)
-    history.append(UnusedCycle(1))
+    history.append(UnusedCycle(1, "refused", "gap"))
     history.append(entry(0))
     history.close()
     again = History(*UNIT, path)

@@ -75,7 +75,7 @@ def test_other_database_and_other_schema_are_set_aside_as_they_are(path: Path):
 def test_file_that_is_gone_while_in_use_is_written_anew_whole(path: Path, how: str):
     history = History(*UNIT, path)
     history.append(entry(0))
-    history.append(UnusedCycle(1))
+    history.append(UnusedCycle(1, "refused", "gap"))
     history.append(entry(1))
     moved = path.with_name("elsewhere")
     if how == "moved":
@@ -84,7 +84,7 @@ def test_file_that_is_gone_while_in_use_is_written_anew_whole(path: Path, how: s
         path.unlink()
     else:
         shutil.rmtree(path.parent)
-    history.append(UnusedCycle(2))
+    history.append(UnusedCycle(2, "refused", "gap"))
     history.append(entry(2))
     assert "was deleted or moved while it was in use" in history.problem
     history.close()
@@ -194,7 +194,8 @@ def test_clock_that_goes_back_does_not_break_the_chain(path: Path):
     for number in (0, 5, 2, 6):
         history.append(entry(number))
     history.close()
-    assert hours(path) == ([0.0, 50.0, 20.0, 60.0], "")
+    # In the order of their stamps.
+    assert hours(path) == ([0.0, 20.0, 50.0, 60.0], "")
 
 
 @pytest.mark.parametrize("table", ["assessment", "head", "growth", "unit"])

@@ -152,12 +152,17 @@ def test_without_history_there_is_no_answer():
         Unit(History(*UNIT)).outlook(PARAMETERS, TEN_HOURS)
 
 
-def test_stamps_that_go_back_are_told():
-    prognostics, _ = lived(3)
+def test_test_that_comes_late_is_told_and_changes_no_level():
+    prognostics, before = lived(3)
     back = prognostics.update(made_test(-5), PARAMETERS, TEN_HOURS)
     assert back is not None
-    assert any("70 s before" in event.text for event in back.events)
-    assert back.hours == 40.0
+    assert any("70 s older than the latest one" in event.text for event in back.events)
+    assert (back.hours, back.claim, back.health.level) == (
+        before[-1].hours, before[-1].claim, before[-1].health.level,
+    )  # fmt: skip
+    assert [test.entry.stamp_ns for test in prognostics.latest_tests(9)[0]] == sorted(
+        test.entry.stamp_ns for test in prognostics.latest_tests(9)[0]
+    )
 
 
 def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():

@@ -242,6 +242,7 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
     wrong.write_text("windows: many")
     for request, text in (
         ({"windows": 0}, "windows = 0"),
+        ({"windows": 2**31 - 1}, "windows = 2147483647: expected 1 to 200 healthy windows"),
         ({"windows": 1}, "no healthy window came for 1 s after 0 of 1"),
         ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not monitored"),
         ({"load": True, "file": str(other)}, "SIM-0002"),
@@ -302,3 +303,22 @@ def test_call_that_waits_is_answered_when_the_monitor_is_deactivated(call: str):
             until_waited_for(session)
             assert session.node.trigger_deactivate()
             assert not goal.result()[1].success
+
+
+def test_calibration_that_waits_keeps_no_other_call_waiting(tmp_path: Path):
+    settings = {"calibration_timeout_s": 60.0, "calibration_folder": str(tmp_path)}
+    with monitor(settings | {"calibration_file": str(tmp_path / "{actuator_id}.yaml")}) as session:
+        session.describe()
+        left = replace(FLAP, actuator_id="left")
+        session.describe(left)
+        session.until_status("left telemetry", "no telemetry so far")
+        waiting = session.start(Calibrate, NAME, Calibrate.Request(actuator_id="left"))
+        wait_for(lambda: session.node._calls._queues, "the call to wait for windows")
+        again = session.call(Calibrate, NAME, Calibrate.Request(actuator_id="left"))
+        assert again.message == "actuator 'left' is being calibrated already"
+        future = session.start(Calibrate, NAME, Calibrate.Request(actuator_id="flap", windows=1))
+        wait_for(lambda: len(session.node._calls._queues) == 2, "both calls to wait")
+        session.feed(Source().cycle())
+        answer = session.result(future)
+        assert answer.success, answer.message
+        assert not waiting.done()

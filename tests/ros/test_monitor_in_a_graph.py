@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 
 from ema_core.description import ActuatorDescription
-from ema_core.levels import OK, STALE, WARN
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import Health, HealthSummary, Usage
 from ema_interfaces.srv import Calibrate, ForgetActuator, PredictRemainingLife
 from ema_monitor.node.summary import summary_of, unknown_estimate
@@ -158,7 +158,8 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     assert second.algorithm == "pso"
     session.until(lambda: session.healths() and session.received(topics.ADVICE))
     # Friction of 0.2 is far from the limit that it has by default, and beyond the new one.
-    assert session.healths()[0].health_index == 0.0
+    assert [health.level for health in session.healths()] == [STALE, ERROR]
+    assert session.healths()[-1].health_index == 0.0
     assert session.received(topics.ADVICE)[0].cost_unit == "guineas"
 
 

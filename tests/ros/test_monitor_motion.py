@@ -1,5 +1,7 @@
 """Ordinary motion as other nodes see it: few estimates of many stretches, the same as offline."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
@@ -100,7 +102,7 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     unit.finder.describe(FLAP)
     unit.finder.windows = 40
     unit.add_defect("the description is impossible")
-    estimate = refusal(Refusal(5, 9, ""), "", SearchSettings(), "")
+    estimate = replace(refusal(Refusal(5, 9, ""), "", SearchSettings(), ""), valid=True)
     for last, is_open in ((39, True), (40, False)):
         combined = Segment(3, FLAP, Refusal(5, 9, ""), is_stretch=True, last_stretch=last)
         unit.record(combined, estimate, unknown_outlook("no test"), 0)

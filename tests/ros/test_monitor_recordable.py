@@ -69,12 +69,13 @@ def test_test_of_another_time_is_identified_but_not_recorded(
         [first] = follow(session, now(cycles[:1]), 1)
         assert "not recorded" not in first.reason
         odd = now(cycles[1:2], later_ns=later_days * DAY_NS)
-        [health] = follow(session, odd, 2)
-        for expected in (words, "not recorded", "use_sim_time", "history_max_offset_s"):
-            assert expected in health.reason
-        assert not health.rul.known
-        assert health.level == first.level
+        session.feed(odd)
+        session.until(lambda: len(session.estimates()) == 2)
         status = session.until_status("flap history", words, WARN)
+        for expected in ("not recorded", "use_sim_time", "history_max_offset_s"):
+            assert expected in status.message
+        # Which of them came first is not known: it leads no test of the history.
+        assert len(session.healths()) == 1
         year = time.gmtime(int(odd[0].stamps_ns[-1]) // 10**9).tm_year
         assert f"the test of {year}-" in status.message
         [again] = follow(session, now(cycles[2:3]), 3)

@@ -189,3 +189,29 @@ def test_compressed_and_split_bags_are_played(graph: Graph, bag: Path, tmp_path:
     assert player.bring_up()
     assert player.finished.wait(DEADLINE_S)
     wait_for(lambda: numbers(heard) == list(range(101)), "all messages")
+
+
+def test_what_cannot_be_played_is_left_out_and_named(graph: Graph, tmp_path: Path):  # noqa: F811
+    path, time_ns = tmp_path / "odd.mcap", START_NS
+    with BagWriter(path) as writer:
+        for name in ("/ema/t0", "/ema/a b", "/rosout"):
+            writer.add_topic(name, String, STREAM)
+        for number in range(4):
+            for name in ("/ema/t0", "/ema/a b", "/rosout"):
+                time_ns = START_NS + number * STEP_NS
+                writer.write(name, String(data=str(number)), time_ns, time_ns)
+        # Cut off within its text.
+        writer.write_serialized("/ema/t0", b"\0\1\0\0\x09\0\0\0ab", time_ns + STEP_NS)
+    heard = graph.listen(String, "t0", STREAM)
+    player = graph.player(path, rate=10.0, stay=True)
+    assert player.bring_up()
+    wait_for(lambda: len(heard) == 4, "the good messages")
+    wait_for(lambda: task(player).values["skipped"] == 1, "the malformed message is counted")
+    said = task(player)
+    assert said.level == WARN
+    for expected in (
+        "/ema/a b: not played",
+        "/rosout: not played",
+        "topic /ema/t0: 1 malformed message",
+    ):
+        assert expected in said.message

@@ -17,7 +17,7 @@ from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
@@ -30,7 +30,7 @@ class Step:
     Attributes
     ----------
     outlook
-        Health and life after it; None when the estimate is not valid.
+        Health and life after it; None when nothing follows from it.
     """
 
     estimate: Estimate
@@ -64,7 +64,18 @@ class Course:
     @property
     def outlooks(self) -> list[Outlook]:
         """Health and life after each valid test; tables and pictures need at least one."""
-        return [step.outlook for step in self.steps if step.outlook is not None]
+        return [step.outlook for step in self.valid if step.outlook is not None]
+
+    @property
+    def valid(self) -> list[Step]:
+        """The valid tests."""
+        return [step for step in self.steps if step.estimate.valid]
+
+    @property
+    def now(self) -> Outlook:
+        """Health and life after the newest test, valid or refused."""
+        known = (step.outlook for step in reversed(self.steps) if step.outlook is not None)
+        return next(known, unknown_outlook("no test so far"))
 
     @property
     def hours(self) -> NDArray[np.float64]:
@@ -98,7 +109,8 @@ def follow(
                 tracked, parameters, settings, record.counts, record.flown
             )
         ]
-    last = next((step.outlook for step in reversed(steps) if step.outlook is not None), None)
+    valid = (step.outlook for step in reversed(steps) if step.estimate.valid)
+    last = next(valid, None)
     forecaster = followed.forecaster(last) if last is not None else None
     lives = tuple(
         (one, followed.under(one, parameters, settings))
@@ -110,10 +122,9 @@ def follow(
 def true_faults(course: Course) -> NDArray[np.float64]:
     """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded."""
     rows = []
-    for step in course.steps:
-        if step.outlook is not None:
-            truth = truth_at(course.record.truths, step.estimate.start_ns)
-            rows.append(np.full(N_FAULTS, np.nan) if truth is None else truth.faults)
+    for step in course.valid:
+        truth = truth_at(course.record.truths, step.estimate.start_ns)
+        rows.append(np.full(N_FAULTS, np.nan) if truth is None else truth.faults)
     return np.reshape(rows, (-1, N_FAULTS))
 
 

@@ -112,6 +112,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         f"{tally.damaged} damaged, {tally.failed} could not be read"
     )
     click.echo(_due_in_words(status))
+    for words in tally.mended:
+        click.echo(words, err=True)
     for unit, reason in tally.not_followed.items():
         click.echo(f"unit {unit} could not be followed: {reason}", err=True)
     if tally.damaged or tally.failed:
@@ -201,11 +203,14 @@ def _clear_of_clusters() -> Iterator[None]:
 
 
 def _due_in_words(status: Status) -> str:
-    if not status.due and not status.units_due:
+    files = ""
+    if status.damaged_files:
+        files = f"; {counted(status.damaged_files, 'file')} of the tables missing or damaged"
+    if not status.due and not status.units_due and not files:
         return "all is up to date"
     reasons = ", ".join(f"{count} {why}" for why, count in status.reasons.items())
     bags = counted(status.due, "bag") + (f" ({reasons})" if reasons else "")
-    return f"to be done: {bags}, {counted(status.units_due, 'unit')}"
+    return f"to be done: {bags}, {counted(status.units_due, 'unit')}{files}"
 
 
 def _plain(value: Any) -> Any:

@@ -22,8 +22,15 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.windows.trigger import Refusal
+from ema_monitor.identification.estimate import (
+    DEGRADED,
+    FAILED,
+    SKIPPED,
+    VALID,
+    VERDICTS,
+    Estimate,
+)
+from ema_monitor.identification.estimate import REFUSED as REFUSED_WINDOW
 from ema_monitor.windows.window import MIN_TRAVEL
 
 _NOTHING: Final = "no significant fault"
@@ -70,22 +77,17 @@ def estimate(
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
-    if not _is_complete(estimates, found):
+    if not _is_complete(estimates):
         sys.exit(REFUSED)
 
 
-def _is_complete(estimates: Sequence[Estimate], found: BagWindows) -> bool:
+def _is_complete(estimates: Sequence[Estimate]) -> bool:
     """Return whether there is an estimate, and one of each window that the bag holds whole.
 
     A recording of a live system ends anywhere: that its last window is cut off is no failure.
     """
-    cut_off = {
-        item.window.end_ns
-        for item in found.windows
-        if isinstance(item.window, Refusal) and item.window.is_cut_off
-    }
-    failed = [one for one in estimates if not one.valid and one.end_ns not in cut_off]
-    return not failed and any(one.valid for one in estimates)
+    verdicts = {one.verdict for one in estimates}
+    return not verdicts & {REFUSED_WINDOW, FAILED} and bool(verdicts & {VALID, DEGRADED})
 
 
 def found_in_words(one: Estimate) -> str:
@@ -138,7 +140,8 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     """Return how many windows are valid, why others are not, and the largest faults, in lines."""
     valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
     counts = Counter(one.verdict for one in estimates)
-    verdicts = ", ".join(f"{counts[name]} {name}" for name in ("valid", "degraded", "refused"))
+    named = [name for name in VERDICTS if counts[name] or name not in (FAILED, SKIPPED)]
+    verdicts = ", ".join(f"{counts[name]} {name}" for name in named)
     what = "estimate" if any(one.stretches for one in estimates) else "window"
     lines = [f"{counted(len(estimates), what)}: {verdicts}"]
     # Reasons that differ in their figures only are the same.

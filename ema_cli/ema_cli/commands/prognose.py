@@ -22,6 +22,7 @@ from ema_cli.show.prognosis_table import (
     table_of_scenarios,
 )
 from ema_cli.unit_diagnosis import diagnose_unit
+from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
 from ema_monitor.reports import health_report, scenario_report
 
@@ -47,19 +48,22 @@ def prognose(
     that a monitor publishes after the last of these tests. Without --calibration, a file
     calibration.yaml beside the bags is used as the unit's.
 
-    Exit code 3 means that there is no prognosis, since no test has a valid estimate.
+    Exit code 3 means that there is no prognosis: no test has a valid estimate, or the newest one
+    shows a failure of drive or shaft.
     """
     with one_clear_line():
         if output is not None:
             require_drawable(output)
         told = diagnose_unit(bags, source, options, prognosis)
         record, estimates, course = told.record, told.estimates, told.course
+        report = health_report(course.now, record.description)
         if not course.outlooks:
+            why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.failure else ""
             click.echo(
-                f"no prognosis: none of {counted(len(estimates), 'window')} can be used", err=True
+                f"no prognosis: none of {counted(len(estimates), 'window')} can be used{why}",
+                err=True,
             )
             sys.exit(REFUSED)
-        report = health_report(course.outlooks[-1], record.description)
         if math.isnan(report.flight_hours) and not record.counts:
             click.echo(
                 "service hours are unknown, so is the remaining life: the bags hold no usage; give "
@@ -94,3 +98,5 @@ def prognose(
             save_picture(draw_course(course, prognosis.end_hours), output)
         if not as_json:
             click.echo(f"{output}")
+    if course.now.failure:
+        sys.exit(REFUSED)

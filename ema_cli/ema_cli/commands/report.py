@@ -51,7 +51,8 @@ def report(
     Without a BAG, --fleet ARCHIVE names an archive of `ema archive`: the page is then the summary
     of its fleet, with the worst units, models, ages, survival, calibrations and test coverage.
 
-    Exit code 3 means that no test has a valid estimate; the report then says why.
+    Exit code 3 means that no test has a valid estimate, or that the newest one shows a failure of
+    drive or shaft; the report then says why.
     """
     archive = prognosis.archive
     if (archive is None) == (not bags):
@@ -75,7 +76,7 @@ def report(
     for line in verdict_of(told).lines:
         click.echo(line)
     click.echo(f"{output}")
-    if not told.course.outlooks:
+    if not told.course.outlooks or told.course.now.failure:
         sys.exit(REFUSED)
 
 

@@ -95,7 +95,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
 def _title(course: Course) -> str:
     unit, tests = course.record.description, counted(len(course.outlooks), "valid test")
     name = f"{unit.actuator_id} ({unit.serial_number}), {tests}"
-    return f"{name}\n{fill(removal_in_words(course.outlooks[-1]), _TITLE_WIDTH)}"
+    return f"{name}\n{fill(removal_in_words(course.now), _TITLE_WIDTH)}"
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
@@ -170,7 +170,7 @@ def _draw_fault(
     fan: Fan | None,
 ) -> None:
     fault, last = FAULTS[i], course.outlooks[-1]
-    estimates = [step.estimate for step in course.steps if step.outlook is not None]
+    estimates = [step.estimate for step in course.valid]
     value = np.array([one.faults[i] for one in estimates])
     draw_estimates(axes, place, value, [one.sigma[i] for one in estimates], **_ESTIMATES)
     if np.isfinite(truth[:, i]).any():

@@ -11,7 +11,7 @@ from ema_core.faults import FAULT_BY_NAME, FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import FAILED, Estimate
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import TREND_HOURS, cause_of_level, removal_in_words
 
@@ -44,18 +44,19 @@ class UnitVerdict:
 
 def verdict_of(told: UnitDiagnosis) -> UnitVerdict:
     """Return the verdict on a unit."""
+    last = told.course.now
     if not told.course.outlooks:
         tests = counted(len(told.estimates), "test")
+        why = f"{cause_of_level(last)}; " if last.failure else ""
         return UnitVerdict(
-            STALE,
+            last.health.level,
             (
-                f"Unknown: none of {tests} has a valid estimate.",
+                f"{_STATES[last.health.level]}: {why}none of {tests} has a valid estimate.",
                 "What wears is unknown.",
                 "How long it lasts is unknown.",
             ),
             _after_the_last_test(told),
         )
-    last = told.course.outlooks[-1]
     valid = [one for one in told.estimates if one.valid][-1]
     lines = _state(told, last), _wearing(told, last, valid), _lasting(last)
     words = [told.advice_in_words, removal_in_words(last)]
@@ -113,6 +114,8 @@ def _item_in_words(item: FaultHealth, last: Outlook) -> str:
 
 def _lasting(last: Outlook) -> str:
     life = last.rul
+    if last.failure:
+        return "Its life is over until it is repaired: drive or shaft has failed."
     if last.health.level == ERROR:
         return "Its life is over: a limit is exceeded or a required performance has failed."
     if not life.known:
@@ -129,6 +132,8 @@ def _after_the_last_test(told: UnitDiagnosis) -> list[str]:
     last = told.estimates[-1] if told.estimates else None
     if last is None:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
+    if last.verdict == FAILED:
+        return []
     if not last.valid:
         return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
     actions = []

@@ -112,7 +112,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     first = label_of(report.dominant_fault)
     first = f"; first to end life: {first}" if first else ""
     lines.append(
-        f"health index {report.health_index:.2f}, level {LEVEL_NAMES[report.level]}, severity "
+        f"health index {report.health_index:.2f}, level {level_in_words(report)}, severity "
         f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
     )
     lines += _checked(report.faults)
@@ -127,9 +127,17 @@ def summary(course: Course, report: HealthReport) -> list[str]:
                 lines.append(f"event at {place}: {event}")
     if missed:
         lines.append(f"missed tests before {', '.join(missed)}")
-    if reason := course.outlooks[-1].health.reason:
+    if reason := course.now.health.reason:
         lines.append(f"note: {reason}")
     return lines
+
+
+def level_in_words(report: HealthReport) -> str:
+    """Return the level of a unit; where it is STALE, with the one before."""
+    words = LEVEL_NAMES[report.level]
+    if report.level == report.last_level:
+        return words
+    return f"{words} (last {LEVEL_NAMES[report.last_level]})"
 
 
 def _life(life: LifeReport) -> str:

@@ -110,19 +110,30 @@ def motion_defect(window: Window, description: ActuatorDescription) -> str:
     telemetry = window.telemetry
     if not len(telemetry.current):
         return "drive = unknown needs a measured current, and the telemetry has none"
-    measured = has_speed(telemetry, description)
-    if measured != description.acquisition.speed:
+    if has_speed(telemetry, description) != description.acquisition.speed:
         return "the speed is not measured, although the description says so"
-    moves = np.any(telemetry.speed) if measured else np.ptp(telemetry.position) > 0.0
-    if not moves:
-        flows = float(np.median(np.abs(telemetry.current)))
-        if np.ptp(telemetry.command) > 0.0 and flows > 0.0:
-            return (
-                f"no excitation: the motor stands still although the command moves and {flows:.2g} "
-                "A flow; a blocked shaft, an open phase or a frozen sensor"
-            )
-        return "no excitation: the motor stands still"
-    return ""
+    if failure := standstill(window, description):
+        return failure
+    return "" if _moves(window, description) else "no excitation: the motor stands still"
+
+
+def standstill(window: Window, description: ActuatorDescription) -> str:
+    """Return what has failed where a motor does not follow a command that moves; else empty."""
+    telemetry = window.telemetry
+    if not np.ptp(telemetry.command) > 0.0 or _moves(window, description):
+        return ""
+    flows = float(np.median(np.abs(telemetry.current)))
+    return (
+        f"no excitation: the motor stands still although the command moves and {flows:.2g} "
+        "A flow; a blocked shaft, an open phase or a frozen sensor"
+    )
+
+
+def _moves(window: Window, description: ActuatorDescription) -> bool:
+    telemetry = window.telemetry
+    if has_speed(telemetry, description):
+        return bool(np.any(telemetry.speed))
+    return bool(np.ptp(telemetry.position) > 0.0)
 
 
 def _fit(

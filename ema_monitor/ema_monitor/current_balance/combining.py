@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.current_balance.calibrating import motion_defect
+from ema_monitor.current_balance.calibrating import motion_defect, standstill
 from ema_monitor.current_balance.identifying import identify_unknown
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.estimate import Estimate, refusal
@@ -134,7 +134,9 @@ class CurrentCombination:
         self._refused_in_a_row += 1
         if self._refused_in_a_row != _REFUSED_IN_A_ROW:
             return []
-        return [replace(refusal(stretch, self._unit, self._search, reason), stretches=1)]
+        failed = reason == standstill(stretch, self._description)
+        refused = refusal(stretch, self._unit, self._search, reason, is_failure=failed)
+        return [replace(refused, stretches=1)]
 
     def _count(self, **more: int) -> None:
         counts = {name: getattr(self.tally, name) + number for name, number in more.items()}

@@ -12,7 +12,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, ECCENTRICITY, FRICTION, N_FAULTS, FaultVector, healthy_faults
 from ema_monitor.current_balance.balance import Balance
-from ema_monitor.current_balance.calibrating import motion_defect
+from ema_monitor.current_balance.calibrating import motion_defect, standstill
 from ema_monitor.current_balance.choosing import chosen_ripples, evidence
 from ema_monitor.current_balance.fitting import BalancePrior, Fit, fit
 from ema_monitor.current_balance.priors import basic_terms, of_unit, prior_of
@@ -92,7 +92,8 @@ def identify_by_current(
     """
 
     def refuse(reason: str) -> Estimate:
-        return refusal(window, unit, settings, reason)
+        failed = reason == standstill(window, description)
+        return refusal(window, unit, settings, reason, is_failure=failed)
 
     mismatch = unit.unit_mismatch(description)
     if reason := unit.shape_mismatch(window) or motion_defect(window, description):

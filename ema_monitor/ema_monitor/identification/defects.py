@@ -8,6 +8,7 @@ from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
+_MOVES: Final = 10
 _STANDSTILL: Final = 1e-3
 # Of a window: it is enough that the defect comes up in it.
 _STANDING: Final = 0.1
@@ -18,7 +19,8 @@ _FLOWS: Final = 0.5
 def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     """Return which defect of drive or shaft a window shows; empty when it shows none.
 
-    The motor stands still for a tenth of the window although position and speed loop want nearly
+    A column that does not change while the motor moves is that of a dead sensor. Else the motor
+    stands still for a tenth of the window although position and speed loop want nearly
     the current limit (M1), even at half their gain. Where that current flows the shaft is blocked;
     where it does not, a phase is open or a switch dead; where the current is not measured, it is
     any of these. A speed loop with other than a proportional gain is not judged.
@@ -31,6 +33,8 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
         The actuator.
     """
     p, t = parameters, window.telemetry
+    if dead := _dead_sensor(window):
+        return dead
     if p.GAI != 0.0 or p.GAD != 0.0:
         return ""
     speed = t.speed
@@ -59,4 +63,25 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
         f"{open_circuit}, B or C: "
         f"the motor stands still, and of the {amount:.1f} A that the speed loop wants {flows:.1f} "
         "A flow"
+    )
+
+
+def _dead_sensor(window: Window) -> str:
+    """Return which column does not change at all, although others show that the motor moves."""
+    t = window.telemetry
+    columns = {"current": t.current, "speed": t.speed, "position": t.position}
+    still = [name for name, column in columns.items() if len(column) and not np.ptp(column)]
+    if len(still) != 1:
+        return ""
+    # A column of few values may be that of a motor that hardly moves.
+    moves = [
+        name
+        for name, column in columns.items()
+        if name != "current" and len(np.unique(column)) > _MOVES
+    ]
+    if not moves:
+        return ""
+    return (
+        f"dead {still[0]} sensor: it says {columns[still[0]][0]:.3g} throughout, although the "
+        f"{moves[0]} changes"
     )

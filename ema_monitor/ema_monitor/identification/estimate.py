@@ -34,6 +34,11 @@ class Calibrated(Protocol):
         ...
 
 
+VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped")
+"""Verdicts, in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
+
+VALID, DEGRADED, REFUSED, FAILED, SKIPPED = VERDICTS
+
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
 
@@ -85,7 +90,8 @@ class Estimate:
         Number of healthy windows that the calibration rests on; 0 when there was none.
     verdict
         "valid"; "degraded": usable, with standard deviations that say how far, and ``reason`` why;
-        or "refused".
+        "refused"; "failed": refused for a failure of drive or shaft; or "skipped": not looked at,
+        as it was cut off or had to wait too long.
     unexplained_share
         What is left of the window's departure from healthy at the estimate [-]; NaN where the
         goodness of fit is.
@@ -122,7 +128,7 @@ class Estimate:
     insignificant: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
     warm_start: bool = False
     calibration_windows: int = 0
-    verdict: str = "valid"
+    verdict: str = VALID
     unexplained_share: float = math.nan
     causes: tuple[CauseEstimate, ...] = ()
     alternatives: tuple[tuple[str, str], ...] = ()
@@ -183,6 +189,8 @@ def refusal(
     calibration: Calibrated | str,
     settings: SearchSettings,
     reason: str,
+    *,
+    is_failure: bool = False,
 ) -> Estimate:
     """Return the estimate of a window in which no faults can be identified.
 
@@ -192,8 +200,13 @@ def refusal(
         As of ``Identification``.
     reason
         Why there is no estimate.
+    is_failure
+        Whether the reason is a failure of drive or shaft.
     """
     nan = math.nan
+    verdict = FAILED if is_failure else REFUSED
+    if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
+        verdict = SKIPPED
     is_calibrated = not isinstance(calibration, str)
     return Estimate(
         window.start_ns,
@@ -214,7 +227,7 @@ def refusal(
         valid=False,
         reason=reason,
         calibration_windows=calibration.windows if is_calibrated else 0,
-        verdict="refused",
+        verdict=verdict,
     )
 
 

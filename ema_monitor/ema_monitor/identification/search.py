@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_core.faults import fault_vector, healthy_faults
+from ema_core.faults import SHORT_CIRCUITS, fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
@@ -17,6 +18,7 @@ from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Inference
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge
 from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.scales import wrong_scale
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.verdict import Misfit, contradicted_by
 from ema_monitor.optimizers import ALGORITHMS
@@ -24,6 +26,8 @@ from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+_FAR_BETTER = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +107,7 @@ class ModelIdentification:
         self.contradicted: list[CauseEstimate] = []
         self.caveats: list[str] = []
         self.unlearned: list[str] = []
+        self._is_rescaled = False
 
     def __iter__(self) -> Iterator[Generation]:
         """Yield the state after each generation; there is none where a window is refused."""
@@ -130,14 +135,53 @@ class ModelIdentification:
             named = {cause.name for cause in self.estimate.causes}
             wrong = [one for one in self.estimate.measured if one.name in named]
             if not wrong:
+                yield from self._question_scale(window, calibration)
                 return
             self.contradicted += wrong
             left = tuple(one for one in window.measured if one not in wrong)
             window = replace(window, measured=left)
 
+    def _question_scale(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
+        """Refuse a window that the faults do not explain, where a column is off by a factor."""
+        found = self.estimate
+        if found is None or not found.goodness_of_fit > found.goodness_limit:
+            return
+        scale = wrong_scale(window, calibration.parameters)
+        if scale is None or self._is_rescaled:
+            return
+        if scale.column == "current":
+            # Faults take more current, too. A scale looks like turns lost in all three phases, and
+            # explains the window by far better.
+            lost = float(np.min(np.array(found.faults)[SHORT_CIRCUITS]))
+            if found.valid and scale.factor > 1.0 and lost < 0.5 * (1.0 - 1.0 / scale.factor):
+                return
+            telemetry = window.telemetry
+            telemetry = replace(telemetry, current=telemetry.current / scale.factor)
+            run = copy(self)
+            run._window, run._is_rescaled = replace(window, telemetry=telemetry), True
+            yield from run
+            other = run.estimate
+            if other is None or not (
+                other.goodness_of_fit <= other.goodness_limit
+                and other.goodness_of_fit < _FAR_BETTER * found.goodness_of_fit
+            ):
+                return
+            gains = [one.value for one in other.causes if one.name == "current_gain"]
+            scale = scale._replace(factor=scale.factor * (1.0 + sum(gains)))
+        refused = self._refuse(f"{scale.in_words(calibration.parameters)}")
+        self.estimate = replace(refused, evaluations=found.evaluations)
+        self.knowledge = self.misfit = None
+
     def _search_once(
         self, window: Window, calibration: Calibration, started: float
     ) -> Iterator[Generation]:
+        if failure := drive_defect(window, self._description.parameters):
+            # A speed in another unit is none that stands still.
+            scale = wrong_scale(window, calibration.parameters)
+            if scale is not None:
+                failure = scale.in_words(calibration.parameters)
+            self.estimate = self._refuse(failure, is_failure=scale is None)
+            return
         refused, self.caveats = self._mismatches(window, calibration)
         if refused:
             self.estimate = self._refuse(refused)
@@ -207,8 +251,6 @@ class ModelIdentification:
 
     def _mismatches(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and reservations about one that can."""
-        if defect := drive_defect(window, self._description.parameters):
-            return defect, []
         if reason := calibration.shape_mismatch(window) or window.excitation_defect():
             return reason, []
         if not len(window.current) and self._settings.fitness != DEFAULT_FITNESS:
@@ -223,8 +265,9 @@ class ModelIdentification:
         caveats = [f"forced although {mismatch}"] if mismatch else []
         return "", [*_consequences(window), *caveats]
 
-    def _refuse(self, reason: str) -> Estimate:
-        return refusal(self._window, self._calibration, self._settings, reason)
+    def _refuse(self, reason: str, *, is_failure: bool = False) -> Estimate:
+        window, calibration = self._window, self._calibration
+        return refusal(window, calibration, self._settings, reason, is_failure=is_failure)
 
 
 def _consequences(window: Window) -> list[str]:

@@ -18,7 +18,6 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import hardware_name
 
-_STALE_PERIODS = 3.0
 _MOST_NAMED = 5
 _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
@@ -84,7 +83,7 @@ class Actuator:
         self._since_exchange = 0
         self._namespace = namespace
         self._publish = publish
-        self._heard_ns = now_ns
+        self._heard_ns = self._added_ns = now_ns
         self.is_silent = False
         # What was wrong, and the number of the first window after it.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
@@ -121,7 +120,9 @@ class Actuator:
 
     @contextmanager
     def calibrating(self) -> Iterator[None]:
-        """Say in the status that the calibration is being measured."""
+        """Say in the status that the calibration is being measured; ValueError if it is already."""
+        if self.is_calibrating:
+            raise ValueError(f"actuator {self.actuator_id!r} is being calibrated already")
         self.is_calibrating = True
         try:
             yield
@@ -171,7 +172,7 @@ class Actuator:
         now_ns: int,
         confirmations: int = 1,
     ) -> str:
-        """Record an estimate, and publish the outlook after it; None when it is not valid.
+        """Record an estimate, and publish the outlook after it, if one follows from it.
 
         Parameters
         ----------
@@ -188,21 +189,22 @@ class Actuator:
             The change of the level in words; empty when there is none.
         """
         last = segment.number if segment.last_stretch is None else segment.last_stretch
-        if outlook is None:
+        if estimate.valid:
+            self.valid += 1
+            while self._open_defects and self._open_defects[0][0] <= last:
+                self._open_defects.popleft()
+            self.latency_s = (now_ns - estimate.end_ns) * 1e-9
+        else:
             self.invalid += 1
             self.add_defect(f"window {segment.number}: {estimate.reason}", last + 1)
+        if outlook is None:
             return ""
-        self.valid += 1
-        while self._open_defects and self._open_defects[0][0] <= last:
-            self._open_defects.popleft()
-        self.latency_s = (now_ns - estimate.end_ns) * 1e-9
         if not self._is_mounted(segment.description):
             # The unit was replaced while its last window waited.
             self._publish(health_to_message(outlook, segment.description))
             return ""
-        self._fresh_ns = now_ns
-        self._stale_published = False
-        self._assessed, self.outlook = segment.description, outlook
+        self._is_withdrawn = False
+        self._assessed, self.outlook = segment.description, outlook.at(now_ns)
         self._since_exchange += 1
         if self._since_exchange >= _SETTLED:
             self.alternation = ""
@@ -237,8 +239,8 @@ class Actuator:
         """Reset the health, as another unit is mounted."""
         self._level = LevelFilter()
         self._levels: dict[str, LevelFilter] = {}
-        self._fresh_ns = now_ns
-        self._stale_published = False
+        self._added_ns = now_ns
+        self._is_withdrawn = False
         self._assessed: ActuatorDescription | None = None
         self.outlook = _NOTHING_KNOWN
 
@@ -246,52 +248,54 @@ class Actuator:
         self,
         description: ActuatorDescription,
         outlook: Outlook,
-        expected_period_s: float,
         now_ns: int,
     ) -> str | None:
-        """Publish the health after the latest test in the history, unless that was done already.
+        """Publish the health after the newest test in the history, unless that was done already.
 
-        It is published again when the requirements have become known. ``expected_period_s`` is the
-        expected time between valid estimates [s]. Return the change of the level in words, empty
-        when there is none; None when nothing was published.
+        It is published again when the requirements have become known. Return the change of the
+        level in words, empty when there is none; None when nothing was published.
         """
         if not self._is_mounted(description):
             return None
         before = self.outlook
-        if self._assessed is None:
-            self._fresh_ns = outlook.stamp_ns
-        elif (
-            before.stamp_ns != outlook.stamp_ns
+        is_shown = self._assessed is not None and not self._is_withdrawn
+        if is_shown and (
+            before.claim.measured_ns != outlook.claim.measured_ns
             or before.health.requirements
             or not outlook.health.requirements
         ):
             return None
-        self._assessed, self.outlook = description, outlook
+        self._assessed, self.outlook = description, outlook.at(now_ns)
         # The same test again confirms nothing; only what was unknown is known now.
         change = self._filter_new_levels()
-        self._stale_published = False
-        if self.publish_if_stale(expected_period_s, now_ns) is None:
-            self._publish_health()
+        self._is_withdrawn = False
+        self._publish_health()
         return change
 
-    def publish_if_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
+    def publish_if_stale(self, good_for_s: float, now_ns: int) -> HealthMessage | None:
         """Publish the health if it has just become stale; return it if it was published."""
-        if not self._fresh_ns or now_ns < self._fresh_ns:
-            self._fresh_ns = now_ns  # simulated time has begun, or gone back
-        limit_s = _STALE_PERIODS * expected_period_s
-        self.is_silent = self.silent_s(now_ns) > limit_s
-        if self._stale_published or (now_ns - self._fresh_ns) * 1e-9 <= limit_s:
+        if not self._added_ns or now_ns < self._added_ns:
+            self._added_ns = now_ns  # simulated time has begun, or gone back
+        self.is_silent = self.silent_s(now_ns) > good_for_s
+        if self._is_withdrawn:
             return None
-        reason = f"no valid estimate for more than {limit_s:g} s"
-        if self._open_defects:
-            reason += f"; {self.defects}"
-        return self.withdraw_health(reason)
+        if self.outlook is _NOTHING_KNOWN:
+            is_due = (now_ns - self._added_ns) * 1e-9 > good_for_s
+            reason = f"no valid estimate for more than {good_for_s:g} s"
+        else:
+            # The expected period may be another by now.
+            claim = self.outlook.claim._replace(good_for_s=good_for_s)
+            self.outlook = replace(self.outlook, claim=claim)
+            worth = self.outlook.at(now_ns)
+            is_due, reason = worth is not self.outlook, worth.health.reason
+        if not is_due:
+            return None
+        return self.withdraw_health("; ".join(filter(None, [reason, self.defects])))
 
     def withdraw_health(self, reason: str) -> HealthMessage | None:
         """Publish that the health is not known any more, and why; return it if it was published."""
-        health = replace(self.outlook.health, level=STALE, confidence=0.0, reason=reason)
-        self.outlook = replace(self.outlook, health=health)
-        self._stale_published = True
+        self.outlook = self.outlook.stale(reason)
+        self._is_withdrawn = True
         return self._publish_health()
 
     def level_of(self, item: FaultHealth) -> int:

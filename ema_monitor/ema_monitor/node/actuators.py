@@ -196,11 +196,11 @@ class Actuators(dict[str, Actuator]):
             if actuator_id in self:
                 self[actuator_id].tally = tally
 
-    def publish_stale(self, expected_period_s: float) -> list[HealthMessage]:
+    def publish_stale(self, good_for_s: float) -> list[HealthMessage]:
         """Publish, and return, the health of the units whose health has just become stale."""
         with self.lock:
             now_ns = self.now_ns()
-            published = [unit.publish_if_stale(expected_period_s, now_ns) for unit in self.values()]
+            published = [unit.publish_if_stale(good_for_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
 
     def tasks(self, waiting: int, dropped: Mapping[str, int], only: str = "") -> list[Task]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Final
 
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
@@ -29,12 +29,15 @@ from ema_monitor.node.summary import unknown_estimate
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
-from ema_ros.executor import WaitingCallbackGroup
+from ema_ros.executor import SeparateCallbackGroup
 from ema_ros.messages import faults_to_message
 from ema_ros.settings import LiveSettings
 
 _POLL_S = 0.1
 _MOST_GOALS = 2
+
+
+_MOST_WINDOWS: Final = 200
 
 
 class MonitorCalls:
@@ -80,7 +83,7 @@ class MonitorCalls:
         self._queues_lock = threading.Lock()
         self._free_goals = threading.Semaphore(_MOST_GOALS)
         self._service = node.create_service(
-            Calibrate, "~/calibrate", self._calibrate, callback_group=WaitingCallbackGroup()
+            Calibrate, "~/calibrate", self._calibrate, callback_group=SeparateCallbackGroup()
         )
         # In the thread that receives telemetry: nothing is received in the middle of it.
         self._forget_service = node.create_service(
@@ -175,8 +178,8 @@ class MonitorCalls:
 
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
         """Yield the next windows of an actuator without those that cannot be used."""
-        if number < 1:
-            raise ValueError(f"windows = {number}: expected at least 1 healthy window")
+        if not 1 <= number <= _MOST_WINDOWS:
+            raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
         unit = self._units.find(actuator_id)[0]
         with self._windows() as windows, unit.calibrating():
             for made in range(number):

@@ -1,12 +1,8 @@
-"""Levels that do not flicker: a change counts when it is confirmed."""
+"""Levels that do not flicker: a level that falls is confirmed first."""
 
 
 class LevelFilter:
-    """A level of health that changes once several estimates in a row say so.
-
-    The first level is taken at once and is a change. What lies between two levels is no detour:
-    estimates that differ from the level to the same side confirm each other, and the last of them
-    is taken.
+    """A level of health that rises at once, and falls once several estimates in a row say so.
 
     Attributes
     ----------
@@ -16,7 +12,7 @@ class LevelFilter:
 
     def __init__(self) -> None:
         self.level: int | None = None
-        self._differing = 0
+        self._lower = 0
 
     def add(self, level: int, confirmations: int) -> bool:
         """Add the level after an estimate; return whether the filtered one has changed.
@@ -26,16 +22,13 @@ class LevelFilter:
         level
             What the estimate says.
         confirmations
-            How many estimates in a row make a change.
+            How many estimates in a row make a lower level.
         """
-        if self.level is None:
-            self.level = level
+        if self.level is None or level > self.level:
+            self.level, self._lower = level, 0
             return True
-        side = (level > self.level) - (level < self.level)
-        if side * self._differing < 0:
-            self._differing = 0
-        self._differing = self._differing + side if side else 0
-        if abs(self._differing) < confirmations:
+        self._lower = self._lower + 1 if level < self.level else 0
+        if not 0 < confirmations <= self._lower:
             return False
-        self.level, self._differing = level, 0
+        self.level, self._lower = level, 0
         return True

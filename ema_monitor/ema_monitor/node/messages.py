@@ -24,7 +24,7 @@ from ema_interfaces.msg import (
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import UnitEvent as UnitEventMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
@@ -35,11 +35,6 @@ from ema_monitor.windows.window import MIN_TRAVEL
 from ema_ros.messages import faults_to_message
 from ema_ros.stamps import check_stamp, stamp_to_message
 
-_VERDICTS = {
-    "valid": FaultEstimate.VALID,
-    "degraded": FaultEstimate.DEGRADED,
-    "refused": FaultEstimate.REFUSED,
-}
 _PLAIN = {"double": float, "boolean": bool, "string": str}
 """What sets a field of these kinds; others are whole numbers."""
 
@@ -80,7 +75,7 @@ def estimate_to_message(
         hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
         measured_causes=[_hidden_cause(cause) for cause in estimate.measured],
         confusions=[" or ".join(pair) for pair in estimate.alternatives],
-        verdict=_VERDICTS[estimate.verdict],
+        verdict=VERDICTS.index(estimate.verdict),
         excitation=float(estimate.excitation),
         excitation_limit=MIN_TRAVEL,
         algorithm=estimate.algorithm,
@@ -212,7 +207,7 @@ def window_fit_to_message(
     message = WindowFitMessage(
         actuator_id=description.actuator_id,
         window=int(window),
-        verdict=_VERDICTS[estimate.verdict],
+        verdict=VERDICTS.index(estimate.verdict),
         period=float(fit.period),
         start=float(fit.start),
         command=array("f", fit.command),
@@ -260,7 +255,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
         stamp=stamp_to_message(estimate.end_ns),
         flight_hours=float(test.hours),
         cycles=int(test.entry.cycles),
-        verdict=_VERDICTS[estimate.verdict],
+        verdict=VERDICTS.index(estimate.verdict),
         faults=np.where(unobservable, np.nan, np.array(estimate.faults)),
         sigmas=np.where(unobservable, np.nan, np.array(estimate.sigma)),
         insignificant=_bits(estimate.insignificant),

@@ -94,7 +94,12 @@ class MonitorNode(ManagedNode):
             self._duties,
         )
         self._prognosis = MonitorPrognosis(
-            self, self._calibration_of, self._units, self._resume, self._duties
+            self,
+            self._calibration_of,
+            self._units,
+            self._resume,
+            self._duties,
+            lambda: self._operation.value.good_for_s,
         )
         declare(self, Files)
         self._worker = IdentificationWorker(
@@ -366,7 +371,7 @@ class MonitorNode(ManagedNode):
             # The estimate is published: the window must not be refused in addition.
             reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
             self._units.add_defect(actuator_id, reason)
-        if outlook is not None:
+        if outlook is not None and estimate.valid:
             self._follow(segment.description, outlook, settings.costs)
         self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
@@ -380,8 +385,7 @@ class MonitorNode(ManagedNode):
             unit = self._units.get(description.actuator_id)
             if unit is None or not self._is_active:
                 return
-            period_s = self._operation.value.expected_period_s
-            change = unit.resume(description, outlook, period_s, self._now_ns())
+            change = unit.resume(description, outlook, self._now_ns())
         if change:
             self.get_logger().info(f"{description.actuator_id}: {change}")
         if change is not None:
@@ -400,7 +404,7 @@ class MonitorNode(ManagedNode):
             self._forget_removed(self._removed.popleft())
         if not self._is_active:
             return
-        stale = self._units.publish_stale(self._operation.value.expected_period_s)
+        stale = self._units.publish_stale(self._operation.value.good_for_s)
         for health in stale:
             self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
         if stale:

@@ -19,7 +19,7 @@ from ema_interfaces.msg import ScenarioLife
 from ema_interfaces.srv import GetHistory, PredictRemainingLife
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.health import HealthLimits
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import SKIPPED, Estimate
 from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.messages import health_to_message, history_to_message, message_of
 from ema_monitor.node.recordable import Recordable
@@ -34,8 +34,8 @@ from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Count
-from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
+from ema_monitor.prognosis.history_entry import Count, UnusedCycle
+from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import (
     BEING_COMPUTED,
     FITTED,
@@ -64,6 +64,8 @@ class MonitorHistories:
     ----------
     requirements_of
         Gives the requirements of a unit, or why they cannot be monitored.
+    author
+        Full name of the node.
 
     Attributes
     ----------
@@ -73,8 +75,9 @@ class MonitorHistories:
         Whether histories are opened.
     """
 
-    def __init__(self, requirements_of: RequirementsOf = FITTED.of) -> None:
+    def __init__(self, requirements_of: RequirementsOf = FITTED.of, author: str = "") -> None:
         self._requirements_of = requirements_of
+        self._author = author
         self._lock = threading.Lock()
         # A lock for each unit: reading a long history must not delay the others.
         self._opening: dict[UnitKey, threading.Lock] = {}
@@ -138,7 +141,9 @@ class MonitorHistories:
                 self._require_serving()
                 path = history_path(self._folder, *unit) if self._folder else None
                 history = History(*unit, path)
-                self._units[unit] = Unit(history, settings, self._requirements_of, time.time_ns())
+                self._units[unit] = Unit(
+                    history, settings, self._requirements_of, time.time_ns(), self._author
+                )
             return self._units[unit]
 
     def _require_serving(self) -> None:
@@ -161,6 +166,8 @@ class MonitorPrognosis:
         Called with a unit, once its history is read, and its outlook.
     duties
         Duty that telemetry tells.
+    good_for_s
+        Gives how long a level holds after its test [s].
     """
 
     def __init__(
@@ -170,8 +177,11 @@ class MonitorPrognosis:
         units: Actuators,
         resume: Callable[[ActuatorDescription, Outlook], None],
         duties: DutyLog,
+        good_for_s: Callable[[], float],
     ) -> None:
         self._node = node
+        self._author = node.get_fully_qualified_name()
+        self._good_for_s = good_for_s
         self._calibration_of = calibration_of
         self._units = units
         self._resume = resume
@@ -184,7 +194,7 @@ class MonitorPrognosis:
         self._damage = LiveSettings(node, DamageSettings, "damage.")
         self._recordable = Recordable(node)
         self._fleet: Fleet | None = None
-        self._histories = MonitorHistories(self._requirements_of)
+        self._histories = MonitorHistories(self._requirements_of, self._author)
         self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
         self._logged: dict[UnitKey, str] = {}
         self._resuming = threading.Lock()
@@ -199,6 +209,7 @@ class MonitorPrognosis:
             self._service.value,
             self._fleet,
             self._damage.value,
+            good_for_s=self._good_for_s(),
         )
 
     def begin(self, history_folder: str, fleet: Fleet | None) -> None:
@@ -301,27 +312,30 @@ class MonitorPrognosis:
     def record(
         self, segment: Segment, estimate: Estimate, settings: PrognosisSettings
     ) -> Outlook | None:
-        """Record a test; return health and life after it, None when it is not valid.
+        """Record a test; return health and life after it, None when nothing follows from it.
 
-        Of a test that may not enter the history its health alone is returned, with the reason.
+        Of a test that may not enter the history its health alone is returned, with the reason, as
+        long as the history has none.
         """
         description = segment.description
+        now_ns = self._node.get_clock().now().nanoseconds
         try:
             prognostics = self._of(description)
             # Also of a test that may not enter: what was flown then is not of the next one.
             flown = self._duties.take(description.unit_key, estimate.end_ns)
             refused = self._recordable.refuse(description.unit_key, estimate.end_ns)
-            if refused and not estimate.valid:
-                return None
             if refused:
-                return outlook_of_one(estimate, settings.limits, refused)
+                # Its order among those of the history is not known: it leads none of them.
+                if prognostics.history.newest is not None:
+                    return None
+                return self._outlook_of_one(estimate, settings, refused, now_ns)
             count = self._histories.counts.latest(description.unit_key, estimate.end_ns)
             parameters = self._parameters(description)
-            outlook = prognostics.update(estimate, parameters, settings, count, flown)
+            outlook = prognostics.update(estimate, parameters, settings, count, flown, now_ns)
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)
-            return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
+            return self._outlook_of_one(estimate, settings, reason, now_ns)
         if outlook and outlook.rul_requirements.reason == BEING_COMPUTED:
             self.refresh(description)
         self._log_problem(description, prognostics)
@@ -330,6 +344,17 @@ class MonitorPrognosis:
             if event.kind not in (FAULT, RESTART, HISTORY):
                 self._node.get_logger().warning(f"{description.actuator_id}: {event}")
         return outlook
+
+    def _outlook_of_one(
+        self, estimate: Estimate, settings: PrognosisSettings, reason: str, now_ns: int
+    ) -> Outlook | None:
+        claim = Claim(estimate.end_ns, now_ns, self._author, settings.good_for_s)
+        if estimate.valid:
+            return replace(outlook_of_one(estimate, settings.limits, reason), claim=claim)
+        if estimate.verdict == SKIPPED:
+            return None
+        refused = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason)
+        return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
 
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
         """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
@@ -414,7 +439,8 @@ class MonitorPrognosis:
             settings = duty_of(self.settings, request.duty)
             scenarios = scenarios_from_messages(list(request.scenarios))
             prognostics, parameters = self._of(description), self._parameters(description)
-            outlook = prognostics.outlook(parameters, settings)
+            now_ns = self._node.get_clock().now().nanoseconds
+            outlook = prognostics.outlook(parameters, settings).at(now_ns)
             response.health = health_to_message(outlook, description)
             response.scenarios = [
                 message_of(

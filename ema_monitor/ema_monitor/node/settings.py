@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ema_core.quantity import check_quantities, quantity, text
 from ema_monitor.identification.settings import SearchSettings
@@ -11,6 +11,8 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.settings import PrognosisSettings
+
+_PERIODS: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class Operation:
         "-",
         1,
         100,
-        "estimates in a row that change a level in the status; the topic health follows each",
+        "estimates in a row that lower a level in the status; the topic health follows each",
     )
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
@@ -118,6 +120,11 @@ class Operation:
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+    @property
+    def good_for_s(self) -> float:
+        """How long a level holds after its test [s]."""
+        return _PERIODS * self.expected_period_s
 
 
 class WindowSettings(NamedTuple):

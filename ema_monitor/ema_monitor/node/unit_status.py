@@ -110,6 +110,8 @@ def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> T
     is_known = is_finite_number(item.value)
     level = unit.level_of(item) if is_known and not is_stale else STALE
     message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
+    if is_finite_number(item.held):
+        message = f"{item.held:.4g} in the latest test, before {message}"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
     figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
     category = _category(level, end, level == STALE)

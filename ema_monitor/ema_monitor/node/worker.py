@@ -129,7 +129,7 @@ class IdentificationWorker:
         try:
             return self._queue.add(segment, most_waiting)
         except QueueClosedError:
-            self.refuse(segment, "the monitor is not active")
+            self.refuse(segment, "the monitor is not active", is_dropped=True)
             return []
 
     def stop(self) -> None:
@@ -146,9 +146,10 @@ class IdentificationWorker:
         thread.end(_JOIN_S)
         current = self._queue.abandon()
         if current is not None:
-            self.refuse(current, _STOPPED_DURING)
+            self.refuse(current, _STOPPED_DURING, is_dropped=True)
         for segment in waiting:
-            self.refuse(segment, "the monitor was stopped before the window was identified")
+            reason = "the monitor was stopped before the window was identified"
+            self.refuse(segment, reason, is_dropped=True)
         # A thread that still computes has the old ones, and publishes nothing any more.
         diagnoses = self._diagnoses
         self._diagnoses = {name: one.stopped() for name, one in diagnoses.items()}
@@ -156,13 +157,13 @@ class IdentificationWorker:
             for found in one.finish():
                 self._publish(_completed(found), found.estimate)
 
-    def refuse(self, segment: Segment, reason: str) -> None:
+    def refuse(self, segment: Segment, reason: str = "", *, is_dropped: bool = False) -> None:
         """Publish why a window is not identified; its own refusal when the reason is empty.
 
         A stretch of ordinary motion is one of many: that it is not identified is no news.
         """
         if not segment.is_stretch:
-            self._publish(segment, self._refusal(segment, reason))
+            self._publish(segment, self._refusal(segment, reason, is_dropped=is_dropped))
 
     def _run(self, queue: WindowQueue) -> None:
         while (segment := queue.next()) is not None:
@@ -214,7 +215,7 @@ class IdentificationWorker:
         ):
             if queue.is_closed:
                 if not segment.is_stretch:
-                    refused = self._refusal(segment, _STOPPED_DURING)
+                    refused = self._refusal(segment, _STOPPED_DURING, is_dropped=True)
                     found = [
                         Diagnosed(segment.number, segment.number, segment.description, refused)
                     ]
@@ -249,10 +250,10 @@ class IdentificationWorker:
         self._log_error(f"window {segment.number}: {reason}\n{traceback.format_exc()}")
         return reason
 
-    def _refusal(self, segment: Segment, reason: str) -> Estimate:
+    def _refusal(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> Estimate:
         window = segment.window
         if reason or isinstance(window, Window):
-            window = Refusal(window.start_ns, window.end_ns, reason)
+            window = Refusal(window.start_ns, window.end_ns, reason, is_dropped)
         calibration = self._calibration_of(segment.description)
         return refusal(window, calibration, self._settings().search, window.reason)
 

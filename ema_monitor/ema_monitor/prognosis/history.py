@@ -4,16 +4,19 @@ import os
 import shutil
 import sqlite3
 import threading
+from bisect import insort
 from contextlib import closing
+from functools import reduce
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote, unquote
 
+from ema_monitor.identification.estimate import SKIPPED
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.duty.flown import FlownDuty, together
-from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.history_tables import (
     Test,
     check_kind,
@@ -27,6 +30,7 @@ from ema_monitor.prognosis.history_tables import (
     write_growth,
 )
 
+_LATE_SHARE: Final = 0.05
 # The third: tables or columns are missing.
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
@@ -53,11 +57,12 @@ class History:
     unit
         Actuator and serial number.
     entries
-        The valid tests in the order in which they came.
-    unused_cycles
-        How many test cycles since the latest of them had no valid estimate.
-    unused_duty
-        Duty in these; None when it is not known.
+        The valid tests in the order of their stamps.
+    late
+        Valid tests that came late, before they are put in their places: more than a twentieth of
+        the others are, all at once, as all that follows from later ones is then found anew.
+    unused
+        Test cycles after the latest of them, which had no valid estimate, as they came.
     assessments
         What was found after each valid test, by its stamp [ns].
     growth
@@ -68,8 +73,8 @@ class History:
 
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
         self.entries: list[Entry] = []
-        self.unused_cycles = 0
-        self.unused_duty: FlownDuty | None = None
+        self.late: list[Entry] = []
+        self.unused: list[UnusedCycle] = []
         self.assessments: dict[int, Assessment] = {}
         self.growth = b""
         self.unit = (actuator_id, serial_number)
@@ -97,6 +102,17 @@ class History:
     def problem(self) -> str:
         """What is wrong, or was with the file; empty when nothing."""
         return "; ".join(filter(None, [self._mended, self._trouble]))
+
+    @property
+    def newest(self) -> Test | None:
+        """The test with the latest stamp, valid or refused; None when there is none."""
+        refused = [test for test in self.unused if test.verdict != SKIPPED]
+        return max([*self.entries[-1:], *refused], key=lambda test: test.stamp_ns, default=None)
+
+    @property
+    def unused_duty(self) -> FlownDuty | None:
+        """Duty in the unused cycles; None when it is not known."""
+        return reduce(together, (test.flown for test in self.unused), None)
 
     def holds(self, stamp_ns: int) -> bool:
         """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
@@ -176,12 +192,19 @@ class History:
         self._tests.append(test)
         self._stamps_ns.add(test.stamp_ns)
         if isinstance(test, Entry):
-            self.entries.append(test)
             self._valid_ns.add(test.stamp_ns)
-            self.unused_cycles, self.unused_duty = 0, None
-        else:
-            self.unused_cycles += 1
-            self.unused_duty = together(self.unused_duty, test.flown)
+            if self.entries and test.stamp_ns < self.entries[-1].stamp_ns:
+                self.late.append(test)
+            else:
+                self.entries.append(test)
+            if len(self.late) > _LATE_SHARE * len(self.entries):
+                for late in self.late:
+                    insort(self.entries, late, key=lambda entry: entry.stamp_ns)
+                self.late.clear()
+            last_ns = self.entries[-1].stamp_ns
+            self.unused = [one for one in self.unused if one.stamp_ns > last_ns]
+        elif not self.entries or test.stamp_ns > self.entries[-1].stamp_ns:
+            self.unused.append(test)
 
     def _open(self, path: Path) -> None:
         """Read a file that is there."""

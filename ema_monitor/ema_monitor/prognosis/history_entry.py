@@ -100,11 +100,15 @@ class UnusedCycle:
     ----------
     stamp_ns
         Stamp of the window's end [ns].
+    verdict, reason
+        Of its estimate: why there is none.
     flown
         Duty since the test cycle before; None where no telemetry tells it.
     """
 
     stamp_ns: int
+    verdict: str
+    reason: str
     flown: FlownDuty | None = None
 
 
@@ -135,6 +139,8 @@ def as_text(test: Entry | UnusedCycle) -> str:
             "count": asdict(test.count) if test.count else None,
             "estimate": estimate_record(test.estimate),
         }
+    else:
+        record |= {"verdict": test.verdict, "reason": test.reason}
     if test.flown is not None:
         record["duty"] = test.flown.as_record()
     return json.dumps(record, ensure_ascii=False, allow_nan=False)
@@ -165,7 +171,8 @@ def entry_of(text: str) -> Entry | UnusedCycle:
     record: dict[str, Any] = json.loads(text)
     flown = FlownDuty.of_record(record["duty"]) if "duty" in record else None
     if "estimate" not in record:
-        return UnusedCycle(whole(record, "end_ns"), flown)
+        stamp_ns = whole(record, "end_ns")
+        return UnusedCycle(stamp_ns, str(record["verdict"]), str(record["reason"]), flown)
     hours, count = record["hours"], record["count"]
     whole(record["estimate"], "end_ns")
     return Entry(

@@ -11,7 +11,7 @@ from ema_core.description import UnitKey
 from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
 
-SCHEMA_VERSION: Final = 7
+SCHEMA_VERSION: Final = 8
 """``user_version`` of the database."""
 
 _TABLES: Final = (

@@ -3,31 +3,68 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES
-from ema_core.levels import ERROR, STALE, WARN
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import (
     TORQUE_PER_AMPERE,
+    FaultHealth,
     Health,
     HealthLimits,
     Tracked,
     assess,
     with_requirements,
 )
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import FAILED, Estimate
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
+from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.removal import Removal, removal_of, usage_of
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import UnitEvent
+
+_OTHER_CLOCK_NS: Final = 365 * 86_400 * 10**9
+
+
+class Claim(NamedTuple):
+    """What gives a level its worth.
+
+    Attributes
+    ----------
+    measured_ns
+        Stamp of the newest test, valid or refused [ns]: the level is that of the unit then.
+    received_ns
+        When the author had that test [ns]; 0 when it is not known, as after a restart.
+    author
+        Node that says so; empty for a command.
+    good_for_s
+        How long it is good for from the test on [s]; 0 of a record, whose level is that at its end.
+    """
+
+    measured_ns: int = 0
+    received_ns: int = 0
+    author: str = ""
+    good_for_s: float = 0.0
+
+    @property
+    def good_until_ns(self) -> int:
+        """When it ends [ns]; 0 where it does not."""
+        if not self.good_for_s:
+            return 0
+        begin_ns = self.measured_ns
+        # A stamp that is ahead, or years behind, is of another clock: the test is just received.
+        if self.received_ns and not 0 <= self.received_ns - begin_ns <= _OTHER_CLOCK_NS:
+            begin_ns = self.received_ns
+        return begin_ns + round(self.good_for_s * 1e9)
 
 
 @dataclass(frozen=True)
@@ -37,7 +74,7 @@ class Outlook:
     Attributes
     ----------
     stamp_ns
-        Stamp of the test on which it rests [ns].
+        Stamp of the valid test on which the figures rest [ns].
     hours
         Service hours at that test [h]; NaN when unknown.
     cycles
@@ -79,6 +116,12 @@ class Outlook:
     failed_since
         Service hour of the first of the latest tests that have all been ERROR [h]; NaN when it is
         not known, or the latest is not.
+    failure
+        Which failure of drive or shaft the newest test shows, in words; empty for none.
+    claim
+        What gives its level its worth.
+    last_level
+        The level that was known last, where the level is STALE.
     """
 
     stamp_ns: int
@@ -105,11 +148,79 @@ class Outlook:
     )
     tests_tell: bool = True
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
+    failure: str = ""
+    claim: Claim = field(default_factory=Claim)
+    last_level: int = STALE
+
+    def stale(self, reason: str) -> "Outlook":
+        """Return what is left when its level is not known any more."""
+        known, last = self.health, self.health.level
+        health = replace(
+            _without_ok(known),
+            level=STALE,
+            confidence=0.0,
+            reason=reason,
+        )
+        return replace(self, health=health, last_level=self.last_level if last == STALE else last)
+
+    def at(self, now_ns: int) -> "Outlook":
+        """Return what it is worth at a time [ns]: STALE once its claim has ended."""
+        claim = self.claim
+        if self.health.level == STALE or not 0 < claim.good_until_ns < now_ns:
+            return self
+        words = f"no valid estimate for more than {claim.good_for_s:g} s"
+        late_s = (claim.received_ns - claim.measured_ns) * 1e-9
+        if claim.good_until_ns < claim.received_ns:
+            words += f": the newest test came {late_s:.0f} s after it was measured"
+        return self.stale("; ".join(filter(None, [words, self.health.reason])))
+
+    def after_refusal(self, test: UnusedCycle) -> "Outlook":
+        """Return what is known once a later test was refused: it failed, or nothing.
+
+        Parameters
+        ----------
+        test
+            The newest test.
+        """
+        if test.verdict != FAILED:
+            return self.stale(f"the newest test was refused: {test.reason}")
+        life = RemainingLife.unknown("", f"it has failed: {test.reason}")
+        health = replace(
+            _without_ok(self.health),
+            level=ERROR,
+            health_index=0.0,
+            severity=4,
+            confidence=1.0,
+            dominant_fault="",
+            reason=test.reason,
+        )
+        return replace(
+            self,
+            health=health,
+            rul=life,
+            rul_faults=life,
+            rul_requirements=life,
+            lives=dict.fromkeys(self.lives, life),
+            removal=Removal(),
+            lifetimes=np.empty(0),
+            levels=np.empty(0),
+            dominant="",
+            failure=test.reason,
+        )
 
     @property
     def duty(self) -> float:
         """Growth of the faults in a future flight hour beside the duty to come [-]."""
         return self.future.factor
+
+
+def _without_ok(health: Health) -> Health:
+    """Return health in which nothing is said to be OK; what was found wrong stays."""
+
+    def unsure(items: tuple[FaultHealth, ...]) -> tuple[FaultHealth, ...]:
+        return tuple(replace(one, level=STALE) if one.level == OK else one for one in items)
+
+    return replace(health, faults=unsure(health.faults), requirements=unsure(health.requirements))
 
 
 def unknown_outlook(reason: str) -> Outlook:

@@ -38,6 +38,8 @@ def shown_in(unit: str) -> tuple[str, float]:
 def cause_of_level(outlook: Outlook) -> str:
     """Return what gives health its level, with values and limits; empty when the level is OK."""
     health = outlook.health
+    if outlook.failure:
+        return outlook.failure
     if health.level not in (WARN, ERROR):
         return "" if health.level == OK else reason_of(outlook)
     items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
@@ -56,6 +58,12 @@ def in_words(item: FaultHealth) -> str:
     state = "failed:" if item.level == ERROR else "fails"
     side = "below" if item.limit_is_lower else "above"
     value, limit = scale * item.value, scale * item.limit
+    if math.isfinite(item.held):
+        held = scale * item.held
+        return (
+            f"{label_of(item.name)} {held:.3g}{unit} in the latest test, which the next one has to "
+            f"confirm, {value:.3g}{unit} before (fails {side} {limit:.3g}{unit})"
+        )
     return f"{label_of(item.name)} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})"
 
 
@@ -66,6 +74,8 @@ def reason_of(outlook: Outlook) -> str:
 
 def removal_in_words(outlook: Outlook) -> str:
     """Return by when the unit has to be removed, and why, in one sentence."""
+    if outlook.failure:
+        return f"Remove now: {outlook.failure}"
     life, hours = outlook.rul, outlook.hours
     items = (*outlook.health.faults, *outlook.health.requirements)
     failed = [item.name for item in items if item.level == ERROR]

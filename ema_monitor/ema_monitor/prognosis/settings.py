@@ -31,6 +31,8 @@ class PrognosisSettings:
         How duty does damage.
     scenario
         Future duty; None for that of the past.
+    good_for_s
+        How long a level holds after its test [s]; 0 of a record, whose level is that at its end.
     """
 
     limits: HealthLimits = field(default_factory=HealthLimits)
@@ -40,6 +42,7 @@ class PrognosisSettings:
     fleet: Fleet | None = None
     damage: DamageSettings = field(default_factory=DamageSettings)
     scenario: Scenario | None = None
+    good_for_s: float = 0.0
 
 
 def duty_of(settings: PrognosisSettings, duty: float) -> PrognosisSettings:

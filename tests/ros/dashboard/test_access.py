@@ -428,3 +428,47 @@ def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web
     heard = [message.actuator_id for message in viewer.wait_for(topic, count)]
     assert heard == [str(number) for number in range(count)]
     assert values(node)["dropped messages"] == 0
+
+
+def said(address: tuple[str, int], request: bytes) -> bytes:
+    """Return what is answered to bytes on a connection of their own."""
+    with socket.create_connection(address, timeout=5.0) as connection:
+        connection.sendall(request)
+        with suppress(ConnectionError):
+            return connection.recv(4096)
+    return b""
+
+
+def test_host_that_is_none_is_refused_and_in_no_header(session: DashboardSession):
+    node = session.dashboard()
+    address = "127.0.0.1", int(node.address.rsplit(":", 1)[1].strip("/"))
+    for host in (b"localhost:1; script-src *", b"localhost:x", b"localhost\xff", b""):
+        answer = said(address, b"GET / HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+        assert answer.startswith(b"HTTP/1.1 403 "), answer
+        assert b"script-src *" not in answer.partition(b"\r\n\r\n")[0]
+
+
+def test_requests_that_are_none_are_counted_and_told_in_a_line(session: DashboardSession, caplog):
+    node = session.dashboard()
+    address = "127.0.0.1", int(node.address.rsplit(":", 1)[1].strip("/"))
+    both = b"GET / HTTP/1.1\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\nHost: h\r\n\r\n"
+    for request in [both, b"\x16\x03\x01\x02garbage\r\n\r\n"] * 50:
+        said(address, request)
+    assert values(node)["refused requests"] >= 100
+    assert len(caplog.text) < 2000
+    assert "Traceback" not in caplog.text
+
+
+def test_connections_that_ask_for_nothing_shut_nobody_out(session: DashboardSession, web: Web):
+    node = session.dashboard(most_clients=4)
+    address = "127.0.0.1", int(node.address.rsplit(":", 1)[1].strip("/"))
+    mute = [socket.create_connection(address) for _ in range(100)]
+    try:
+        for _ in range(10):
+            mute.append(socket.create_connection(address))
+            status, _, _ = web.get(f"{node.address}metrics")
+            assert status == 200
+    finally:
+        for connection in mute:
+            connection.close()
+    assert values(node)["refused requests"] > 0

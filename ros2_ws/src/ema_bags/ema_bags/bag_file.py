@@ -1,6 +1,8 @@
 """One MCAP file of a recording that is being written, also while the disk is full."""
 
 import errno
+import os
+from collections import Counter
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
@@ -51,6 +53,13 @@ class _HeldFile:
     def close(self) -> None:
         self._file.close()
 
+    def is_at(self, path: Path) -> bool:
+        """Return whether it still has a name."""
+        try:
+            return os.path.samestat(os.fstat(self._file.fileno()), os.stat(path))
+        except FileNotFoundError:
+            return False
+
 
 class BagFile:
     """One MCAP file; what does not fit on the disk waits in memory until there is room.
@@ -59,6 +68,8 @@ class BagFile:
     ----------
     information
         Its name, and the extent of what is in it.
+    counts
+        How many messages of each topic.
 
     Raises
     ------
@@ -69,6 +80,7 @@ class BagFile:
     def __init__(self, path: Path, chunk_bytes: int) -> None:
         self.path = path
         self.information = FileInformation(path.name)
+        self.counts: Counter[str] = Counter()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._file = _HeldFile(path)
@@ -80,6 +92,11 @@ class BagFile:
     def size(self) -> int:
         """Bytes so far, without the chunk that is being gathered."""
         return self._file.tell()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it has neither been removed nor moved."""
+        return self._file.is_at(self.path)
 
     @property
     def waiting(self) -> int:
@@ -108,6 +125,7 @@ class BagFile:
         channel = self._channels[topic]
         self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, n % 2**32)
         self.information.add(log_time_ns)
+        self.counts[topic] += 1
 
     def note_gap(self, gap: Gap) -> None:
         """Tell of messages that are not recorded."""

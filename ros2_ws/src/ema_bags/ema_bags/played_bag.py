@@ -85,6 +85,8 @@ class PlayedBag:
         What is offered of them, by topic.
     remarks
         Why other topics cannot be played, by topic.
+    skipped
+        How many messages were skipped, as they are none of their type.
     start_ns, end_ns
         Log time of the first message that is played, and the one at which playing ends [ns].
 
@@ -99,6 +101,7 @@ class PlayedBag:
             raise ValueError("parameter bag is empty: expected the path of a recording")
         self.bag = Bag(settings.bag)
         self.remarks: dict[str, str] = {}
+        self.skipped = 0
         self.topics = self._playable(settings.actuator_only, wanted)
         self.offers: dict[str, QoSProfile] = {}
         for name, topic in self.topics.items():
@@ -131,6 +134,19 @@ class PlayedBag:
                 f"to {(self.end_ns - (self.bag.start_ns or 0)) / 1e9:.3f} s{damage}"
             )
         self.start_ns = first.log_time_ns
+
+    def leave_out(self, name: str, reason: str) -> None:
+        """Play a topic not.
+
+        Raises
+        ------
+        ValueError
+            When there is no other one.
+        """
+        self.remarks[name] = f"not played, {reason}"
+        del self.topics[name]
+        if not self.topics:
+            raise ValueError(f"{self.bag.path}: nothing to play: {name}: {reason}")
 
     @property
     def count(self) -> int:
@@ -200,9 +216,14 @@ class PlayedBag:
         raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
 
     def _upgraded(self, items: Iterable[tuple[MessagePlace, Recorded]]) -> Iterator[Recorded]:
+        """Yield messages of the installed types; what is none is skipped, counted and named."""
         for place, item in items:
             upgrade = self._upgrades[item.topic]
             try:
-                yield item._replace(message=upgrade(item.message)) if upgrade else item
-            except ValueError as error:
+                message = upgrade(item.message) if upgrade else item.message
+                deserialize_message(message, message_class(item.type_name))
+            except Exception as error:  # whatever the middleware makes of what is no message
+                self.skipped += 1
                 self.bag.note_malformed(item.topic, place, str(error))
+                continue
+            yield item._replace(message=message)

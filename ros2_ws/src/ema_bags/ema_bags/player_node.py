@@ -90,10 +90,10 @@ class PlayerNode(ManagedNode):
         """Open the bag and create the publishers of what is in it."""
         self._settings = read(self, PlayerSettings)
         self._played = PlayedBag(self._settings, topic_names(self))
+        self._outputs = PlayerOutputs(self, self._played)
         for name, reason in self._played.remarks.items():
             self._warn(f"{name}: {reason}")
         self._warn_of_damage("")
-        self._outputs = PlayerOutputs(self, self._played)
         self._playback = Playback(
             self._played.messages(self._played.start_ns),
             self._settings.rate,
@@ -143,6 +143,7 @@ class PlayerNode(ManagedNode):
             "rate [-]": playback.rate,
             "played": playback.played,
             "messages": played.count,
+            "skipped": played.skipped,
             "pass": self._pass,
             "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
             "topics": ", ".join(sorted(played.topics)),

@@ -30,10 +30,14 @@ class PlayerOutputs:
 
     def __init__(self, node: Node, played: PlayedBag) -> None:
         self._node = node
-        self.publishers: dict[str, Publisher] = {
-            name: node.create_publisher(message_class(topic.type_name), name, played.offers[name])
-            for name, topic in played.topics.items()
-        }
+        self.publishers: dict[str, Publisher] = {}
+        for name, topic in list(played.topics.items()):
+            kind = message_class(topic.type_name)
+            try:
+                self.publishers[name] = node.create_publisher(kind, name, played.offers[name])
+            except Exception as error:  # an impossible name; a type that the graph has otherwise
+                reason = " ".join(str(error).split()).partition(", at ")[0]
+                played.leave_out(name, reason)
         self._telemetry = [
             name for name, topic in played.topics.items() if topic.type_name == _TELEMETRY
         ]

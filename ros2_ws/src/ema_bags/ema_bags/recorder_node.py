@@ -164,7 +164,7 @@ class RecorderNode(ManagedNode):
         remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
         if bag.flusher.failure:
             remarks.insert(0, bag.flusher.failure)
-        is_wrong = bag.failure or bag.flusher.failure
+        is_wrong = bag.failure or bag.flusher.failure or bag.removed
         level = ERROR if is_wrong else WARN if remarks else OK
         values = {
             "bag": bag.path,

@@ -1,5 +1,6 @@
 """Writes recordings as rosbag2 does, in MCAP."""
 
+import errno
 import shutil
 import threading
 import time
@@ -88,6 +89,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         next message is refused for it. Of one that waits for room it goes again.
     flusher
         The thread that writes by time.
+    removed
+        What of it was removed or moved while it was recorded, in words.
     gaps
         What was received and could not be recorded, the last one open while ``failure`` is set, and
         what :meth:`note_gap` told of.
@@ -135,6 +138,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._is_closed = False
         self._waits_for_room = waits_for_room
         self.failure: OSError | None = None
+        self.removed: list[str] = []
         self.gaps: list[Gap] = []
         self._gap: Gap | None = None
         self._told = 0
@@ -398,7 +402,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
         """Take a message for the latest of its topic and actuator."""
         written, actuator = self._topics[topic], ""
-        if self._folder is None or not written.says_state:
+        if not written.says_state:
             return
         if "actuator_id" in written.message_class.get_fields_and_field_types():
             try:
@@ -429,12 +433,36 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _flush(self) -> None:
         """Hand everything to the operating system, and note that there is room again."""
         self._flushed_s = time.monotonic()
+        if not self._file.is_there:
+            self._begin_anew()
         self._write_ended()
         self._file.flush()
         if self.failure:
             self.failure = None
             self._end_gap()
             self._file.flush()
+
+    def _begin_anew(self) -> None:
+        """Begin another file in the place of one that somebody has removed."""
+        gone, span = self._file, self._file.information
+        reason = f"{gone.path} was removed or moved while it was recorded"
+        if not self._waits_for_room:
+            raise FileNotFoundError(errno.ENOENT, reason)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self._folder is not None:
+            self._folder.mkdir(exist_ok=True)
+            self._ended = [one for one in self._ended if (self._folder / one.name).exists()]
+        self._file = self._next_file()
+        gone.abandon()
+        for name, topic in self._topics.items():
+            topic.recorded.information.count -= gone.counts[name]
+            self._file.add_topic(topic.recorded)
+        gap = Gap(reason, span.start_ns, span.end_ns, span.count)
+        self.removed.append(str(gap))
+        self.gaps.append(gap)
+        self._tell(gap)
+        for (topic, _), (data, publish_time_ns) in self._states.items():
+            self._write(topic, data, span.end_ns, publish_time_ns)
 
     def _end_gap(self) -> None:
         """Tell of the gap that has just ended, if there is one."""

@@ -2,10 +2,12 @@
 
 import hashlib
 import hmac
+import re
 from collections.abc import Iterable
 from typing import Final
 
 _MOST_TOLD: Final = 100  # characters of what was asked, in words of refusal
+_HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _LOOPBACK_NAMES: Final = frozenset(("localhost", "127.0.0.1", "::1"))
 
 
@@ -56,6 +58,8 @@ class Access:
             Its header ``Origin``; None when it has none, as of programs that are no browsers.
         """
         name = host_name(host)
+        if not _HOST.fullmatch(host):
+            return f"host {host[:_MOST_TOLD]!r} is no name with a port"
         if name not in self._hosts and name != reached:
             told = name[:_MOST_TOLD]
             return f"host {told!r} is not one of this dashboard: see its parameter host_names"

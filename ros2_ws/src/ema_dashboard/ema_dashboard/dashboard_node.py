@@ -1,6 +1,7 @@
 """The dashboard: what the nodes publish, for Foxglove and for a web page of its own."""
 
 import os
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -8,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 
 from ema_core.wording import counted
@@ -26,13 +27,20 @@ from ema_dashboard.settings import (
 )
 from ema_dashboard.unit_history import Histories
 from ema_dashboard.web_server import WebServer
+from ema_ros.claims import Claims
 from ema_ros.managed_node import ManagedNode
 from ema_ros.peers import UNKNOWN_NODE
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, Task
-from ema_ros.topics import DESCRIPTION, FAULT_ESTIMATE, HEALTH, PLAYBACK_STATE
+from ema_ros.topics import (
+    DESCRIPTION,
+    FAULT_ESTIMATE,
+    HEALTH,
+    HEALTH_SUMMARY,
+    PLAYBACK_STATE,
+)
 
 _DISCOVERY_S: Final = 0.2
 _JUMP_NS: Final = 1_000_000_000
@@ -78,6 +86,7 @@ class DashboardNode(ManagedNode):
         self._inputs: dict[str, Subscription] = {}
         self._clock_ns: int | None = None
         self._hub = Hub()
+        self._claims = Claims()
         self._playback = PlaybackControl(self, self._hub)
         self._histories = {
             name: Histories(self, name, self._hub, self._time_ns) for name in namespaces
@@ -172,6 +181,20 @@ class DashboardNode(ManagedNode):
         for histories in self._histories.values():
             histories.update()
         self._find_player()
+        self._end_claims()
+
+    def _end_claims(self) -> None:
+        """Show no level for longer than it is good, and than its monitor is heard."""
+        is_live, now_ns = self._hub.playback_range is None, self._time_ns()
+        changes = self._claims.changes(now_ns, time.monotonic(), is_live=is_live)
+        for (name, _), held in changes:
+            topic = self._topics[name]
+            data = serialize_message(held)
+            stamp_ns = stamp_from_message(held.header.stamp)
+            self._hub.keep(name, held.actuator_id, data, now_ns, stamp_ns)
+            self._hub.publish(name, data, now_ns)
+            if topic.relative == HEALTH:
+                self._metrics.note(topic.namespace, held)
 
     def _find_player(self) -> None:
         """Let clients control a player that has come; there is one at a time."""
@@ -211,6 +234,7 @@ class DashboardNode(ManagedNode):
     def _note_diagnostics(self, message: DiagnosticArray) -> None:
         """Take the figures of nodes, and of the status of monitors how many samples they miss."""
         for status in message.status:
+            self._claims.hear(status.name, time.monotonic())
             self._metrics.note_status(status)
             lost = next((item.value for item in status.values if item.key == _LOST), None)
             actuator_id = status.name.partition(": ")[2].removesuffix(" telemetry")
@@ -220,7 +244,9 @@ class DashboardNode(ManagedNode):
                         histories.note_lost_samples(actuator_id, message.header.stamp, int(lost))
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
-        """Take what the history, the metrics and the control of a playback rest on."""
+        """Take what the history, the metrics, claims and the control of a playback rest on."""
+        if topic.relative in (HEALTH, HEALTH_SUMMARY):
+            self._claims.note((topic.name, message.actuator_id), message)
         if topic.relative in (DESCRIPTION, FAULT_ESTIMATE, HEALTH):
             self._histories[topic.namespace].note(message)
             self._metrics.note(topic.namespace, message)
@@ -243,6 +269,7 @@ class DashboardNode(ManagedNode):
         for histories in self._histories.values():
             histories.rewind(time_ns)
         self._metrics.rewind(time_ns)
+        self._claims.rewind(time_ns)
 
     def _time_ns(self) -> int:
         return self._clock_ns or RosClock().now().nanoseconds

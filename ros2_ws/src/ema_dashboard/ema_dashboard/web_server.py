@@ -1,8 +1,10 @@
 """The one public port: the page over HTTP, and the protocol of Foxglove over WebSocket."""
 
 import asyncio
+import logging
 import socket
 import ssl
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -13,11 +15,15 @@ from ema_dashboard.access import Access
 from ema_dashboard.client import MOST_REQUEST_BYTES, SUBPROTOCOL, Client
 from ema_dashboard.contents import Document, Documents, Made, read_page
 from ema_dashboard.hub import Hub
+from ema_ros.throttle import Throttle
 
 _COOKIE: Final = "ema_dashboard"
+_FIRST_S: Final = 2.0
 _PATIENCE_S: Final = 10.0
 _ANSWER_S: Final = 30.0
 _SHUTDOWN_S: Final = 1.0
+_LOG_PERIOD_S: Final = 30.0
+_MOST_LOGGED: Final = 300
 _SPARE_CONNECTIONS: Final = 32  # for the page's files, beside the clients
 _SEND_BUFFER_BYTES: Final = 256 * 1024
 _HEADERS: Final = {
@@ -80,6 +86,8 @@ class WebServer:
         self._documents = Documents(documents)
         self.admitted = 0
         self._loop = hub.loop
+        self._log = logging.Logger("ema_dashboard.http")
+        self._log.addHandler(_Failures(hub))
         self.thread = SteadyThread("dashboard", self._run, on_failure)
 
     def start(self) -> None:
@@ -116,6 +124,7 @@ class WebServer:
         self._runner = web.AppRunner(
             application,
             access_log=None,
+            logger=self._log,
             keepalive_timeout=_PATIENCE_S,
             shutdown_timeout=_SHUTDOWN_S,
         )
@@ -123,6 +132,8 @@ class WebServer:
         assert self._runner.server is not None
         self._http = self._runner.server
         self._waiting: dict[Any, asyncio.TimerHandle] = {}
+        # Those that have asked for nothing yet, the oldest first.
+        self._mute: dict[Any, None] = {}
         self._site = await self._loop.create_server(
             self._protocol,
             sock=self._listener,
@@ -146,12 +157,20 @@ class WebServer:
         """Return the protocol of a new connection, which has to make a request soon."""
         protocol = self._http()
         if len(self._http.connections) >= self._most_clients + _SPARE_CONNECTIONS:
-            return _Refusal()
-        self._limit(protocol, _PATIENCE_S)
+            self._hub.totals.refused += 1
+            # Whoever asks for something has room before those that only hold a connection.
+            mute = next((one for one in self._mute if one.transport is not None), None)
+            if mute is None:
+                return _Refusal()
+            self._limit(mute, None)
+            mute.transport.abort()
+        self._limit(protocol, _FIRST_S)
+        self._mute[protocol] = None
         return protocol
 
     def _limit(self, protocol: Any, seconds: float | None) -> None:
         """Give a connection so much time for what comes next [s]; None for as long as it likes."""
+        self._mute.pop(protocol, None)
         waiting = self._waiting.pop(protocol, None)
         if waiting is not None:
             waiting.cancel()
@@ -160,6 +179,8 @@ class WebServer:
 
     def _give_up(self, protocol: Any) -> None:
         del self._waiting[protocol]
+        if self._mute.pop(protocol, False) is None:
+            self._hub.totals.refused += 1
         if protocol.transport is not None:
             protocol.transport.abort()  # without what the client does not take
 
@@ -252,6 +273,23 @@ class WebServer:
     def _refuse(self, status: int, reason: str) -> web.Response:
         self._hub.totals.refused += 1
         return web.Response(status=status, text=f"{reason}\n", headers=_HEADERS)
+
+
+class _Failures(logging.Handler):
+    """Counts requests that are none, and tells of them in a line now and then."""
+
+    def __init__(self, hub: Hub) -> None:
+        super().__init__()
+        self._hub = hub
+        self._throttle = Throttle(_LOG_PERIOD_S)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._hub.totals.refused += 1
+        error = record.exc_info[1] if record.exc_info else None
+        what = f"{record.getMessage()}: {' '.join(str(error).split())}"[:_MOST_LOGGED]
+        line = self._throttle.passed(what, time.monotonic())
+        if line is not None:
+            logging.getLogger("ema_dashboard").warning(line)
 
 
 class _Refusal(asyncio.Protocol):

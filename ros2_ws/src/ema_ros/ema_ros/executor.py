@@ -19,6 +19,21 @@ class WaitingCallbackGroup(MutuallyExclusiveCallbackGroup):
     """Callbacks that may wait for something: they run one at a time, in a thread of their own."""
 
 
+class SeparateCallbackGroup(WaitingCallbackGroup):
+    """Callbacks that may wait, and not for each other: each runs in a thread of its own."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return that it may begin, whatever runs."""
+        return True
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return that it begins."""
+        return True
+
+    def ending_execution(self, entity: Any) -> None:
+        """Note nothing."""
+
+
 class NodeExecutor(SingleThreadedExecutor):
     """Runs callbacks one after the other, and apart from them those that may wait.
 

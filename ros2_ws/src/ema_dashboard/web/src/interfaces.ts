@@ -132,6 +132,11 @@ export interface Health {
   actuator_id: string;
   serial_number: string;
   level: number;
+  last_level: number;
+  measured: Time;
+  received: Time;
+  good_until: Time;
+  author: string;
   health_index: number;
   severity: number;
   confidence: number;

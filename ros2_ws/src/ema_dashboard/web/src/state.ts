@@ -13,7 +13,7 @@ const LEAST_MS = 200; // between two updates of the views
 const MOST_MS = 600;
 const LEAST_IDLE = 8; // times as long as the latest update took
 const CURRENT_S = 3; // a clock that is older does not say what time it is
-const SILENT_MS = 5000; // a monitor reports each second
+const SILENT_MS = 5000; // a dashboard reports each second
 
 /** What is known of an actuator; another object after each change. */
 export interface Actuator extends Address {
@@ -26,7 +26,7 @@ export interface Actuator extends Address {
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
-  isSilent?: boolean; // its monitor has stopped reporting: its health may be another by now
+  isSilent?: boolean; // the dashboard is not heard any more: its health may be another by now
 }
 
 export interface Diagnostic extends DiagnosticStatus {
@@ -57,12 +57,12 @@ export class State {
   lostAt = 0; // when the connection was lost [ms]; 0 while there is one
 
   #views = new Set<() => void>();
+  #silence?: ReturnType<typeof setTimeout>;
   #live = new Set<(key: string, signals: LiveSignals) => void>();
   #isDue = false;
   #lastUpdate = -Infinity;
   #took = 0; // by the latest update [ms]
   #now = { stamp: 0, at: 0, isClock: false };
-  #reported = new Map<string, number>(); // by key: local time of the latest status of a health [ms]
 
   /** Be told of changes; returns how to end it. */
   subscribe(view: () => void): () => void {
@@ -97,7 +97,6 @@ export class State {
       case "session":
         this.actuators.clear();
         this.diagnostics.clear();
-        this.#reported.clear();
         this.playback = undefined;
         this.history = undefined;
         this.#now = { stamp: 0, at: 0, isClock: false };
@@ -113,6 +112,7 @@ export class State {
         break;
       case "messages":
         this.lastReceived = Date.now();
+        this.#listen();
         for (const one of message.received) this.#receive(one);
         break;
     }
@@ -173,12 +173,7 @@ export class State {
     const stamp = seconds(array.header.stamp);
     for (const status of array.status) {
       this.diagnostics.set(status.name, { ...status, stamp, received: Date.now() });
-      const id = /: (.+) health$/.exec(status.name)?.[1];
-      if (id !== undefined) {
-        this.#reported.set(keyOf({ namespace: namespaceOf(status), id }), Date.now());
-      }
     }
-    this.#listen();
     // Of the times of a recording only the player knows which is now.
     if (this.playback) return;
     const passed = performance.now() - this.#now.at;
@@ -187,11 +182,18 @@ export class State {
     }
   }
 
-  /** Note whose monitor does not report any more; where none ever did, nothing is missing. */
+  /** Show no level as known while nothing is heard. */
   #listen(): void {
+    clearTimeout(this.#silence);
+    this.#note(false);
+    this.#silence = setTimeout(() => {
+      this.#note(true);
+      this.#changed();
+    }, SILENT_MS);
+  }
+
+  #note(isSilent: boolean): void {
     for (const actuator of this.actuators.values()) {
-      const reported = this.#reported.get(actuator.key);
-      const isSilent = reported !== undefined && Date.now() - reported > SILENT_MS;
       if (isSilent !== (actuator.isSilent ?? false)) {
         this.actuators.set(actuator.key, { ...actuator, isSilent });
       }

@@ -43,8 +43,8 @@ export function OneActuator({ state, address }: { state: State; address: Address
       <AdviceCard advice={actuator.advice} />
       <History actuator={actuator} columns={columns} />
       <Remaining health={health} columns={columns} />
-      {health && <TrackedFaults health={health} />}
-      {health && <Requirements health={health} />}
+      {health && <TrackedFaults actuator={actuator} health={health} />}
+      {health && <Requirements actuator={actuator} health={health} />}
       <LastWindow actuator={actuator} />
       <FaultVector estimate={actuator.usable} />
       <Events events={columns?.events} now={state.now()} />

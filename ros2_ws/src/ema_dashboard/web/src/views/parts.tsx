@@ -3,21 +3,25 @@
 import type { ComponentChildren } from "preact";
 import { duration } from "../format.ts";
 import { LEVELS, type Level, UNKNOWN } from "../levels.ts";
-import { type Health, seconds } from "../messages.ts";
+import { type Health, OK, STALE, seconds } from "../messages.ts";
 import type { Actuator } from "../state.ts";
 import { useApp, useSecond } from "./hooks.ts";
-
-const STALE = 3;
 
 export function levelOf({ health, isSilent }: Actuator): Level {
   if (!health) return UNKNOWN;
   return LEVELS[isSilent ? STALE : health.level] ?? UNKNOWN;
 }
 
-/** Say that a level is not known any more; nothing where it is. */
+/** Level of a fault or requirement: nothing is OK where nothing is heard. */
+export function itemLevel({ isSilent }: Actuator, level: number): Level {
+  return LEVELS[isSilent && level === OK ? STALE : level] ?? UNKNOWN;
+}
+
+/** Say what was known before a level that is not known any more; nothing where it is known. */
 export function silence({ health, isSilent }: Actuator): string {
-  if (!health || !isSilent) return "";
-  return `its monitor is silent, the level was ${(LEVELS[health.level] ?? UNKNOWN).word}; `;
+  if (!health || !(isSilent || health.level === STALE)) return "";
+  const last = `the level was ${(LEVELS[health.last_level] ?? UNKNOWN).word}; `;
+  return isSilent ? `the dashboard is not heard, ${last}` : last;
 }
 
 // A shape for each level, so that it is told without colours: disc, triangle, octagon, ring.

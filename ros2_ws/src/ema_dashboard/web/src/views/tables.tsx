@@ -3,35 +3,42 @@
 import { useState } from "preact/hooks";
 import { FAULTS, faultOf, labelOf, physical } from "../faults.ts";
 import { fixed, shownUnit, significant, unit, withSigma } from "../format.ts";
-import { LEVELS, UNKNOWN } from "../levels.ts";
 import type { FaultEstimate, FaultHealth, Health } from "../messages.ts";
+import type { Actuator } from "../state.ts";
 import { Life } from "./life.tsx";
-import { Badge, Empty, Section } from "./parts.tsx";
+import { Badge, Empty, Section, itemLevel } from "./parts.tsx";
 
 const PER_HOURS = 1000;
 const NEGLIGIBLE = 0.01; // share of sigma
 const WIDENED = 1.05;
 
-export function Requirements({ health }: { health: Health }) {
+interface OfHealth {
+  actuator: Actuator;
+  health: Health;
+}
+
+export function Requirements({ actuator, health }: OfHealth) {
   const items = health.requirements;
   return (
     <Section title="Required performance" id="requirements">
       {items.length === 0 ? (
         <Empty>No requirement has been assessed yet{health.reason && `: ${health.reason}`}.</Empty>
-      ) : <Items items={items} heading="requirement" />}
+      ) : <Items actuator={actuator} items={items} heading="requirement" />}
     </Section>
   );
 }
 
-export function TrackedFaults({ health }: { health: Health }) {
+export function TrackedFaults({ actuator, health }: OfHealth) {
   return (
     <Section title="Faults tracked over all tests" id="tracked">
-      <Items items={health.faults} heading="fault" />
+      <Items actuator={actuator} items={health.faults} heading="fault" />
     </Section>
   );
 }
 
-function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
+function Items(
+  { actuator, items, heading }: { actuator: Actuator; items: FaultHealth[]; heading: string },
+) {
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={`Table of each ${heading}`}>
       <table class="items">
@@ -52,7 +59,7 @@ function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
             return (
               <tr key={item.name} data-item={item.name}>
                 <th scope="row">{labelOf(item.name)}</th>
-                <td><Badge level={LEVELS[item.level] ?? UNKNOWN} /></td>
+                <td><Badge level={itemLevel(actuator, item.level)} /></td>
                 <td class="number" data-value={item.value}>
                   {withSigma(scale * item.value, scale * item.sigma)}{unit(name)}
                 </td>

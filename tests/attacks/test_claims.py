@@ -1,0 +1,127 @@
+"""What had no right to say OK, and did: failed, unknown, mixed up and silent units."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from ema_archive.query import answer
+from ema_bags.writer import BagWriter
+from ema_cli.main import main
+from ema_core.description import ActuatorDescription
+from ema_core.levels import ERROR, OK
+from ema_core.telemetry import Telemetry
+from ema_ros import topics
+from ema_ros.actuator_messages import messages_of_block
+from ema_ros.messages import description_to_message
+from ema_sim import simulate
+
+FLAP = ActuatorDescription()
+DAY_S = 86_400.0
+
+
+def ema(*arguments: str | Path) -> Result:
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def telemetry(faults: dict[str, float], day: float, **options: Any) -> Telemetry:
+    found = simulate(faults, current_noise=0.02, **options)
+    return replace(found, stamp_ns=found.stamp_ns + round((1e9 + DAY_S * day) * 1e9))
+
+
+def write(path: Path, *parts: tuple[ActuatorDescription, Telemetry]) -> None:
+    """Write a bag of one or several units, one after the other."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with BagWriter(path) as writer:
+        for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items():
+            writer.add_topic(f"{topics.NAMESPACE}/{name}", message_class, qos)
+        for unit, block in parts:
+            described = {topics.DESCRIPTION: description_to_message(unit, block.stamp_ns)}
+            for name, message in (described | messages_of_block(unit, block, 0.0)).items():
+                writer.write(f"{topics.NAMESPACE}/{name}", message, block.stamp_ns, block.stamp_ns)
+
+
+def archived(bags: Path) -> Path:
+    folder = bags.parent / "archive"
+    assert ema("archive", "scan", folder, bags).exit_code == 0
+    ema("archive", "run", folder, "--workers", "1")
+    return folder
+
+
+def asked(archive: Path, question: str) -> list[dict[str, Any]]:
+    names, rows = answer(archive, question)
+    return [dict(zip(names, row, strict=True)) for row in rows]
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three healthy tests, then two with an open phase."""
+    folder = tmp_path_factory.mktemp("opened") / "bags"
+    for day in range(5):
+        causes = {"open_phase_a": 1.0} if day > 2 else ()
+        write(folder / f"{day}.mcap", (FLAP, telemetry({}, day, seed=day, causes=causes)))
+    return folder
+
+
+@pytest.mark.slow
+def test_failure_after_good_tests_leads(opened: Path):
+    told = ema("prognose", opened, "--json", "--hours-per-cycle", "10")
+    assert told.exit_code == 3
+    health = json.loads(told.stdout)
+    assert (health["level"], health["health_index"], health["rul"]["known"]) == (ERROR, 0.0, False)
+    assert "open phase A" in health["cause"]
+    assert health["removal"].startswith("Remove now: dead switch or open phase A")
+    assert [test["level"] for test in health["tests"]] == [OK, OK, OK, ERROR, ERROR]
+    page = opened.parent / "report.html"
+    assert ema("report", opened, "-o", page).exit_code == 3
+    assert "Failed: dead switch or open phase A" in page.read_text()
+    assert "Well" not in page.read_text()
+    archive = archived(opened)
+    [row] = asked(archive, "select * from worst_first")
+    assert row["health"] == "ERROR"
+    [alarm] = asked(archive, "select * from alarms")
+    assert (alarm["level"], alarm["tests"]) == (ERROR, 2)
+
+
+@pytest.mark.slow
+def test_each_window_is_of_the_unit_that_was_described_then(tmp_path: Path):
+    other = replace(FLAP, serial_number="OLD-A")
+    faults = {"friction": 0.45, "short_circuit_a": 0.4}
+    write(
+        tmp_path / "bags" / "mixed.mcap",
+        (FLAP, telemetry(faults, 0.0)),
+        (other, telemetry({}, 1.0)),
+    )
+    rows = asked(archived(tmp_path / "bags"), "select serial_number, friction from estimates")
+    found = {row["serial_number"]: row["friction"] for row in rows}
+    assert found[FLAP.serial_number] == pytest.approx(0.45, abs=0.02)
+
+
+@pytest.mark.slow
+def test_different_tests_that_end_at_the_same_time_are_no_copies(tmp_path: Path):
+    for name, faults in (("a", {}), ("b", {"friction": 0.45, "short_circuit_a": 0.4})):
+        write(tmp_path / "bags" / f"{name}.mcap", (FLAP, telemetry(faults, 0.0)))
+    archive = archived(tmp_path / "bags")
+    [row] = asked(archive, "select health, reason from worst_first")
+    assert row["health"] == "STALE"
+    assert "their stamps must show which came first" in row["reason"]
+    assert asked(archive, "select * from copies") == []
+
+
+@pytest.mark.slow
+def test_units_that_were_never_tested_validly_are_counted(tmp_path: Path):
+    for number in range(3):
+        unit = replace(FLAP, serial_number=f"OTHER-{number}" if number else FLAP.serial_number)
+        write(tmp_path / "bags" / f"{number}.mcap", (unit, telemetry({}, number)))
+    archive = archived(tmp_path / "bags")
+    rows = asked(archive, "select serial_number, health from worst_first")
+    assert [row["health"] for row in rows] == ["STALE", "STALE", "OK"]
+    page = archive.parent / "fleet.html"
+    assert ema("report", "--fleet", archive, "-o", page).exit_code == 0
+    assert "3 units" in page.read_text()
