@@ -159,6 +159,7 @@ class ModelIdentification:
             telemetry = replace(telemetry, current=telemetry.current / scale.factor)
             run = copy(self)
             run._window, run._is_rescaled = replace(window, telemetry=telemetry), True
+            run.contradicted = []
             yield from run
             other = run.estimate
             if other is None or not (
@@ -168,7 +169,7 @@ class ModelIdentification:
                 return
             gains = [one.value for one in other.causes if one.name == "current_gain"]
             scale = scale._replace(factor=scale.factor * (1.0 + sum(gains)))
-        refused = self._refuse(f"{scale.in_words(calibration.parameters)}")
+        refused = self._refuse(scale.in_words(calibration.parameters))
         self.estimate = replace(refused, evaluations=found.evaluations)
         self.knowledge = self.misfit = None
 
