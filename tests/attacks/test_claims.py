@@ -125,3 +125,16 @@ def test_units_that_were_never_tested_validly_are_counted(tmp_path: Path):
     page = archive.parent / "fleet.html"
     assert ema("report", "--fleet", archive, "-o", page).exit_code == 0
     assert "3 units" in page.read_text()
+
+
+@pytest.mark.slow
+def test_bag_of_a_fleet_is_told_whole(tmp_path: Path):
+    path = tmp_path / "fleet.mcap"
+    units = [replace(FLAP, actuator_id=name) for name in ("left", "right")]
+    write(path, *((unit, telemetry({}, 0.0)) for unit in units))
+    path.write_bytes(path.read_bytes()[:-60])
+    told = ema("info", path)
+    assert told.exit_code == 0
+    for expected in ("actuator left,", "actuator right,", "warning: "):
+        assert expected in told.stdout
+    assert "actuator right," not in ema("info", path, "--actuator-id", "left").stdout

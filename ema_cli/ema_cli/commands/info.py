@@ -1,10 +1,13 @@
 """``ema info``: what is in a bag."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from ema_bags.reader import Bag
+from ema_bags.telemetry import DESCRIPTION_TYPE
+from ema_bags.windows import BagWindows
 from ema_cli.bags.source_options import SourceOptions, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.errors import one_clear_line
@@ -26,7 +29,33 @@ def info(bag: Path, source: SourceOptions) -> None:
         click.echo(text_table(("topic", "type", "messages"), rows))
         if contents.writers:
             click.echo(f"written by {', '.join(contents.writers)}")
-        found = read_windows(bag, source, bag=contents)
+        # What is wrong with the bag is said once, also where an actuator cannot be read.
+        remarks: dict[str, None] = {}
+        chosen = _of_each(contents, source)
+        for one in chosen:
+            try:
+                found = read_windows(bag, one, bag=contents)
+            except ValueError as error:
+                if len(chosen) == 1:
+                    raise
+                remarks[f"actuator {one.actuator_id}: {error}"] = None
+                continue
+            _show(found)
+            remarks |= dict.fromkeys(found.remarks)
+        for remark in remarks | dict.fromkeys(contents.remarks):
+            click.echo(f"warning: {remark}")
+
+
+def _of_each(bag: Bag, source: SourceOptions) -> list[SourceOptions]:
+    """Return what to look at of each actuator of a bag, unless one is chosen."""
+    described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
+    present = list(dict.fromkeys(item.message.actuator_id for item in described))
+    if source.actuator_id is not None or len(present) < 2:
+        return [source]
+    return [replace(source, actuator_id=name) for name in present]
+
+
+def _show(found: BagWindows) -> None:
     unit = found.description
     click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")
     nominal = unit.parameters.as_mapping()
@@ -44,5 +73,3 @@ def info(bag: Path, source: SourceOptions) -> None:
             else f"start in the play {'unknown' if window.play is None else f'{window.play:+g}'}"
         )
         click.echo(f"  {start:.4f} s to {end:.4f} s: {state}")
-    for remark in found.remarks:
-        click.echo(f"warning: {remark}")
