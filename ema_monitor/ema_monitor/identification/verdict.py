@@ -15,6 +15,7 @@ from ema_monitor.model.deviations import NAMES
 
 _NOTABLE_SIGMA: Final = 0.01
 
+
 class Misfit(NamedTuple):
     """What an estimate misses of a window, or of several.
 
