@@ -8,7 +8,7 @@ from .walk_lifecycle import Lifecycle
 from .walk_prognosis import Prognosis
 from .walk_queue import Queue
 
-STEPS = {Claimed: 20, Queue: 50, Lifecycle: 30, Prognosis: 25}
+STEPS = {Claimed: 30, Queue: 50, Lifecycle: 30, Prognosis: 25}
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, earlier
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, RequirementLimits
+from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.settings import duty_of
 from ema_monitor.unit import Unit
 
@@ -305,3 +306,12 @@ def test_settings_of_the_tracker_change_its_outlook():
     short = replace(TEN_HOURS, tracker=TrackerSettings(horizon_hours=50.0))
     _, outlooks = lived(65, short)
     assert "horizon of 50 h" in outlooks[-1].lives["friction"].reason
+
+
+def test_value_of_a_test_that_is_not_confirmed_is_told_and_not_the_one_before():
+    prognostics, _ = lived(6)
+    estimate = made_test(6, friction=0.797, backlash=backlash(6))
+    outlook = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
+    assert outlook is not None
+    words = cause_of_level(outlook)
+    assert "friction 0.797 in the latest test, which the next one has to confirm" in words
