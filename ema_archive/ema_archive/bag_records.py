@@ -193,11 +193,6 @@ class BagRecords(Database):
             "windows, valid FROM bag ORDER BY url"
         )
 
-    @property
-    def there(self) -> str:
-        """Condition of bags that the last scan has found."""
-        return f"(scan >= {int(self._get('scan', '0'))})"
-
     def _look_at_calibrations(self, settings: ArchiveSettings) -> None:
         pattern = settings.calibration
         rows = self._db.execute(

@@ -12,7 +12,7 @@ from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import content_digest, local_copy
 from ema_archive.tables import count_row, estimate_row
 from ema_bags.reader import Bag
-from ema_bags.telemetry import DESCRIPTION_TYPE, read_telemetry
+from ema_bags.telemetry import described_actuators, read_telemetry
 from ema_bags.usage import read_counts
 from ema_bags.windows import BagWindows, RecordedWindow, find_recorded_windows
 from ema_core.description import ActuatorDescription, UnitKey
@@ -134,8 +134,7 @@ def diagnose_bag(task: BagTask) -> BagResult:
 
 def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
     bag = Bag(path)
-    described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
-    present = list(dict.fromkeys(item.message.actuator_id for item in described))
+    present = described_actuators(bag)
     # Without a choice nothing is chosen: that is how a bag of one actuator is read.
     chosen = present if len(present) > 1 else [None]
     units, reasons, remarks = [], [], []

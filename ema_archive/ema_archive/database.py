@@ -6,6 +6,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Final, Self
 
+from ema_archive.partitions import TABLES
+
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
@@ -66,7 +68,7 @@ class Database(AbstractContextManager[Any, None]):
 
     def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
         path = archive / FILE
-        if path.exists() and not path.stat().st_size and (archive / "tables").exists():
+        if path.exists() and not path.stat().st_size and (archive / TABLES).exists():
             raise ValueError(f"{path} is empty, although there are tables: {_REMEDY}")
         if not path.exists():
             if not is_new:
@@ -91,11 +93,10 @@ class Database(AbstractContextManager[Any, None]):
         self._db = sqlite3.connect(path, timeout=30.0, isolation_level=None)
         try:
             self._prepare(path)
-        except (sqlite3.Error, UnicodeDecodeError) as error:
+        except BaseException as error:
             self._close()
-            raise ValueError(f"{path} cannot be used: {error}; {_REMEDY}") from error
-        except BaseException:
-            self._close()
+            if isinstance(error, sqlite3.Error | UnicodeDecodeError):
+                raise ValueError(f"{path} cannot be used: {error}; {_REMEDY}") from error
             raise
 
     def __enter__(self) -> Self:
@@ -131,6 +132,11 @@ class Database(AbstractContextManager[Any, None]):
         # bags are then done again.
         db.execute("PRAGMA synchronous = NORMAL")
         db.execute(current)
+
+    @property
+    def there(self) -> str:
+        """Condition of bags that the last scan has found."""
+        return f"(scan >= {int(self._get('scan', '0'))})"
 
     def _count(self, what: str, values: Any = ()) -> int:
         return self._db.execute(f"SELECT count(*) FROM {what}", values).fetchone()[0]

@@ -1,11 +1,11 @@
 """The files of an archive's tables: which there are, and which are not as they were written."""
 
-import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
 from ema_archive.database import Database, transaction
 from ema_archive.partitions import place_of, quoted
+from ema_archive.sources import content_digest
 from ema_core.wording import counted
 
 
@@ -19,7 +19,7 @@ class FileRecords(Database):
             name = str(path.relative_to(self.archive))
             if path.exists():
                 stat = path.stat()
-                rows.append((name, stat.st_size, stat.st_mtime_ns, _digest(path)))
+                rows.append((name, stat.st_size, stat.st_mtime_ns, content_digest(path)))
             else:
                 gone.append((name,))
         with transaction(self._db):
@@ -50,19 +50,19 @@ class FileRecords(Database):
                     if quoted(name) == unit and month in months.split()
                 }
         with transaction(self._db):
-            for url in due:
-                self._db.execute("UPDATE bag SET state = 'interrupted' WHERE url = ?", (url,))
-            for unit in units:
-                self._db.execute("UPDATE unit SET is_due = 1, made_by = '' WHERE unit = ?", (unit,))
-            for path in damaged:
-                name = str(path.relative_to(self.archive))
-                self._db.execute("DELETE FROM file WHERE path = ?", (name,))
+            self._db.executemany(
+                "UPDATE bag SET state = 'interrupted' WHERE url = ?", [(url,) for url in due]
+            )
+            self._db.executemany(
+                "UPDATE unit SET is_due = 1, made_by = '' WHERE unit = ?",
+                [(unit,) for unit in units],
+            )
+        self.note_files(damaged)
         words = [f"{counted(len(damaged), 'file')} of the tables missing or damaged: made anew"]
-        scan = self._get("scan", "0")
         gone = [
             url
             for url in sorted(due)
-            if self._count("bag WHERE url = ? AND scan < ?", (url, int(scan)))
+            if self._count(f"bag WHERE url = ? AND NOT {self.there}", (url,))
         ]
         if gone:
             words.append(
@@ -80,9 +80,4 @@ def _is_as_noted(path: Path, size: int, changed_ns: int, sha256: str) -> bool:
     if stat.st_size != size:
         return False
     # One that was copied is as it was.
-    return stat.st_mtime_ns == changed_ns or _digest(path) == sha256
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return stat.st_mtime_ns == changed_ns or content_digest(path) == sha256

@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS
-from ema_core.levels import STALE
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
@@ -179,7 +178,7 @@ def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
         "cycles": outlook.cycles,
         "hours_per_cycle": float(outlook.hours_per_cycle),
         "level": health.level,
-        "last_level": outlook.last_level if health.level == STALE else health.level,
+        "last_level": outlook.known_level,
         "health_index": float(health.health_index),
         "severity": health.severity,
         "confidence": float(health.confidence),

@@ -7,7 +7,6 @@ import math
 from dataclasses import asdict, dataclass
 
 from ema_core.description import ActuatorDescription
-from ema_core.levels import STALE
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.growth.check import TrackRecord
@@ -161,7 +160,7 @@ def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthR
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
         level=health.level,
-        last_level=outlook.last_level if health.level == STALE else health.level,
+        last_level=outlook.known_level,
         measured=Stamp.of(outlook.claim.measured_ns),
         received=Stamp.of(outlook.claim.received_ns),
         good_until=Stamp.of(outlook.claim.good_until_ns),

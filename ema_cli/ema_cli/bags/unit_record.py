@@ -9,7 +9,7 @@ from typing import Final, Self
 
 from ema_bags.metadata import METADATA_FILE
 from ema_bags.reader import Bag
-from ema_bags.telemetry import DESCRIPTION_TYPE
+from ema_bags.telemetry import described_actuators
 from ema_bags.usage import read_counts
 from ema_bags.windows import RecordedWindow
 from ema_cli.bags.source_options import SourceOptions
@@ -129,8 +129,7 @@ def read_unit(
     for path in find_bags(paths):
         try:
             bag = Bag(path)
-            described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
-            present = {item.message.actuator_id for item in described}
+            present = described_actuators(bag)
         except (ValueError, OSError) as error:
             if not skips_unreadable or not path.exists():
                 raise

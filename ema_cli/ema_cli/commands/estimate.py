@@ -22,15 +22,7 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import (
-    DEGRADED,
-    FAILED,
-    SKIPPED,
-    VALID,
-    VERDICTS,
-    Estimate,
-)
-from ema_monitor.identification.estimate import REFUSED as REFUSED_WINDOW
+from ema_monitor.identification.estimate import FAILED, SKIPPED, VERDICTS, Estimate
 from ema_monitor.windows.window import MIN_TRAVEL
 
 _NOTHING: Final = "no significant fault"
@@ -86,8 +78,8 @@ def _is_complete(estimates: Sequence[Estimate]) -> bool:
 
     A recording of a live system ends anywhere: that its last window is cut off is no failure.
     """
-    verdicts = {one.verdict for one in estimates}
-    return not verdicts & {REFUSED_WINDOW, FAILED} and bool(verdicts & {VALID, DEGRADED})
+    looked_at = [one for one in estimates if one.verdict != SKIPPED]
+    return bool(looked_at) and all(one.valid for one in looked_at)
 
 
 def found_in_words(one: Estimate) -> str:

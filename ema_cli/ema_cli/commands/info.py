@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from ema_bags.reader import Bag
-from ema_bags.telemetry import DESCRIPTION_TYPE
+from ema_bags.telemetry import described_actuators
 from ema_bags.windows import BagWindows
 from ema_cli.bags.source_options import SourceOptions, source_options
 from ema_cli.bags.windows import read_windows
@@ -48,8 +48,7 @@ def info(bag: Path, source: SourceOptions) -> None:
 
 def _of_each(bag: Bag, source: SourceOptions) -> list[SourceOptions]:
     """Return what to look at of each actuator of a bag, unless one is chosen."""
-    described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
-    present = list(dict.fromkeys(item.message.actuator_id for item in described))
+    present = described_actuators(bag)
     if source.actuator_id is not None or len(present) < 2:
         return [source]
     return [replace(source, actuator_id=name) for name in present]

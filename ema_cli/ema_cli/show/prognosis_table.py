@@ -112,7 +112,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     first = label_of(report.dominant_fault)
     first = f"; first to end life: {first}" if first else ""
     lines.append(
-        f"health index {report.health_index:.2f}, level {level_in_words(report)}, severity "
+        f"health index {report.health_index:.2f}, level {_level(report)}, severity "
         f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
     )
     lines += _checked(report.faults)
@@ -132,7 +132,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     return lines
 
 
-def level_in_words(report: HealthReport) -> str:
+def _level(report: HealthReport) -> str:
     """Return the level of a unit; where it is STALE, with the one before."""
     words = LEVEL_NAMES[report.level]
     if report.level == report.last_level:

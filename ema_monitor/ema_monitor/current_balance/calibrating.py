@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -52,8 +52,8 @@ def calibrate_unknown(
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
     for number, window in enumerate(windows):
-        if reason := motion_defect(window, description):
-            raise ValueError(f"window {number}: {reason}")
+        if defect := motion_defect(window, description):
+            raise ValueError(f"window {number}: {defect.reason}")
     # One window after the other: they may be read when needed.
     strong = [float(np.percentile(np.abs(one.current), 95.0)) for one in windows]
     share = _KNEE if description.acquisition.speed else _KNEE_WITHOUT_SPEED
@@ -105,35 +105,31 @@ def calibrate_unknown(
     )
 
 
-def motion_defect(window: Window, description: ActuatorDescription) -> str:
-    """Return why nothing can be told from the motion of a window; empty when something can."""
+class MotionDefect(NamedTuple):
+    """Why nothing can be told from a motion, and whether that is a failure of the unit."""
+
+    reason: str
+    is_failure: bool = False
+
+
+def motion_defect(window: Window, description: ActuatorDescription) -> MotionDefect | None:
+    """Return why nothing can be told from the motion of a window; None when something can."""
     telemetry = window.telemetry
     if not len(telemetry.current):
-        return "drive = unknown needs a measured current, and the telemetry has none"
-    if has_speed(telemetry, description) != description.acquisition.speed:
-        return "the speed is not measured, although the description says so"
-    if failure := standstill(window, description):
-        return failure
-    return "" if _moves(window, description) else "no excitation: the motor stands still"
-
-
-def standstill(window: Window, description: ActuatorDescription) -> str:
-    """Return what has failed where a motor does not follow a command that moves; else empty."""
-    telemetry = window.telemetry
-    if not np.ptp(telemetry.command) > 0.0 or _moves(window, description):
-        return ""
+        return MotionDefect("drive = unknown needs a measured current, and the telemetry has none")
+    measured = has_speed(telemetry, description)
+    if measured != description.acquisition.speed:
+        return MotionDefect("the speed is not measured, although the description says so")
+    if np.any(telemetry.speed) if measured else np.ptp(telemetry.position) > 0.0:
+        return None
+    if not np.ptp(telemetry.command) > 0.0:
+        return MotionDefect("no excitation: the motor stands still")
     flows = float(np.median(np.abs(telemetry.current)))
-    return (
+    reason = (
         f"no excitation: the motor stands still although the command moves and {flows:.2g} "
         "A flow; a blocked shaft, an open phase or a frozen sensor"
     )
-
-
-def _moves(window: Window, description: ActuatorDescription) -> bool:
-    telemetry = window.telemetry
-    if has_speed(telemetry, description):
-        return bool(np.any(telemetry.speed))
-    return bool(np.ptp(telemetry.position) > 0.0)
+    return MotionDefect(reason, is_failure=True)
 
 
 def _fit(

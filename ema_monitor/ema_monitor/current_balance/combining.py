@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.current_balance.calibrating import motion_defect, standstill
+from ema_monitor.current_balance.calibrating import MotionDefect, motion_defect
 from ema_monitor.current_balance.identifying import identify_unknown
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.estimate import Estimate, refusal
@@ -66,8 +66,9 @@ class CurrentCombination:
             self._count(**{"dropped" if stretch.is_dropped else "refused": 1})
             self.tally = self.tally._replace(reason=stretch.reason)
             return []
-        defect = self._refused or self._unit.shape_mismatch(stretch)
-        if defect := defect or motion_defect(stretch, self._description):
+        reason = self._refused or self._unit.shape_mismatch(stretch)
+        defect = MotionDefect(reason) if reason else motion_defect(stretch, self._description)
+        if defect is not None:
             return self._refuse(stretch, defect)
         estimates = self._conclude() if self._is_complete(stretch) else []
         begin_ns, end_ns = self._pause_ns
@@ -127,15 +128,16 @@ class CurrentCombination:
         self.tally = self.tally._replace(reason="")
         return [replace(found, stretches=len(windows))]
 
-    def _refuse(self, stretch: Window, reason: str) -> list[Estimate]:
+    def _refuse(self, stretch: Window, defect: MotionDefect) -> list[Estimate]:
         """Count a stretch that cannot be used; several in a row are said once."""
         self._count(refused=1)
-        self.tally = self.tally._replace(reason=reason)
+        self.tally = self.tally._replace(reason=defect.reason)
         self._refused_in_a_row += 1
         if self._refused_in_a_row != _REFUSED_IN_A_ROW:
             return []
-        failed = reason == standstill(stretch, self._description)
-        refused = refusal(stretch, self._unit, self._search, reason, is_failure=failed)
+        refused = refusal(
+            stretch, self._unit, self._search, defect.reason, is_failure=defect.is_failure
+        )
         return [replace(refused, stretches=1)]
 
     def _count(self, **more: int) -> None:

@@ -12,7 +12,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, ECCENTRICITY, FRICTION, N_FAULTS, FaultVector, healthy_faults
 from ema_monitor.current_balance.balance import Balance
-from ema_monitor.current_balance.calibrating import motion_defect, standstill
+from ema_monitor.current_balance.calibrating import MotionDefect, motion_defect
 from ema_monitor.current_balance.choosing import chosen_ripples, evidence
 from ema_monitor.current_balance.fitting import BalancePrior, Fit, fit
 from ema_monitor.current_balance.priors import basic_terms, of_unit, prior_of
@@ -91,13 +91,14 @@ def identify_by_current(
         Make an estimate although the calibration is of another unit.
     """
 
-    def refuse(reason: str) -> Estimate:
-        failed = reason == standstill(window, description)
-        return refusal(window, unit, settings, reason, is_failure=failed)
+    def refuse(reason: str, *, is_failure: bool = False) -> Estimate:
+        return refusal(window, unit, settings, reason, is_failure=is_failure)
 
     mismatch = unit.unit_mismatch(description)
-    if reason := unit.shape_mismatch(window) or motion_defect(window, description):
-        return refuse(reason)
+    reason = unit.shape_mismatch(window)
+    defect = MotionDefect(reason) if reason else motion_defect(window, description)
+    if defect is not None:
+        return refuse(defect.reason, is_failure=defect.is_failure)
     if mismatch and not force:
         return refuse(f"the calibration does not fit: {mismatch}")
     caveats = [f"forced although {mismatch}"] if mismatch else []

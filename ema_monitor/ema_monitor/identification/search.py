@@ -144,10 +144,10 @@ class ModelIdentification:
     def _question_scale(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
         """Refuse a window that the faults do not explain, where a column is off by a factor."""
         found = self.estimate
-        if found is None or not found.goodness_of_fit > found.goodness_limit:
+        if found is None or self._is_rescaled or not found.goodness_of_fit > found.goodness_limit:
             return
         scale = wrong_scale(window, calibration.parameters)
-        if scale is None or self._is_rescaled:
+        if scale is None:
             return
         if scale.column == "current":
             # Faults take more current, too. A scale looks like turns lost in all three phases, and

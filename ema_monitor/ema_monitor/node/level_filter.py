@@ -28,7 +28,7 @@ class LevelFilter:
             self.level, self._lower = level, 0
             return True
         self._lower = self._lower + 1 if level < self.level else 0
-        if not 0 < confirmations <= self._lower:
+        if self._lower < confirmations:
             return False
         self.level, self._lower = level, 0
         return True

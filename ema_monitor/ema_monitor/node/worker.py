@@ -157,7 +157,7 @@ class IdentificationWorker:
             for found in one.finish():
                 self._publish(_completed(found), found.estimate)
 
-    def refuse(self, segment: Segment, reason: str = "", *, is_dropped: bool = False) -> None:
+    def refuse(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> None:
         """Publish why a window is not identified; its own refusal when the reason is empty.
 
         A stretch of ordinary motion is one of many: that it is not identified is no news.

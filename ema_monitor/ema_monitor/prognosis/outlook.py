@@ -152,16 +152,15 @@ class Outlook:
     claim: Claim = field(default_factory=Claim)
     last_level: int = STALE
 
+    @property
+    def known_level(self) -> int:
+        """The level; where it is STALE, the one that was known last."""
+        return self.last_level if self.health.level == STALE else self.health.level
+
     def stale(self, reason: str) -> "Outlook":
         """Return what is left when its level is not known any more."""
-        known, last = self.health, self.health.level
-        health = replace(
-            _without_ok(known),
-            level=STALE,
-            confidence=0.0,
-            reason=reason,
-        )
-        return replace(self, health=health, last_level=self.last_level if last == STALE else last)
+        health = replace(_without_ok(self.health), level=STALE, confidence=0.0, reason=reason)
+        return replace(self, health=health, last_level=self.known_level)
 
     def at(self, now_ns: int) -> "Outlook":
         """Return what it is worth at a time [ns]: STALE once its claim has ended."""

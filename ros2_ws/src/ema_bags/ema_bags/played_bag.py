@@ -164,10 +164,7 @@ class PlayedBag:
             topics = [name for name, offer in self.offers.items() if offer.durability == latched]
             items = self.bag.placed_raw_messages(topics, self._latched_until_ns, time_ns - 1)
             for item in self._upgraded(items if topics else ()):
-                try:
-                    message: Any = deserialize_message(item.message, message_class(item.type_name))
-                except Exception:  # whatever the middleware makes of what is no message
-                    continue
+                message: Any = deserialize_message(item.message, message_class(item.type_name))
                 self._latched.append((item, getattr(message, "actuator_id", "")))
             self._latched_until_ns = time_ns
         latest: dict[tuple[str, str], Recorded] = {}

@@ -19,6 +19,12 @@ ESTIMATE_TYPE: Final = "ema_interfaces/msg/FaultEstimate"
 HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 
+def described_actuators(bag: Bag) -> list[str]:
+    """Return the actuators that a recording describes, in their order."""
+    described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
+    return list(dict.fromkeys(item.message.actuator_id for item in described))
+
+
 @dataclass(frozen=True)
 class Malformed:
     """A block that is no telemetry, or a description of an impossible actuator."""

@@ -387,12 +387,19 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         if self._file.information.count:
             following = self._next_file()
             self._end_file()
-            self._file = following
-            for topic in self._topics.values():
-                following.add_topic(topic.recorded)
+            self._go_on_in(following)
+        self._write_states(log_time_ns)
+        self._write_ended()
+
+    def _go_on_in(self, file: BagFile) -> None:
+        self._file = file
+        for topic in self._topics.values():
+            file.add_topic(topic.recorded)
+
+    def _write_states(self, log_time_ns: int) -> None:
+        """Write how things stand, for a reader of this file alone."""
         for (topic, _), (data, publish_time_ns) in self._states.items():
             self._write(topic, data, log_time_ns, publish_time_ns)
-        self._write_ended()
 
     def _write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         information = self._topics[topic].recorded.information
@@ -452,17 +459,15 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         if self._folder is not None:
             self._folder.mkdir(exist_ok=True)
             self._ended = [one for one in self._ended if (self._folder / one.name).exists()]
-        self._file = self._next_file()
+        self._go_on_in(self._next_file())
         gone.abandon()
         for name, topic in self._topics.items():
             topic.recorded.information.count -= gone.counts[name]
-            self._file.add_topic(topic.recorded)
         gap = Gap(reason, span.start_ns, span.end_ns, span.count)
         self.removed.append(str(gap))
         self.gaps.append(gap)
         self._tell(gap)
-        for (topic, _), (data, publish_time_ns) in self._states.items():
-            self._write(topic, data, span.end_ns, publish_time_ns)
+        self._write_states(span.end_ns)
 
     def _end_gap(self) -> None:
         """Tell of the gap that has just ended, if there is one."""

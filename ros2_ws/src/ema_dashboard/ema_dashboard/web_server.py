@@ -179,7 +179,8 @@ class WebServer:
 
     def _give_up(self, protocol: Any) -> None:
         del self._waiting[protocol]
-        if self._mute.pop(protocol, False) is None:
+        if protocol in self._mute:
+            del self._mute[protocol]
             self._hub.totals.refused += 1
         if protocol.transport is not None:
             protocol.transport.abort()  # without what the client does not take

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.subscription import Subscription
 from rclpy.task import Task
@@ -19,19 +19,8 @@ class WaitingCallbackGroup(MutuallyExclusiveCallbackGroup):
     """Callbacks that may wait for something: they run one at a time, in a thread of their own."""
 
 
-class SeparateCallbackGroup(WaitingCallbackGroup):
+class SeparateCallbackGroup(ReentrantCallbackGroup, WaitingCallbackGroup):
     """Callbacks that may wait, and not for each other: each runs in a thread of its own."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return that it may begin, whatever runs."""
-        return True
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Return that it begins."""
-        return True
-
-    def ending_execution(self, entity: Any) -> None:
-        """Note nothing."""
 
 
 class NodeExecutor(SingleThreadedExecutor):
