@@ -11,15 +11,31 @@ place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 
 "$(<"$root/.venv/.python")" -m venv "$place/venv"
-# Without hashes: with them pip would want hashes of our own folders, too.
 grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
 # Copies: pip would build within the sources.
 for package in ema_core ema_sim ema_monitor ema_archive ros2_ws/src/ema_ros ros2_ws/src/ema_bags; do
     cp -r "$root/$package" "$place"
 done
 cd "$place"
+own=(./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_bags ./ema_archive)
+# pip checks no hashes where a folder is installed: first what is needed, with hashes, then our own.
 venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_bags ./ema_archive
+    --dry-run --report needed.json "${own[@]}"
+"$root/.venv/bin/python" - "$root/requirements/lock.txt" >needed.txt <<'EOF'
+import json
+import re
+import sys
+from pathlib import Path
+
+items = json.loads(Path("needed.json").read_text())["install"]
+needed = {re.sub(r"[-_.]+", "-", item["metadata"]["name"]).lower() for item in items} | {"setuptools"}
+for entry in re.split(r"\n(?=\S)", Path(sys.argv[1]).read_text()):
+    if entry.split("==")[0] in needed:
+        print(entry)
+EOF
+venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r needed.txt
+venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation "${own[@]}"
+venv/bin/pip check
 rm -rf ema_*
 XDG_CACHE_HOME=$place venv/bin/python - "$root/bags/faulty_flap.mcap" <<'EOF'
 import sys

@@ -23,7 +23,18 @@ from cyclonedx.validation.json import (  # pyright: ignore[reportMissingImports]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 VENV: Final = ROOT / ".venv"
-PAGE: Final = ROOT / "ema_dashboard" / "web" / "package-lock.json"
+PAGE: Final = ROOT / "ros2_ws" / "src" / "ema_dashboard" / "web" / "package-lock.json"
+# Of the packages whose wheels do not say it, as their sources do.
+LICENCES: Final = {
+    "atheris": "Apache-2.0",
+    "partd": "BSD-3-Clause",
+    "ros-fastcdr": "Apache-2.0",
+    "ros-fastrtps": "Apache-2.0",
+    "ros-jazzy-common-interfaces": "Apache-2.0",
+    "ros-jazzy-rclpy": "Apache-2.0",
+    "ros-jazzy-rmw-fastrtps-cpp": "Apache-2.0",
+    "setuptools": "MIT",
+}
 
 
 def key(name: str) -> str:
@@ -56,6 +67,11 @@ def installed() -> dict[str, Any]:
     for item in kept:
         if "licenses" not in item and item["name"].startswith("ros-"):
             item["licenses"] = licences_of(item["name"].removeprefix("ros-").replace("-", "_"))
+        if not item.get("licenses") and item["name"] in LICENCES:
+            item["licenses"] = [{"license": {"id": LICENCES[item["name"]]}}]
+    silent = [item["name"] for item in kept if not item.get("licenses")]
+    if silent:
+        sys.exit(f"sbom: no licence is known of {', '.join(silent)}; state it in tools/sbom.py")
     return bill
 
 

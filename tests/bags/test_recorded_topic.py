@@ -2,9 +2,11 @@
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 
 from ema_bags.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
-from ema_bags.recorded_topic import SequenceGaps
+from ema_bags.recorded_topic import SampleGaps, SequenceGaps
+from ema_interfaces.msg import TelemetryBlock
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
@@ -74,6 +76,25 @@ def test_gaps_of_several_or_new_publishers_do_not_count():
     gaps.count(1)  # a publisher that starts anew
     gaps.set_publishers(frozenset("c"))
     assert gaps.lost == 0
+
+
+def test_blocks_that_are_missing_count_by_the_index_of_their_samples():
+    gaps = SampleGaps()
+
+    def receive(actuator_id: str, first_index: int, length: int = 10) -> int:
+        block = TelemetryBlock(
+            actuator_id=actuator_id, first_index=first_index, position=[0.0] * length
+        )
+        gaps.count(bytes(serialize_message(block)))
+        return gaps.lost
+
+    assert [receive("left", index) for index in (500, 510, 540)] == [0, 0, 2]
+    assert [receive("right", index) for index in (7, 17, 32)] == [2, 2, 3]  # half a block is one
+    assert receive("left", 0) == 3  # started again
+    assert receive("left", 20, 0) == 3
+    gaps.count(b"no message")
+    gaps.pause()
+    assert receive("left", 1000) == 3
 
 
 @pytest.mark.parametrize("numbers", [False, True])

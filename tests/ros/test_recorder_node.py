@@ -335,6 +335,39 @@ def test_messages_that_the_middleware_drops_are_counted(
     assert task(recorder).values["lost by topic"] == f"/ema/text {values['lost messages']}"
 
 
+def test_lost_telemetry_of_several_publishers_is_counted(
+    graph: Graph, tmp_path: Path, monkeypatch: Any
+):
+    monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
+    publishers = [
+        graph.node(name).create_publisher(TelemetryBlock, "telemetry", QoSProfile(depth=5))
+        for name in ("left", "right")
+    ]
+
+    def publish(number: int) -> None:
+        for name, publisher in zip(("left", "right"), publishers, strict=True):
+            message = block(number)
+            message.actuator_id = name
+            publisher.publish(message)
+
+    recorder = graph.recorder(tmp_path / "flight", topics=["telemetry"])
+    assert recorder.bring_up()
+    for publisher in publishers:
+        wait_for_match(recorder, publisher)
+    publish(0)
+    recorded(recorder, 2)
+    with recorder._writing:  # a disk that does not answer
+        for number in range(1, 50):
+            publish(number)
+            time.sleep(0.002)
+    wait_for(lambda: task(recorder).values["lost messages"], "the loss")
+    publish(50)
+    wait_for(
+        lambda: task(recorder).values["lost messages"] == 102 - task(recorder).values["messages"],
+        "all that is missing to be counted",
+    )
+
+
 def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
     graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):

@@ -5,11 +5,13 @@ from collections.abc import Hashable, Sequence
 from typing import Any
 
 from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_bags.message_type import message_class, type_hash
 from ema_bags.qos import RELIABLE_DEPTH, common_offer, joint_offer
+from ema_interfaces.msg import TelemetryBlock
 
 
 class SequenceGaps:
@@ -54,8 +56,38 @@ class SequenceGaps:
         self._last, self._unconfirmed = None, 0
 
 
+class SampleGaps:
+    """Counts the blocks of telemetry that are missing by the index of their samples.
+
+    An index that goes back is that of an actuator that was started again: nothing is missing.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._next: dict[str, int] = {}
+
+    def count(self, data: bytes) -> None:
+        """Count a serialised block that was received."""
+        try:
+            block: Any = deserialize_message(data, TelemetryBlock)
+        except Exception:  # whatever the middleware makes of what is no message
+            return
+        length = len(block.position)
+        missing = block.first_index - self._next.get(block.actuator_id, block.first_index)
+        if length and missing > 0:
+            self.lost += -(-missing // length)
+        self._next[block.actuator_id] = block.first_index + length
+
+    def pause(self) -> None:
+        """Expect no index to go on from the last one."""
+        self._next.clear()
+
+
 class RecordedTopic:
     """A topic that is recorded, with the request that all its publishers meet, as rosbag2 has it.
+
+    Losses are counted by the sequence numbers of its publisher. Those of several publishers cannot
+    be distinguished: of telemetry, the index of the samples tells then.
 
     Parameters
     ----------
@@ -86,12 +118,15 @@ class RecordedTopic:
         self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
         self._gaps = SequenceGaps()
+        self._samples = SampleGaps() if self.message_class is TelemetryBlock else None
+        self._had_several = False
         self.set_publishers(publishers)
 
     @property
     def lost(self) -> int:
         """Number of messages that are known to be lost."""
-        return self._gaps.lost
+        by_index = self._samples.lost if self._samples and self._had_several else 0
+        return max(self._gaps.lost, by_index)
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Set the publishers of the moment; to be called regularly."""
@@ -102,17 +137,22 @@ class RecordedTopic:
             if qos_check_compatible(item.qos_profile, self.request)[0] == QoSCompatibility.ERROR
         ]
         with self._lock:
+            self._had_several |= len(publishers) > 1
             self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
 
     def pause(self) -> None:
         """Note that nothing is recorded until publishers are set again."""
         with self._lock:
             self._gaps.pause()
+            if self._samples:
+                self._samples.pause()
 
-    def count(self, sequence_number: int | None) -> None:
-        """Count a message; None where the middleware gives no number."""
+    def count(self, data: bytes, sequence_number: int | None) -> None:
+        """Count a serialised message; None where the middleware gives no number."""
         with self._lock:
             self._gaps.count(sequence_number)
+            if self._samples:
+                self._samples.count(data)
 
 
 def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:

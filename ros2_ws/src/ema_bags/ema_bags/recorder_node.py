@@ -284,7 +284,7 @@ class RecorderNode(ManagedNode):
                 if recorded is None:
                     return
                 reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
-                topic.count(information["publication_sequence_number"])
+                topic.count(data, information["publication_sequence_number"])
                 if reason:
                     with suppress(OSError):  # it is logged
                         self._write_snapshot(recorded, reason)
