@@ -29,6 +29,11 @@ def converted(raw, description=FLAP, **sections):
         ({"unit": "turn", "shaft": "motor"}, 500.0, 2.0 * math.pi),
         ({"unit": "mrad", "sign": -1, "offset": 0.5}, 100.0, 0.4),
         ({"scale": 2.0}, 0.25, 0.5),
+        ({"unit": "mm", "lead": 0.005}, 2.5, math.pi),
+        ({"unit": "in", "lead": 0.0254, "shaft": "motor"}, 500.0, 2.0 * math.pi),
+        ({"encoding": "sign_bit_16", "scale": 0.01}, 32968.0, -2.0),
+        ({"encoding": "twos_complement_16"}, 65535.0, -1.0),
+        ({"encoding": "twos_complement_32"}, 5.0, 5.0),
     ],
 )
 def test_angles_are_those_of_the_user_shaft(section, raw, expected):
@@ -42,11 +47,28 @@ def test_angles_are_those_of_the_user_shaft(section, raw, expected):
         ({"unit": "rpm"}, math.pi),
         ({"unit": "turn/s", "shaft": "user"}, 30.0 * 2.0 * math.pi * 500.0),
         ({"unit": "deg/s", "sign": -1}, -math.pi / 6.0),
+        ({"unit": "mm/s", "lead": 0.005}, 12.0 * math.pi),
     ],
 )
 def test_speeds_are_those_of_the_motor_shaft(section, expected):
     found = converted({"speed": 30.0}, speed={"source": "s", **section})["speed"]
     assert found[0] == pytest.approx(expected, rel=1e-15)
+
+
+def test_lead_is_that_of_a_length():
+    for section in ({"unit": "mm"}, {"unit": "rad", "lead": 0.005}):
+        with pytest.raises(ValueError, match="position: lead = "):
+            converted({}, position={"source": "p", **section})
+
+
+def test_magnitude_of_a_current_has_the_sign_of_the_motion():
+    position = np.concatenate([np.zeros(5), np.arange(10.0), np.full(5, 9.0), 9.0 - np.arange(10)])
+    raw = {"position": position, "command": position, "current": np.full(len(position), 0.5)}
+    mapping = mapping_from(BASE | {"current": {"source": "i", "kind": "magnitude"}})
+    current = convert(raw, mapping, FLAP)["current"]
+    assert np.all(current[6:14] == 0.5)
+    assert np.all(current[21:] == -0.5)
+    assert set(np.abs(current)) == {0.5}
 
 
 def test_command_follows_from_the_position_error():

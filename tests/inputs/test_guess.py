@@ -98,6 +98,13 @@ def test_mapping_is_guessed(guessed, columns, sections, clock):
     assert guessed(**columns).mapping == as_mapping(sections, clock)
 
 
+@pytest.mark.parametrize("name", ["current_mA", "i_mA", "Current mA", "current_A", "Current [A]"])
+def test_unit_in_the_name_of_a_current_is_found(guessed, name):
+    factor = 1000.0 if "mA" in name else 1.0
+    found = guessed(**{"t": ("t", 1), "pos": ("p", 1), "cmd": ("c", 1), name: ("i", factor)})
+    assert found.mapping.current.unit == ("mA" if "mA" in name else "A")
+
+
 def test_torque_at_the_joint_is_told_by_its_size(guessed):
     p = FLAP.parameters
     found = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), torque=("i", p.k_t / p.tau))

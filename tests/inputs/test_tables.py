@@ -128,3 +128,12 @@ def test_table_whose_comments_hold_all_numbers_is_refused(tmp_path):
     path = written(tmp_path / "a.csv", "# 1,2\n# 3,4\n# 5,6\n")
     with pytest.raises(ValueError, match=r"none of its first 3 lines is a row of numbers"):
         read_columns(path)
+
+
+def test_column_may_be_a_difference_of_columns(tmp_path):
+    path = tmp_path / "set_point.csv"
+    path.write_text("t,set point,following-error\n0,1.0,0.25\n1,2.0,0.5\n2,3.0,0.5\n")
+    columns = read_columns(path)
+    assert list(columns.column("set point - following-error")) == [0.75, 1.5, 2.5]
+    with pytest.raises(ValueError, match="'set point - error'"):
+        columns.column("set point - error")

@@ -107,6 +107,8 @@ def require_windows(path: Path, found: BagWindows, source: SourceOptions) -> Non
     if found.windows:
         return
     settings = source.trigger_settings()
+    if found.obstacle:
+        raise ValueError(f"{path} has no window to diagnose: {found.obstacle}")
     if source.any_motion:
         raise ValueError(
             f"{path} has no motion to diagnose (no excitation): the command never travels "

@@ -1,5 +1,6 @@
 """Calibrating a unit whose drive is unknown, on healthy motion (M44)."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -83,8 +84,10 @@ def calibrate_unknown(
         weights = np.array([1.0 / max(one.sigma, 1e-9) ** 2 for one in plays])
         widths = np.array([one.width for one in plays])
         play = float(weights @ widths / weights.sum())
-        scatter = float(np.std(widths)) / np.sqrt(max(1, len(plays) - 1))
+        scatter = float(np.std(widths)) / math.sqrt(max(1, len(plays) - 1))
         play_sigma = max(float(weights.sum() ** -0.5), scatter if len(plays) > 1 else 0.0)
+        if not play > 0.0:  # no play: what was seen is the lag of the drive, or the sensors'
+            play = play_sigma = float("nan")
     loads = found.loads.mean(axis=0)
     return UnknownDriveUnit(
         actuator_id=description.actuator_id,

@@ -10,6 +10,7 @@ from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_core.wording import counted
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
     ANY_MOTION,
@@ -93,8 +94,14 @@ class WindowFinder:
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
         self._period_reported = False
+        self._run = self._longest_run = 0
         if description is not None:
             self.describe(description)
+
+    @property
+    def window_s(self) -> float:
+        """Length of a window [s]: that of the settings, or longer where samples are slow."""
+        return self._trigger.settings.window_s if self._trigger else _LONGEST_STRETCH_S
 
     @property
     def longest_motion_s(self) -> float:
@@ -117,14 +124,30 @@ class WindowFinder:
         return self._trigger is not None and self._trigger.is_open
 
     @property
+    def shortage(self) -> str:
+        """Why so far no window could be complete, whatever the command; empty when one could."""
+        if self._last is None:
+            return ""
+        samples = round(self.window_s / self._last.sample_period)
+        if self._longest_run > samples:
+            return ""
+        lost = f" ({counted(self.lost_samples, 'sample')} lost)" if self.lost_samples else ""
+        return (
+            f"a window of {self.window_s:g} s has {samples} samples after its start, and there are "
+            f"never more than {self._longest_run} samples without a gap{lost}"
+        )
+
+    @property
     def obstacle(self) -> str:
         """Which setting the motion since it was set does not satisfy; empty when none is known."""
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._last is None or self.windows > self._windows_before:
             return ""
+        if self._samples * self._last.sample_period > self.window_s and self.shortage:
+            return self.shortage
         if self.passed_over >= _MANY_MOTIONS:
             return (
-                f"window_s = {settings.window_s:g} s: the command never travels {MIN_TRAVEL:g} rad "
+                f"window_s = {self.window_s:g} s: the command never travels {MIN_TRAVEL:g} rad "
                 "within it"
             )
         if trigger.short_motions >= _MANY_MOTIONS and self.longest_motion_s < settings.window_s:
@@ -175,6 +198,7 @@ class WindowFinder:
         """
         self._settings = settings
         self._windows_before, self._samples = self.windows, 0
+        self._run = self._longest_run = 0
         events: list[Segment | Defect] = []
         if self._trigger is not None and self._last is not None:
             events = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
@@ -195,6 +219,9 @@ class WindowFinder:
         if self._last is not None:
             missing = block.first_index - self._last.first_index - len(self._last)
             self.lost_samples += max(0, missing)
+            self._run *= missing == 0
+        self._run += len(block)
+        self._longest_run = max(self._longest_run, self._run)
         self._last = block
         if self._trigger is None:
             self._keep(block)

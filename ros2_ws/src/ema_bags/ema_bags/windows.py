@@ -119,6 +119,8 @@ class BagWindows:
         Longest motion of the command that made no window [s].
     has_rested
         Whether the command was ever at rest.
+    obstacle
+        Why no window could be complete; empty where one could, or nothing is known of it.
     truths
         True faults of the actuator by test cycle, in order, where the bag records them.
     flown
@@ -134,6 +136,7 @@ class BagWindows:
     remarks: list[str]
     longest_motion_s: float
     has_rested: bool
+    obstacle: str
     truths: list[StampedFaults]
     flown: "list[tuple[int, FlownDuty]]" = field(default_factory=list)
 
@@ -195,9 +198,9 @@ class BagWindows:
 class _LatestBlocks:
     """Places of the latest blocks without a gap, as many as a window may reach back over."""
 
-    def __init__(self, recorded: RecordedTelemetry, window_s: float) -> None:
+    def __init__(self, recorded: RecordedTelemetry, finder: WindowFinder) -> None:
         self._recorded = recorded
-        self._window_s = window_s
+        self._finder = finder
         self._blocks: deque[tuple[MessagePlace, int, int]] = deque()
 
     def append(self, place: MessagePlace, block: Telemetry) -> None:
@@ -205,7 +208,7 @@ class _LatestBlocks:
         if self._blocks and self._blocks[-1][2] != block.first_index:
             self._blocks.clear()
         self._blocks.append((place, block.first_index, block.first_index + len(block)))
-        oldest = block.first_index - round(self._window_s / block.sample_period) - 1
+        oldest = block.first_index - round(self._finder.window_s / block.sample_period) - 1
         while self._blocks[0][2] <= oldest:
             self._blocks.popleft()
 
@@ -303,7 +306,7 @@ def find_recorded_windows(
         raise ValueError("; ".join(filter(None, (reason, recorded.bag.damage))))
     settings = settings or TriggerSettings()
     finder = WindowFinder(settings, description or recorded.descriptions[0])
-    latest = _LatestBlocks(recorded, settings.window_s)
+    latest = _LatestBlocks(recorded, finder)
     first: Telemetry | None = None
     blocks = samples = defects = 0
     windows: list[RecordedWindow] = []
@@ -340,6 +343,7 @@ def find_recorded_windows(
             else:
                 defects += 1
                 named_defects += [event] if defects <= _MOST_DEFECTS else []
+    obstacle = finder.shortage or finder.obstacle
     windows += [
         _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
     ]
@@ -372,6 +376,7 @@ def find_recorded_windows(
         remarks,
         finder.longest_motion_s,
         finder.has_rested,
+        obstacle,
         truths,
         flown,
     )

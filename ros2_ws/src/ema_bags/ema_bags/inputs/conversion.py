@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import AngleSource, CurrentSource, Mapping, SpeedSource
-from ema_bags.inputs.units import ANGLES, CURRENTS, SPEEDS, TORQUES
+from ema_bags.inputs.mapping import ENCODINGS, AngleSource, CurrentSource, Mapping, SpeedSource
+from ema_bags.inputs.units import ANGLES, CURRENTS, LENGTHS, LINEAR_SPEEDS, SPEEDS, TORQUES
 from ema_core.description import ActuatorDescription
 
 PEAK: Final = {"peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
@@ -17,6 +17,11 @@ PEAK: Final = {"peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)
 _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
 """Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
 torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
+
+_SMOOTHED: Final = 3
+_NOISES: Final = 5.0
+_SLOWEST: Final = 0.02
+_SLOW: Final = 0.3
 
 
 def convert(
@@ -32,6 +37,7 @@ def convert(
         Gives torque constant, gear ratio and drive.
     """
     tau = description.parameters.tau
+    raw = {key: _decoded(raw[key], source.encoding) for key, _, source in mapping.wanted()}
     position = _angle(raw["position"], mapping.position, tau)
     if mapping.command is not None:
         command = _angle(raw["command"], mapping.command, tau)
@@ -43,19 +49,23 @@ def convert(
         speed = _speed(raw["speed"], mapping.speed, tau)
     if mapping.measured_current is not None:
         current = _current(raw, mapping.measured_current, description)
+        if mapping.measured_current.kind == "magnitude":
+            current = current * _way(speed if len(speed) else position, is_speed=bool(len(speed)))
     return {"command": command, "current": current, "position": position, "speed": speed}
 
 
 def angle_factor(source: AngleSource, tau: float) -> float:
     """Return the angle of the user shaft over that of the source [rad]."""
     shaft = tau if source.shaft == "motor" else 1.0
-    return source.sign * source.scale * ANGLES[source.unit] * shaft
+    turn = 2.0 * math.pi / source.lead if source.lead else 1.0
+    return source.sign * source.scale * (ANGLES | LENGTHS)[source.unit] * turn * shaft
 
 
 def speed_factor(source: SpeedSource, tau: float) -> float:
     """Return the speed of the motor shaft over that of the source [rad/s]."""
     shaft = 1.0 / tau if source.shaft == "user" else 1.0
-    return source.sign * source.scale * SPEEDS[source.unit] * shaft
+    turn = 2.0 * math.pi / source.lead if source.lead else 1.0
+    return source.sign * source.scale * (SPEEDS | LINEAR_SPEEDS)[source.unit] * turn * shaft
 
 
 def current_factor(source: CurrentSource, description: ActuatorDescription) -> float:
@@ -103,6 +113,35 @@ def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> N
     else:
         magnitude = (np.abs(a) + np.abs(b) + np.abs(c)) / 2.0
     return np.sign(raw["torque_sign"]) * magnitude
+
+
+def _decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
+    """Return the numbers of registers that are read as if they had no sign."""
+    bit, times = ENCODINGS[encoding]
+    if not bit:
+        return raw
+    return np.where(raw < bit, raw, bit - raw if times == 1 else raw - 2.0 * bit)
+
+
+def _way(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
+    """Return the direction of a motion, ``(n,)``, 1 or -1: at rest that of the nearest motion.
+
+    Parameters
+    ----------
+    motion
+        Speed, or position, ``(n,)``.
+    """
+    if len(motion) < 2:
+        return np.where(motion < 0.0, -1.0, 1.0) if is_speed else np.ones(len(motion))
+    speed = motion if is_speed else np.gradient(motion)
+    smooth = np.convolve(speed, np.ones(_SMOOTHED) / _SMOOTHED, mode="same")
+    rms = np.sqrt(np.mean(smooth**2))
+    noise = np.median(np.abs(np.diff(smooth, 2))) if len(smooth) > 2 else 0.0
+    moving = np.flatnonzero(np.abs(smooth) > np.clip(_NOISES * noise, _SLOWEST * rms, _SLOW * rms))
+    if not len(moving):
+        return np.ones(len(motion))
+    halfway = (moving[1:] + moving[:-1]) / 2.0
+    return np.sign(smooth[moving[np.searchsorted(halfway, np.arange(len(motion)))]])
 
 
 def _scaled(raw: NDArray[np.float64], factor: float, offset: float) -> NDArray[np.float64]:

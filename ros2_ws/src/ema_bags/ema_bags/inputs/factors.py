@@ -133,6 +133,8 @@ def _options(source: Source, tau: float) -> Iterator[_Option]:
     """Yield ways to read a quantity, each with its weight: the more unusual, the heavier."""
     is_angle = isinstance(source, AngleSource)
     units = ANGLES if is_angle else SPEEDS
+    if source.unit not in units:  # a length: its lead is known, or a guess
+        units = {source.unit: 1.0}
     # From the mapped shaft to the other one; angles go to the user shaft, speeds to the motor.
     to_other = tau if is_angle else 1.0 / tau
     if source.shaft != SHAFTS[0 if is_angle else 1]:  # pyright: ignore

@@ -21,7 +21,15 @@ from ema_bags.inputs.mapping import (
 )
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.tables import TableColumns
-from ema_bags.inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
+from ema_bags.inputs.units import (
+    ANGLES,
+    CURRENTS,
+    LENGTHS,
+    LINEAR_SPEEDS,
+    SPEEDS,
+    TIMES_NS,
+    TORQUES,
+)
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 
@@ -37,7 +45,7 @@ _WORDS: Final = {
     "current": r"current|cur|iq|i q|i eq|ieq|strom|amps?|effort|torque|trq|moment|drehmoment|i",
     "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us",
 }
-_SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z])(?=[A-Z])")
+_SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z]{2})(?=[A-Z])")
 _UNITS: Final = {
     "rad": ("rad", "radian", "radians"),
     "deg": ("deg", "°", "degree", "degrees", "grad"),
@@ -47,6 +55,8 @@ _UNITS: Final = {
     "deg/s": ("deg/s", "°/s", "deg s", "deg/sec", "dps", "grad/s"),
     "rpm": ("rpm", "1/min", "u/min", "r/min", "rev/min", "min^-1", "min-1"),
     "turn/s": ("rev/s", "turn/s", "turns/s", "u/s", "rps", "hz"),
+    "mm": ("mm", "millimeter", "millimetre"),
+    "mm/s": ("mm/s", "mm s"),
     "A": ("a", "amp", "amps", "ampere"),
     "mA": ("ma", "milliamp"),
     "N.m": ("nm", "n.m", "n*m", "n m", "newton meter"),
@@ -56,6 +66,7 @@ _UNITS: Final = {
     "us": ("us", "µs", "usec", "micros"),
     "ns": ("ns", "nsec", "nanos", "nanoseconds"),
 }
+_LEAD: Final = 0.005
 _BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 _NUMBER_TYPES: Final = {
     "std_msgs/msg/Float64": "data",
@@ -108,6 +119,8 @@ def guess_columns(columns: TableColumns) -> Guess:
     phases = {
         kind: name for name, found in kinds.items() for kind in found if kind.startswith("phase_")
     }
+    if list(phases) == ["phase_a"] and "current" not in taken:
+        taken["current"] = phases.pop("phase_a")  # in A, not of phase A: there is no other phase
     if "command" in taken:
         taken.pop("error", None)
     missing = [name for name in ("position",) if name not in taken]
@@ -121,6 +134,8 @@ def guess_columns(columns: TableColumns) -> Guess:
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
         unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
+        if quantity == "current" and not unit and re.search(r"[^A-Za-z]A$", name):
+            unit = "A"
         sources[quantity] = _source(quantity, name, unit, remarks)
     if "current" not in sources and len(phases) >= 2:
         remarks += _phases_remark(phases)
@@ -303,16 +318,19 @@ def _shared(name: str, other: str) -> int:
 
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
     kinds: dict[str, tuple[type[Source], dict[str, float]]] = {
-        "position": (AngleSource, ANGLES),
-        "command": (AngleSource, ANGLES),
-        "error": (AngleSource, ANGLES),
-        "speed": (SpeedSource, SPEEDS),
+        "position": (AngleSource, ANGLES | LENGTHS),
+        "command": (AngleSource, ANGLES | LENGTHS),
+        "error": (AngleSource, ANGLES | LENGTHS),
+        "speed": (SpeedSource, SPEEDS | LINEAR_SPEEDS),
         "current": (CurrentSource, CURRENTS | TORQUES),
     }
     kind, units = kinds[quantity]
     more: dict[str, Any] = {"unit": unit} if unit in units else {}
     if not more:
         remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
+    if unit in LENGTHS or unit in LINEAR_SPEEDS:
+        more["lead"] = _LEAD
+        remarks.append(f"{quantity}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
     if quantity == "current":
         words = name.lower().replace(" ", "").replace("_", "")
         if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):

@@ -1,11 +1,19 @@
 """What each column of telemetry is made of, in files, bags and topics of other makes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
+from ema_bags.inputs.units import (
+    ANGLES,
+    CURRENTS,
+    LENGTHS,
+    LINEAR_SPEEDS,
+    SPEEDS,
+    TIMES_NS,
+    TORQUES,
+)
 from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
 from ema_core.quantity import check_quantities, quantity, text
 from ema_core.wording import unknown_name
@@ -22,8 +30,19 @@ CURRENT_KINDS: Final = (
     "phase_currents",
     "motor_torque",
     "joint_torque",
+    "magnitude",
 )
 """What the equivalent current is made of."""
+
+ENCODINGS: Final = {
+    "": (0, 0),
+    "sign_bit_16": (1 << 15, 1),
+    "sign_bit_32": (1 << 31, 1),
+    "twos_complement_16": (1 << 15, 2),
+    "twos_complement_32": (1 << 31, 2),
+}
+"""Registers that are read as if they had no sign: the sign's bit, and how often it is taken off
+(or, with the number's sign, once)."""
 
 AMPLITUDES: Final = ("peak", "rms", "power")
 """What i_q is: the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of
@@ -69,6 +88,7 @@ class Source:
     scale: float = quantity(1.0, "-", -1e12, 1e12, "factor, beside that of the unit")
     sign: int = quantity(1, "-", -1, 1, "-1 where the source counts the other way")
     offset: float = quantity(0.0, "-", -1e12, 1e12, "added at last, in rad, rad/s or A")
+    encoding: str = text("", "how a register has its sign", tuple(ENCODINGS))
     between: str = text("linear", "value between two messages", BETWEEN)
 
     def __post_init__(self) -> None:
@@ -89,16 +109,26 @@ class Source:
 class AngleSource(Source):
     """Source of a position, a command or a position error."""
 
-    unit: str = text("rad", "unit of the source", tuple(ANGLES))
+    unit: str = text("rad", "unit of the source", (*ANGLES, *LENGTHS))
     shaft: str = text("user", "shaft of the angle", SHAFTS)
+    lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length: way for one turn of the shaft")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_lead(self, LENGTHS)
 
 
 @dataclass(frozen=True)
 class SpeedSource(Source):
     """Source of the speed."""
 
-    unit: str = text("rad/s", "unit of the source", tuple(SPEEDS))
+    unit: str = text("rad/s", "unit of the source", (*SPEEDS, *LINEAR_SPEEDS))
     shaft: str = text("motor", "shaft of the speed", SHAFTS)
+    lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length: way for one turn of the shaft")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_lead(self, LINEAR_SPEEDS)
 
 
 @dataclass(frozen=True)
@@ -146,6 +176,14 @@ class CurrentSource(Source):
             raise ValueError(
                 f"phases = {list(self.phases)}: expected the sources of three phases, or of two"
             )
+
+
+def _check_lead(source: AngleSource | SpeedSource, lengths: Iterable[str]) -> None:
+    """Raise ValueError unless a unit of length has a lead, and no other unit has one."""
+    is_length = source.unit in lengths
+    if is_length != bool(source.lead):
+        expected = "the way for one turn of the shaft [m]" if is_length else "no lead"
+        raise ValueError(f"lead = {source.lead:g} with unit = {source.unit}: expected {expected}")
 
 
 @dataclass(frozen=True)
@@ -241,6 +279,11 @@ class Mapping:
             raise ValueError(
                 f"{', '.join(without)} without topic: expected a topic for every quantity, or for "
                 "none (columns of a table)"
+            )
+        current = self.current
+        if current and current.kind == "magnitude" and not self.is_table and self.speed is None:
+            raise ValueError(
+                "current: kind = magnitude takes its sign from the motion: expected the speed, too"
             )
         if self.is_table and not self.clock.source and not self.clock.rate_hz:
             raise ValueError(

@@ -112,7 +112,7 @@ def _section(name: str, section: Any) -> Any:
     for key, value in section.items():
         if key not in known:
             raise ValueError(f"{name}: {unknown_name('entry', key, known)}")
-        values[key] = _number(value) if key in ("scale", "offset", "filter_time") else value
+        values[key] = _number(value) if key in ("scale", "offset", "filter_time", "lead") else value
     if "phases" in values and not _is_texts(values["phases"]):
         raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")
     try:

@@ -59,7 +59,7 @@ class TableColumns:
         return len(next(iter(self.values.values()), ()))
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column of numbers.
+        """Return a column of numbers, or the sum or difference of some: ``"a - b"``.
 
         Raises
         ------
@@ -69,8 +69,20 @@ class TableColumns:
         if name in self.texts:
             raise ValueError(f"{self.path}: column {name!r} holds no numbers")
         if name not in self.values:
+            if terms := self._terms(name):
+                return np.sum(
+                    [sign * self.column(term).astype(float) for sign, term in terms], axis=0
+                )
             raise ValueError(f"{self.path}: {unknown_name('column', name, self.values)}")
         return self.values[name]
+
+    def _terms(self, text: str) -> list[tuple[float, str]]:
+        """Return the signs and names of the columns of a sum; nothing where it is none."""
+        parts = re.split(r"\s([+-])\s", text)
+        signs = [1.0, *(1.0 if sign == "+" else -1.0 for sign in parts[1::2])]
+        names = [part.strip() for part in parts[::2]]
+        is_sum = len(names) > 1 and all(name in self.values for name in names)
+        return list(zip(signs, names, strict=True)) if is_sum else []
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:

@@ -21,6 +21,12 @@ SPEEDS: Final = {
 }
 """Units of a speed [rad/s]."""
 
+LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 25.4e-3}
+"""Units of the way of a linear actuator [m]; its lead makes an angle of it."""
+
+LINEAR_SPEEDS: Final = {"mm/s": 1e-3, "m/s": 1.0}
+"""Units of the speed of a linear actuator [m/s]."""
+
 CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
 """Units of a current [A]."""
 

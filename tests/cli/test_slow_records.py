@@ -1,0 +1,79 @@
+"""Records of a drive nobody knows, at any rate and a sample a block, from a table to an estimate."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ema_bags.inputs import importing
+
+LEAD_MM = 5.0
+MAPPING = """\
+position: {source: set_point_mm - error_mm, unit: mm, lead: 0.005}
+command: {source: set_point_mm, unit: mm, lead: 0.005}
+current: {source: current_a, kind: magnitude}
+clock: {source: time_s}
+"""
+
+
+def written(path, rate_hz, duration_s, *, friction_a=0.6, seed=0):
+    """Write a slide that goes to and fro: friction and a little inertia, the current unsigned."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(round(duration_s * rate_hz)) / rate_hz
+    # Two tones: with one, a stiffness would look like inertia.
+    tones = [(60.0, 2.0 * np.pi / 6.0), (30.0, 2.0 * np.pi / 3.7)]
+    set_point = 100.0 - sum(size * np.cos(omega * times) for size, omega in tones)
+    speed = sum(size * omega * np.sin(omega * times) for size, omega in tones)
+    acceleration = sum(size * omega**2 * np.cos(omega * times) for size, omega in tones)
+    error = 0.005 * speed + 0.01 * rng.standard_normal(len(times))
+    torque = friction_a * np.sign(speed) + 1e-3 * acceleration
+    current = np.abs(torque) + 0.02 * rng.standard_normal(len(times))
+    columns = {"set_point_mm": set_point, "error_mm": error, "current_a": np.abs(current)}
+    pd.DataFrame({"time_s": times, **columns}).to_csv(path, index=False)
+    return path
+
+
+@pytest.fixture
+def described(tmp_path):
+    """Write mapping and description; return them as options."""
+    (tmp_path / "mapping.yaml").write_text(MAPPING)
+    (tmp_path / "slide.yaml").write_text(
+        "actuator_id: slide\nserial_number: R1\nsample_period: 0.04\ndrive: unknown\n"
+        "parameters: {tau: 1.0}\n"
+    )
+    return ("--mapping", tmp_path / "mapping.yaml", "--actuator", tmp_path / "slide.yaml")
+
+
+@pytest.mark.parametrize("rate_hz", [10, 25, 50, 67, 100, 500, 1000])
+def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, described, rate_hz):
+    monkeypatch.setattr(importing, "_BLOCK_S", 1e-9)  # a sample a block
+    duration_s = max(24.0, 1600.0 / rate_hz)
+    for name, friction in (("healthy", 0.6), ("worn", 0.9)):
+        table = written(tmp_path / f"{name}.csv", rate_hz, duration_s, friction_a=friction)
+        result = ema("import", table, *described, "-o", tmp_path / f"{name}.mcap")
+        assert result.exit_code == 0, result.output
+    window = ("--any-motion", "--window-s", "6")
+    calibration = tmp_path / "calibration.yaml"
+    result = ema("calibrate", tmp_path / "healthy.mcap", *window, "-o", calibration)
+    assert result.exit_code == 0, result.output
+    options = (*window, "--calibration", calibration, "--json")
+    result = ema("estimate", tmp_path / "worn.mcap", *options)
+    assert result.exit_code == 0, result.output
+    estimate = json.loads(result.stdout)[-1]
+    assert estimate["valid"]
+    # 50 % more friction is 0.25 of its range, which ends at three times the healthy one.
+    assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
+
+
+def test_record_without_enough_samples_says_so(ema, tmp_path, described):
+    table = written(tmp_path / "short.csv", 25, 15.0)
+    frame = pd.read_csv(table)
+    frame.drop(index=range(200, 203)).to_csv(table, index=False)
+    assert ema("import", table, *described, "-o", tmp_path / "short.mcap").exit_code == 0
+    calibration = tmp_path / "calibration.yaml"
+    result = ema("calibrate", tmp_path / "short.mcap", "--any-motion", "-o", calibration)
+    assert result.exit_code == 1
+    assert "500 samples" in result.stderr
+    assert "200 samples without a gap (3 samples lost)" in result.stderr
+    assert "travels" not in result.stderr
