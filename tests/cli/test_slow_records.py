@@ -1,4 +1,4 @@
-"""Records of a drive nobody knows, at any rate and a sample a block, from a table to an estimate."""
+"""Records of an unknown drive, at any rate and a sample a block, from table to estimate."""
 
 import json
 
