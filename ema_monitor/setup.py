@@ -16,8 +16,9 @@ setup(
         "numpy>=1.26,<3",
         "numba>=0.61,<1",
         "pyyaml>=6,<7",
+        "scipy>=1.11,<2",
     ],
-    extras_require={"plot": ["matplotlib>=3.8,<4"]},
+    extras_require={"plot": ["matplotlib>=3.8,<4"], "states": ["scikit-learn>=1.4,<2"]},
     python_requires=">=3.11",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),

@@ -43,7 +43,7 @@ class TableColumns:
     dates
         Columns that are dates [ns].
     texts
-        Columns that hold no numbers.
+        Columns that hold no numbers, by name.
     format
         How the file is written.
     """
@@ -52,7 +52,7 @@ class TableColumns:
     values: dict[str, NDArray[Any]]
     units: dict[str, str]
     dates: tuple[str, ...] = ()
-    texts: tuple[str, ...] = ()
+    texts: dict[str, NDArray[Any]] = field(default_factory=dict)
     format: Table = field(default_factory=Table)
 
     def __len__(self) -> int:
@@ -105,7 +105,8 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     else:
         frame, units, written = _read_csv(path, table or Table())
     values: dict[str, NDArray[Any]] = {}
-    dates, texts = [], []
+    dates: list[str] = []
+    texts: dict[str, NDArray[Any]] = {}
     for name in frame.columns:
         column = frame[name]
         if pd.api.types.is_datetime64_any_dtype(column.dtype):
@@ -124,12 +125,12 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
             if numbers.notna().mean() > 0.5:
                 values[name] = numbers.to_numpy(float)
             else:
-                texts.append(name)
+                texts[name] = column.to_numpy(object)
         if unit := _UNIT_OF_NAME.search(str(name)):
             units.setdefault(name, unit[1])
     if not values or not len(frame):
         raise ValueError(f"{path} has no columns of numbers: {len(frame)} lines were read")
-    return TableColumns(path, values, units, tuple(dates), tuple(texts), written)
+    return TableColumns(path, values, units, tuple(dates), texts, written)
 
 
 def table_series(columns: TableColumns, mapping: Mapping) -> Series:
@@ -298,7 +299,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 def _dates(column: "pd.Series[Any]") -> NDArray[np.int64] | None:
     """Return a column of texts that are dates [ns]; None when it is none."""
     there = column.dropna()
-    if not len(there) or not re.match(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:", str(there.iloc[0])):
+    if not len(there) or not re.match(r"\s*\d{4}-\d\d-\d\d([T ]\d\d:|$)", str(there.iloc[0])):
         return None
     try:
         return _nanoseconds(pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce"))

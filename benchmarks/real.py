@@ -1,0 +1,290 @@
+"""What a unit's own normal shows on records of two real actuators (docs/real-data.md).
+
+    python benchmarks/real.py FOLDER [--json FILE]
+
+FOLDER holds `ball_screw*.parquet` (Cranfield, CORD 5097649; a ball screw of 5 mm lead in three
+loads, healthy and with twelve seeded faults) and `aircraft_ema*.parquet` (project REPRISE; sixteen
+tests over six months, to the jam). Whole trials are left out: a healthy test is judged by the other
+healthy trials, a state's by all of them; labelled states by the other trials of all states. Tests
+of the aircraft are judged by those before them, the first four as reference.
+"""
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import click
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from tables import target_table
+from targets import Row
+
+from ema_core.telemetry import Telemetry
+from ema_monitor.normal.features import Part, mean_of, parts_of
+from ema_monitor.normal.moves import Move, MoveSeries
+from ema_monitor.normal.normal import HealthyTest, Normal
+from ema_monitor.normal.states import NONE_OF_THESE, LabelledTest, States, kinds
+
+LEAD_MM: Final = 5.0
+PERIOD_S: Final = 0.04
+HEALTHY: Final = "normal"
+LOADS: Final = (20, 40, -40)
+FOUND: Final = {
+    "lackLubrication1": ((20, 40, -40), 0.95),
+    "lackLubrication2": ((20, 40, -40), 0.95),
+    "backlash1": ((20, 40, -40), 0.95),
+    "backlash2": ((20, 40), 0.95),
+    "spalling7": ((20, 40, -40), 0.80),
+    "spalling8": ((20, 40, -40), 0.80),
+}
+RIGHT: Final = {4: (0.97, 0.88, 0.95), 13: (0.88, 0.75, 0.88)}
+LIMIT: Final = 1.5
+"""Ratio to the healthy current at which the aircraft actuator has to be removed."""
+
+Test = tuple[str, int, int]
+"""State, load [kg] and trial."""
+
+
+def ball_screw_tests(folder: Path) -> dict[Test, list[Part]]:
+    """Return the figures of each cycle, by trial."""
+    frame = pd.concat([pd.read_parquet(path) for path in sorted(folder.glob("ball_screw*"))])
+    frame["state"] = frame["state"].astype(str)
+    turn = 2.0 * np.pi / LEAD_MM
+    found = {}
+    for test, trial in frame.groupby(["state", "load_kg", "trial"]):
+        parts = []
+        for _, cycle in trial.groupby("repetition"):
+            command = turn * cycle["set_point_mm"].to_numpy(float)
+            error = turn * cycle["position_error_mm"].to_numpy(float)
+            current = cycle["current_a"].to_numpy(float)
+            parts.append(Telemetry(0, PERIOD_S, 0, command, current, command - error, np.empty(0)))
+        found[test] = parts_of(parts)
+    return found  # pyright: ignore[reportReturnType]
+
+
+def departures(tests: dict[Test, dict[str, float]]) -> dict[str, dict[str, list[float]]]:
+    """Return the probability of each test for a healthy unit, by state and load."""
+    found: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for (state, load, trial), features in tests.items():
+        healthy = [
+            HealthyTest(0, one)
+            for (other, at, number), one in tests.items()
+            if (other, at) == (HEALTHY, load) and (state != HEALTHY or number != trial)
+        ]
+        departure = Normal(healthy).departure(HealthyTest(0, features))
+        found[state][str(load)].append(departure.probability)
+    return {state: dict(by_load) for state, by_load in found.items()}
+
+
+def ranked(tests: dict[Test, dict[str, float]]) -> dict[str, float]:
+    """Return the share of pairs in which the first severity of lubrication is below the second."""
+    shares = {}
+    for load in (20, 40):
+        first, second = (
+            [one["friction_current"] for (state, at, _), one in tests.items() if (state, at) == key]
+            for key in (("lackLubrication1", load), ("lackLubrication2", load))
+        )
+        shares[str(load)] = float(np.mean([a < b for a, b in product(first, second)]))
+    return shares
+
+
+def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
+    """Return the shares of tests whose kind and state are named rightly, each by other trials."""
+    shares = {}
+    for load in LOADS:
+        here = {key: parts for key, parts in tests.items() if key[1] == load}
+        kind, right, none = [], [], []
+        for trial in sorted({key[2] for key in here}):
+            known = [
+                LabelledTest(state, _test(parts), [part.features for part in parts])
+                for (state, _, number), parts in here.items()
+                if number != trial
+            ]
+            states = States(known)
+            for (state, _, number), parts in here.items():
+                if number == trial:
+                    found = states.probabilities(_test(parts))
+                    named = next(iter(found))
+                    right.append(named == state)
+                    none.append(named == NONE_OF_THESE)
+                    kind.append(next(iter(kinds(found))) == state.rstrip("0123456789"))
+        shares[str(load)] = {
+            "4": float(np.mean(kind)),
+            "13": float(np.mean(right)),
+            "none": float(np.mean(none)),
+        }
+    return shares
+
+
+def _test(parts: list[Part]) -> HealthyTest:
+    return HealthyTest(0, mean_of(parts)[1])
+
+
+def aircraft_moves(path: Path) -> Iterator[Move]:
+    """Yield each test of the aircraft actuator as one row of a table of moves."""
+    frame = pd.read_parquet(path)
+    for _, test in frame.groupby("test_no"):
+        stamp_ns = pd.Timestamp(test["date"].iloc[0]).value
+        slow = test[test["frequency_hz"] <= 1.0].groupby("frequency_hz")["rms_current_a"].median()
+        yield Move(stamp_ns, {f"RMS at {hz:g} Hz": float(rms) for hz, rms in slow.items()})  # pyright: ignore
+
+
+def aircraft(path: Path) -> list[dict[str, Any]]:
+    """Return what is told of each test by those before it, the first four as reference."""
+    moves = list(aircraft_moves(path))
+    series = MoveSeries(limit=LIMIT, reference=4)
+    told = []
+    for number, move in enumerate(moves, 1):
+        verdict = series.add(move)
+        day = str(pd.Timestamp(move.stamp_ns).date())
+        life = verdict.life_days
+        told.append(
+            {
+                "test": number,
+                "date": day,
+                "ratio": verdict.ratio,
+                "level": verdict.level,
+                "probability": verdict.probability,
+                "life_days": None if life is None else list(life),
+            }
+        )
+    return told
+
+
+def measure(folder: Path) -> dict[str, Any]:
+    """Return all figures."""
+    parts = ball_screw_tests(folder)
+    tests = {key: mean_of(one)[1] for key, one in parts.items()}
+    figures: dict[str, Any] = {
+        "departures": departures(tests),
+        "ranked": ranked(tests),
+        "states": labelled(parts),
+        "aircraft": {path.stem: aircraft(path) for path in sorted(folder.glob("aircraft_ema*"))},
+    }
+    return figures
+
+
+def rows(figures: dict[str, Any]) -> list[Row]:
+    """Return the rows of the targets."""
+    from ema_monitor.normal.normal import DEPARTED
+
+    found = figures["departures"]
+    healthy = [value for values in found[HEALTHY].values() for value in values]
+    alarms = sum(value < DEPARTED for value in healthy)
+    result = [Row(f"false alarms of {len(healthy)} healthy trials", "0", str(alarms), not alarms)]
+    for state, (loads, least) in FOUND.items():
+        values = [value for load in loads for value in found[state].get(str(load), [])]
+        share = float(np.mean([value < DEPARTED for value in values]))
+        where = ", ".join(map(str, loads))
+        measured = f"{100.0 * share:.0f} of {len(values)}"
+        result.append(
+            Row(
+                f"{state} departs at {where} kg [%]",
+                f">= {100 * least:.0f}",
+                measured,
+                share >= least,
+            )
+        )
+    for load, share in figures["ranked"].items():
+        measured = f"{100.0 * share:.0f}"
+        result.append(
+            Row(f"lubrication 1 below 2 at {load} kg, pairs [%]", ">= 90", measured, share >= 0.9)
+        )
+    for number, wanted in RIGHT.items():
+        shares = [figures["states"][str(load)][str(number)] for load in LOADS]
+        result.append(
+            Row(
+                f"{number} labelled states at 20, 40, -40 kg [%]",
+                " / ".join(f"{100 * one:.0f}" for one in wanted),
+                " / ".join(f"{100 * one:.0f}" for one in shares),
+                all(share >= one for share, one in zip(shares, wanted, strict=True)),
+            )
+        )
+    for name, told in figures["aircraft"].items():
+        result += _aircraft_rows(name, told)
+    return result
+
+
+def _aircraft_rows(name: str, told: list[dict[str, Any]]) -> list[Row]:
+    by_date = defaultdict(list)
+    for one in told:
+        by_date[one["date"]].append(one)
+    until = [one for one in told if 10 <= one["test"] <= 13]
+    last = [one for one in told if one["test"] >= 14]
+    autumn = [one for one in told if 6 <= one["test"] <= 9]
+    fourth = by_date["2017-10-04"][-1]["life_days"]
+    september = [one for one in told if "2017-09" in one["date"] and one["life_days"]]
+    return [
+        Row(
+            f"{name}: WARN by 4 October",
+            "WARN",
+            ", ".join(one["level"] for one in until),
+            until[-1]["level"] != "OK",
+        ),
+        Row(
+            "  9, 11 and 12 October",
+            "ERROR",
+            ", ".join(one["level"] for one in last),
+            all(one["level"] == "ERROR" for one in last),
+        ),
+        Row(
+            "  tests 6 to 9",
+            "<= WARN",
+            ", ".join(one["level"] for one in autumn),
+            all(one["level"] != "ERROR" for one in autumn),
+        ),
+        Row(
+            "  4 October, life to 1.5 times healthy, 5 to 95 % [d]",
+            "holds 5",
+            "none" if fourth is None else f"{fourth[0]:.1f} to {fourth[2]:.1f}",
+            fourth is not None and fourth[0] <= 5.0 <= fourth[2],
+        ),
+        Row("  lives told in September", "0", str(len(september)), not september),
+    ]
+
+
+def show(console: Console, figures: dict[str, Any]) -> None:
+    """Print the tables."""
+    from ema_monitor.normal.normal import DEPARTED
+
+    console.print(target_table("real machines", rows(figures), beside=""))
+    table = Table("state", *(f"{load} kg" for load in LOADS), title="trials that depart")
+    for state, by_load in figures["departures"].items():
+        cells = [by_load.get(str(load), []) for load in LOADS]
+        table.add_row(
+            state, *(f"{sum(one < DEPARTED for one in cell)} of {len(cell)}" for cell in cells)
+        )
+    console.print(table)
+    for name, told in figures["aircraft"].items():
+        table = Table("test", "date", "ratio", "level", "probability", "life [d]", title=name)
+        for one in told:
+            life = one["life_days"]
+            table.add_row(
+                str(one["test"]),
+                one["date"],
+                f"{one['ratio']:.2f}",
+                one["level"],
+                f"{one['probability']:.1e}",
+                "" if life is None else " / ".join(f"{value:.1f}" for value in life),
+            )
+        console.print(table)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--json", "output", type=click.Path(path_type=Path), help="Write the figures to it.")
+def main(folder: Path, output: Path | None) -> None:
+    """Print what a unit's own normal shows of the records in FOLDER."""
+    figures = measure(folder)
+    show(Console(width=110), figures)
+    if output is not None:
+        output.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

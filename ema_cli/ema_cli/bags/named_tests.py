@@ -1,0 +1,60 @@
+"""A bag as one test: the figures of its telemetry."""
+
+from pathlib import Path
+from typing import Final
+
+from ema_bags.reader import Bag
+from ema_bags.telemetry import read_telemetry
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry, join
+from ema_monitor.normal.features import parts_of
+from ema_monitor.normal.unit_normal import NamedTest
+
+_MOST_SAMPLES: Final = 500_000
+
+
+def read_test(bag: Path, actuator_id: str | None, state: str, condition: str) -> NamedTest:
+    """Return what a bag shows; its name, and that of its folder, is the source of the test.
+
+    Raises
+    ------
+    ValueError
+        When it has no telemetry, no description or no motion in both directions.
+    OSError
+        When it cannot be read.
+    """
+    recorded = read_telemetry(Bag(bag), None, actuator_id)
+    description: ActuatorDescription | None = None
+    parts: list[Telemetry] = []
+    blocks: list[Telemetry] = []
+    for _, item in recorded.items():
+        if isinstance(item, ActuatorDescription):
+            if description is not None and item.unit_key != description.unit_key:
+                raise ValueError(f"{bag} holds tests of several units: give a bag for each")
+            description = item
+        elif isinstance(item, Telemetry):
+            held = sum(map(len, blocks))
+            if blocks and (
+                item.first_index != blocks[-1].first_index + len(blocks[-1])
+                or held + len(item) > _MOST_SAMPLES
+            ):
+                parts.append(join(blocks))
+                blocks = []
+            blocks.append(item)
+    if blocks:
+        parts.append(join(blocks))
+    if not parts or description is None:
+        raise ValueError(f"{bag} has no {'description' if parts else 'telemetry'} of the actuator")
+    try:
+        figures = tuple(parts_of(parts))
+    except ValueError as error:
+        raise ValueError(f"{bag}: {error}") from error
+    return NamedTest(
+        str(bag.absolute()),
+        description.actuator_id,
+        description.serial_number,
+        parts[0].stamp_ns,
+        state,
+        condition,
+        figures,
+    )

@@ -1,0 +1,181 @@
+"""What a test shows, in figures that need no model: levels, scatter and roughness by direction."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.telemetry import Telemetry
+
+LEVEL: Final = "level"
+"""Kind of a figure in its own unit, compared with the running current of healthy tests."""
+
+RATIO: Final = "ratio"
+"""Kind of a scatter, compared by its logarithm."""
+
+FIGURE: Final = "figure"
+"""Kind of a figure of a move, compared by its logarithm."""
+
+_MOVING: Final = 0.5
+_RESTING: Final = 0.02
+_FASTEST: Final = 99.0
+_SETTLING: Final = 6
+_SHORTEST: Final = 4
+_TINY: Final = 1e-12
+
+
+class Feature(NamedTuple):
+    """A figure of a test: its kind, and how it is told."""
+
+    kind: str
+    words: str
+
+
+FEATURES: Final = {
+    "rest_current": Feature(LEVEL, "the current at rest"),
+    **{
+        f"{name}_{way}": Feature(kind, f"{words} in the {way} stroke")
+        for way in ("forward", "backward")
+        for name, kind, words in (
+            ("current", LEVEL, "the current"),
+            ("current_scatter", RATIO, "the scatter of the current"),
+            ("current_roughness", RATIO, "the roughness of the current"),
+            ("error_scatter", RATIO, "the scatter of the tracking error"),
+            ("error_roughness", RATIO, "the roughness of the tracking error"),
+        )
+    },
+    "friction_current": Feature(LEVEL, "the current that follows the direction"),
+}
+"""Figures of a test, by name."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What was commanded in a test, so that only like is compared with like.
+
+    Attributes
+    ----------
+    sample_period
+        Period of the samples [s].
+    travel
+        Travel of the command at the user shaft [rad].
+    speed
+        Speed of the command that all but 1 % of the samples stay below [rad/s].
+    """
+
+    sample_period: float
+    travel: float
+    speed: float
+
+    def mismatch(self, other: "Motion", tolerance: float) -> str:
+        """Return by how much another motion differs; empty where it does not."""
+        ratios = {
+            "sample period": other.sample_period / self.sample_period,
+            "travel": other.travel / max(self.travel, _TINY),
+            "speed": other.speed / max(self.speed, _TINY),
+        }
+        return ", ".join(
+            f"{name} {ratio:.3g} times"
+            for name, ratio in ratios.items()
+            if abs(math.log(max(ratio, _TINY))) > math.log1p(tolerance)
+        )
+
+
+class Part(NamedTuple):
+    """What one stretch of a test commanded, its figures, and how many samples it has."""
+
+    motion: Motion
+    features: dict[str, float]
+    samples: int
+
+
+def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
+    """Return the figures of each stretch of a test that moves in both directions.
+
+    Parameters
+    ----------
+    telemetry
+        Stretches without a gap. A current without sign is taken as it is: its magnitude is what
+        friction and load need in each direction.
+
+    Raises
+    ------
+    ValueError
+        When there is no current, or no such stretch.
+    """
+    found = []
+    for part in telemetry:
+        if not len(part.current):
+            raise ValueError("the current is not measured: a normal needs it")
+        speed = np.gradient(part.command) / part.sample_period if len(part) > 1 else np.zeros(1)
+        fastest = float(np.percentile(np.abs(speed), _FASTEST))
+        strokes = {
+            way: _strokes(sign * speed > _MOVING * fastest)
+            for way, sign in (("forward", 1.0), ("backward", -1.0))
+        }
+        if fastest > 0.0 and all(strokes.values()):
+            motion = Motion(part.sample_period, float(np.ptp(part.command)), fastest)
+            figures = _figures(part, np.abs(speed) < _RESTING * fastest, strokes)
+            found.append(Part(motion, figures, len(part)))
+    if not found:
+        raise ValueError(
+            f"the command has no stroke of {_SHORTEST} samples or more in each direction"
+        )
+    return found
+
+
+def mean_of(parts: Sequence[Part]) -> tuple[Motion, dict[str, float]]:
+    """Return what a test commanded, and the means of the figures that all its parts have."""
+    weights = [part.samples for part in parts]
+    names = [name for name in FEATURES if all(name in part.features for part in parts)]
+    motion = Motion(
+        parts[0].motion.sample_period,
+        max(part.motion.travel for part in parts),
+        float(np.average([part.motion.speed for part in parts], weights=weights)),
+    )
+    return motion, {
+        name: float(np.average([part.features[name] for part in parts], weights=weights))
+        for name in names
+    }
+
+
+def _figures(
+    part: Telemetry, at_rest: NDArray[np.bool_], strokes: dict[str, list[NDArray[np.intp]]]
+) -> dict[str, float]:
+    """Return the figures of one part."""
+    error = part.command - part.position
+    is_signed = bool(np.min(part.current) < -_RESTING * np.max(np.abs(part.current)))
+    values: dict[str, float] = {}
+    if np.any(at_rest):
+        values["rest_current"] = float(np.median(np.abs(part.current[at_rest])))
+    for way, sign in (("forward", 1.0), ("backward", -1.0)):
+        current = sign * part.current if is_signed else part.current
+        values[f"current_{way}"] = float(np.mean([np.mean(current[one]) for one in strokes[way]]))
+        for name, column in (("current", current), ("error", error)):
+            scatter = [_detrended(column[one]) for one in strokes[way]]
+            rough = [np.diff(column[one]) for one in strokes[way]]
+            values[f"{name}_scatter_{way}"] = _log_rms(scatter)
+            values[f"{name}_roughness_{way}"] = _log_rms(rough)
+    values["friction_current"] = 0.5 * (values["current_forward"] + values["current_backward"])
+    return values
+
+
+def _strokes(moving: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """Return the places of each stroke, without the sixth in which it settles."""
+    places = np.flatnonzero(moving)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    settled = [run[len(run) // _SETTLING :] for run in runs]
+    return [run for run in settled if len(run) >= _SHORTEST]
+
+
+def _detrended(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    steps = np.arange(len(values), dtype=float)
+    return values - np.polyval(np.polyfit(steps, values, 1), steps)
+
+
+def _log_rms(pieces: list[NDArray[np.float64]]) -> float:
+    """Return the logarithm of the root mean square of all pieces."""
+    return 0.5 * math.log(max(float(np.mean(np.concatenate(pieces) ** 2)), _TINY**2))

@@ -1,0 +1,194 @@
+"""A unit's own normal: how far its healthy tests scatter, and how unlikely a later one is (M50)."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ema_monitor.normal.features import FEATURES, FIGURE, LEVEL, RATIO, Feature
+
+FEWEST_TESTS: Final = 3
+"""Healthy tests below which nothing can be said of their scatter."""
+
+DEPARTED: Final = 1e-2
+"""Probability below which a test departs."""
+
+BEYOND_DOUBT: Final = 1e-6
+"""Probability below which a departure is beyond doubt."""
+
+_FLOOR: Final = {LEVEL: 0.01, RATIO: 0.07, FIGURE: 0.03}
+_FLOOR_OF_DAYS: Final = {LEVEL: 0.10, RATIO: 0.20, FIGURE: 0.10}
+_FLOOR_FREEDOM: Final = 20.0
+_NS_A_DAY: Final = 86_400_000_000_000
+
+
+@dataclass(frozen=True)
+class HealthyTest:
+    """Figures of a healthy test by name, and when it was [ns]."""
+
+    stamp_ns: int
+    features: Mapping[str, float]
+
+    @property
+    def day(self) -> int:
+        """Day of the test, counted from 1970."""
+        return self.stamp_ns // _NS_A_DAY
+
+
+class Change(NamedTuple):
+    """A figure that departs.
+
+    ``healthy`` and ``value`` are in its own unit, or logarithms; ``z`` is their difference over the
+    scatter, ``probability`` that of so large a difference in a healthy test, for this figure alone.
+    """
+
+    name: str
+    feature: Feature
+    healthy: float
+    value: float
+    z: float
+    probability: float
+
+    def __str__(self) -> str:
+        if self.feature.kind == LEVEL:
+            share = f" ({self.value / self.healthy - 1.0:+.0%})" if self.healthy > 0.0 else ""
+            return f"{self.feature.words} is {self.value:.3g} instead of {self.healthy:.3g}{share}"
+        return f"{self.feature.words} is {math.exp(self.value - self.healthy):.2g} times as large"
+
+
+@dataclass(frozen=True)
+class Departure:
+    """How unlikely a test is for the healthy unit.
+
+    Attributes
+    ----------
+    probability
+        That a healthy test departs so far in one of its figures.
+    changes
+        The figures that depart, the most significant first.
+    remark
+        What was assumed; empty where nothing was.
+    """
+
+    probability: float
+    changes: tuple[Change, ...]
+    remark: str = ""
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the test departs."""
+        return self.probability < DEPARTED
+
+    @property
+    def is_beyond_doubt(self) -> bool:
+        """Whether no healthy test looks like this."""
+        return self.probability < BEYOND_DOUBT
+
+    def __str__(self) -> str:
+        if not self.is_significant:
+            return "as healthy tests are"
+        named = "; ".join(str(one) for one in self.changes[:3])
+        return f"departed ({_in_words(self.probability)} for a healthy test): {named}"
+
+
+class Normal:
+    """Scatter of the healthy tests of a unit, under one command and load.
+
+    Each figure has a mean and a standard deviation, which is never below a floor: 1 % of the
+    running current, 7 % of a scatter, 3 % of a figure of a move. Of tests on several days the means
+    of the days count, so that the drift between them is part of the scatter. Where all are of one
+    or two days, 10 % of the running current and 20 % of a scatter are taken for usual between days,
+    for tests of another day.
+
+    Parameters
+    ----------
+    tests
+        Healthy tests, ``FEWEST_TESTS`` at least.
+    features
+        What the figures are, by name.
+
+    Raises
+    ------
+    ValueError
+        When there are too few tests, or they share no figure.
+    """
+
+    def __init__(
+        self, tests: Sequence[HealthyTest], features: Mapping[str, Feature] = FEATURES
+    ) -> None:
+        if len(tests) < FEWEST_TESTS:
+            raise ValueError(
+                f"{len(tests)} healthy tests: expected {FEWEST_TESTS} or more, to see their scatter"
+            )
+        self.names = [name for name in features if all(name in one.features for one in tests)]
+        if not self.names:
+            raise ValueError("the healthy tests have no figure in common")
+        self._features = features
+        self.days = sorted({one.day for one in tests})
+        values = np.array([[one.features[name] for name in self.names] for one in tests])
+        if len(self.days) >= FEWEST_TESTS:
+            of_day = np.array([one.day for one in tests])
+            values = np.array([values[of_day == day].mean(axis=0) for day in self.days])
+        self._count = len(values)
+        self._mean = values.mean(axis=0)
+        self._variance = values.var(axis=0, ddof=1) * (1.0 + 1.0 / self._count)
+        levels = [
+            abs(mean)
+            for name, mean in zip(self.names, self._mean, strict=True)
+            if features[name].kind == LEVEL
+        ]
+        self._running = max(levels, default=0.0)
+
+    def departure(self, test: HealthyTest) -> Departure:
+        """Return how unlikely a test is; figures that it lacks do not count.
+
+        Raises
+        ------
+        ValueError
+            When it has none of the figures.
+        """
+        names = [name for name in self.names if name in test.features]
+        if not names:
+            raise ValueError(f"the test has none of the figures {', '.join(self.names)}")
+        is_of_one_day = len(self.days) < FEWEST_TESTS and test.day not in self.days
+        floors = _FLOOR_OF_DAYS if is_of_one_day else _FLOOR
+        changes = []
+        for name in names:
+            at, feature = self.names.index(name), self._features[name]
+            unit = self._running if feature.kind == LEVEL else 1.0
+            floor = (floors[feature.kind] * unit) ** 2
+            variance = self._variance[at] + floor
+            if not variance > 0.0:
+                continue
+            # Satterthwaite: of both parts, the scatter has been seen ``count`` times.
+            share = self._variance[at] / variance
+            freedom = 1.0 / (share**2 / (self._count - 1) + (1.0 - share) ** 2 / _FLOOR_FREEDOM)
+            z = float((test.features[name] - self._mean[at]) / math.sqrt(variance))
+            probability = float(2.0 * stats.t.sf(abs(z), freedom))
+            healthy = float(self._mean[at])
+            value = float(test.features[name])
+            changes.append(Change(name, feature, healthy, value, z, probability))
+        changes.sort(key=lambda one: one.probability)
+        # Bonferroni: holds however the figures depend on each other.
+        smallest = min(1.0, changes[0].probability * len(changes)) if changes else 1.0
+        significant = [one for one in changes if one.probability * len(changes) < DEPARTED]
+        remark = ""
+        if is_of_one_day:
+            remark = (
+                f"the healthy tests are of {len(self.days)} days: {_FLOOR_OF_DAYS[LEVEL]:.0%} of "
+                "the current are taken for usual between days"
+            )
+        return Departure(smallest, tuple(significant), remark)
+
+
+def out_of_each(tests: Sequence[HealthyTest]) -> Iterable[tuple[HealthyTest, list[HealthyTest]]]:
+    """Yield each test with the others."""
+    for number, test in enumerate(tests):
+        yield test, [*tests[:number], *tests[number + 1 :]]
+
+
+def _in_words(probability: float) -> str:
+    return f"{probability:.2g}" if probability >= BEYOND_DOUBT else f"below {BEYOND_DOUBT:g}"

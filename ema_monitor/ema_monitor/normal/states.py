@@ -1,0 +1,111 @@
+"""States that the owner has named: which of them a test looks like, or none."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.normal.features import FEATURES, Feature
+from ema_monitor.normal.normal import FEWEST_TESTS, HealthyTest, Normal
+
+NONE_OF_THESE: Final = "none of these"
+"""What a test is called that looks like no labelled one."""
+
+_STRANGE: Final = 1e-3
+_SHRINKAGE: Final = 0.05
+
+
+class LabelledTest(NamedTuple):
+    """A test whose state its owner has named: its means, and the figures of its parts by name."""
+
+    state: str
+    test: HealthyTest
+    parts: Sequence[Mapping[str, float]]
+
+
+class States:
+    """Tells labelled states apart by linear discriminants with shrinkage.
+
+    A test that departs from all of them, each taken as a normal of its own, is none of these.
+
+    Parameters
+    ----------
+    tests
+        Labelled tests under one command and load. States with fewer than ``FEWEST_TESTS`` of them
+        are left out.
+    features
+        What the figures are, by name.
+
+    Raises
+    ------
+    ValueError
+        When fewer than two states are left, or the tests share no figure.
+    """
+
+    def __init__(
+        self, tests: Sequence[LabelledTest], features: Mapping[str, Feature] = FEATURES
+    ) -> None:
+        from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
+        found = by_state(tests)
+        kept = {state: one for state, one in found.items() if len(one) >= FEWEST_TESTS}
+        if len(kept) < 2:
+            raise ValueError(
+                f"{len(tests)} labelled tests: expected two states with {FEWEST_TESTS} tests each"
+            )
+        self._normals = [Normal([one.test for one in found], features) for found in kept.values()]
+        parts = [part for found in kept.values() for one in found for part in one.parts]
+        self.names = [name for name in features if all(name in part for part in parts)]
+        values = self._values(parts)
+        self._mean, spread = values.mean(axis=0), values.std(axis=0)
+        self._spread = np.where(spread > 0.0, spread, 1.0)
+        labels = [state for state, found in kept.items() for one in found for _ in one.parts]
+        # Equal priors: how often a state was labelled says nothing of how often it comes.
+        self._model = LinearDiscriminantAnalysis(
+            solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(kept), 1.0 / len(kept))
+        )
+        self._model.fit(self._scaled(values), labels)
+
+    def probabilities(self, test: HealthyTest) -> dict[str, float]:
+        """Return the probability of each state, ``NONE_OF_THESE`` among them, the largest first.
+
+        Raises
+        ------
+        ValueError
+            When a figure of the labelled tests is missing.
+        """
+        missing = [name for name in self.names if name not in test.features]
+        if missing:
+            raise ValueError(f"the test lacks {', '.join(missing)}, which the labelled ones have")
+        shares = self._model.predict_proba(self._scaled(self._values([test.features])))[0]
+        known = max(one.departure(test).probability for one in self._normals)
+        none = _STRANGE / (_STRANGE + known)
+        found = {
+            str(name): float(share * (1.0 - none))
+            for name, share in zip(self._model.classes_, shares, strict=True)
+        }
+        return dict(sorted({**found, NONE_OF_THESE: none}.items(), key=lambda item: -item[1]))
+
+    def _values(self, parts: Iterable[Mapping[str, float]]) -> NDArray[np.float64]:
+        return np.array([[part[name] for name in self.names] for part in parts])
+
+    def _scaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (values - self._mean) / self._spread
+
+
+def by_state(tests: Iterable[LabelledTest]) -> dict[str, list[LabelledTest]]:
+    """Return labelled tests by their state."""
+    found: dict[str, list[LabelledTest]] = {}
+    for one in tests:
+        found.setdefault(one.state, []).append(one)
+    return found
+
+
+def kinds(probabilities: Mapping[str, float]) -> dict[str, float]:
+    """Return the probabilities of kinds: states that differ by a number at the end are one kind."""
+    found: dict[str, float] = {}
+    for state, share in probabilities.items():
+        kind = state.rstrip("0123456789 ") or state
+        found[kind] = found.get(kind, 0.0) + share
+    return dict(sorted(found.items(), key=lambda item: -item[1]))

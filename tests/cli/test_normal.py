@@ -1,0 +1,113 @@
+"""``ema normal`` tells what departs from healthy tests, from tables to a verdict."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from .test_slow_records import MAPPING, written
+
+SLIDE = "actuator_id: slide\nserial_number: {}\nsample_period: 0.04\ndrive: unknown\n"
+
+
+@pytest.fixture(scope="module")
+def bags(ema, tmp_path_factory):
+    """Import slides with given friction; return the bag."""
+    folder = tmp_path_factory.mktemp("slides")
+    (folder / "mapping.yaml").write_text(MAPPING)
+
+    def imported(name, *, serial="R1", **changes):
+        bag = folder / f"{name}.mcap"
+        if not bag.exists():
+            (folder / f"{serial}.yaml").write_text(SLIDE.format(serial) + "parameters: {tau: 1}\n")
+            table = written(folder / f"{name}.csv", 25, 60.0, **changes)
+            result = ema(
+                *("import", table, "--mapping", folder / "mapping.yaml"),
+                *("--actuator", folder / f"{serial}.yaml", "-o", bag),
+            )
+            assert result.exit_code == 0, result.output
+        return bag
+
+    return imported
+
+
+@pytest.fixture(scope="module")
+def healthy(bags):
+    return [bags(f"healthy{seed}", friction_a=0.6 + 0.002 * seed, seed=seed) for seed in range(5)]
+
+
+def test_departure_is_told_with_what_changed(ema, tmp_path, bags, healthy):
+    file = tmp_path / "normal.yaml"
+    result = ema("normal", "learn", file, *healthy, "--condition", "20 kg")
+    assert result.exit_code == 0, result.output
+    assert "5 healthy" in result.output
+    again = bags("again", friction_a=0.603, seed=11)
+    dry = bags("dry", friction_a=0.75, seed=12)
+    result = ema("normal", "check", file, again, "--condition", "20 kg")
+    assert result.exit_code == 0, result.output
+    assert "as healthy tests are" in result.output
+    result = ema("normal", "check", file, again, dry, "--condition", "20 kg", "--json")
+    assert result.exit_code == 3
+    first, second = json.loads(result.stdout)
+    assert (first["departed"], second["departed"]) == (False, True)
+    assert {one["name"] for one in second["changes"]} >= {"friction_current", "current_forward"}
+    change = next(one for one in second["changes"] if one["name"] == "friction_current")
+    assert change["value"] - change["healthy"] == pytest.approx(0.15, abs=0.02)
+
+
+def test_states_that_were_labelled_are_named(ema, tmp_path, bags, healthy):
+    file = tmp_path / "normal.yaml"
+    assert ema("normal", "learn", file, *healthy).exit_code == 0
+    dry = [bags(f"dry{seed}", friction_a=0.75, seed=20 + seed) for seed in range(3)]
+    result = ema("normal", "learn", file, *dry, "--state", "dry")
+    assert "5 healthy, 3 dry" in result.output
+    result = ema("normal", "check", file, bags("dry", friction_a=0.75, seed=12))
+    assert result.exit_code == 3
+    assert "named: dry" in result.output
+
+
+def test_what_cannot_be_judged_is_refused_with_its_cause(ema, tmp_path, bags, healthy):
+    file = tmp_path / "normal.yaml"
+    assert ema("normal", "learn", file, *healthy[:2]).exit_code == 0
+    result = ema("normal", "check", file, healthy[2])
+    assert result.exit_code == 3
+    assert "2 healthy tests of this motion" in result.output
+    result = ema("normal", "check", file, healthy[2], "--condition", "40 kg")
+    assert "no test under the condition '40 kg'" in result.output
+    result = ema("normal", "learn", file, bags("other", serial="R2"))
+    assert result.exit_code == 1
+    assert "is of unit 'R2', the normal of 'R1'" in result.stderr
+    result = ema("normal", "check", tmp_path / "missing.yaml", healthy[0])
+    assert result.exit_code == 1
+
+
+def test_table_of_moves_is_followed_to_its_limit(ema, tmp_path):
+    rng = np.random.default_rng(0)
+    days = pd.date_range("2026-01-01", periods=14)
+    ratio = np.where(np.arange(14) < 6, 1.0, 1.0 + 0.08 * (np.arange(14) - 5))
+    rows = [
+        {"day": f"{day:%Y-%m-%d}", "serial": "A7", "hz": hz, "rms": hz * one * rng.normal(1, 0.01)}
+        for day, one in zip(days, ratio, strict=True)
+        for hz in (1.0, 2.0)
+    ]
+    pd.DataFrame(rows).to_csv(tmp_path / "moves.csv", index=False)
+    mapping = tmp_path / "moves.yaml"
+    mapping.write_text("time: day\nfigures: [rms]\nlike: [hz]\nunit: serial\n")
+    command = ("normal", "moves", tmp_path / "moves.csv", "--mapping", mapping, "--limit", "1.5")
+    result = ema(*command, "--json")
+    assert result.exit_code == 3, result.output
+    told = json.loads(result.stdout)
+    assert [one["level"] for one in told] == [
+        *["STALE"] * 5,
+        *["OK"] * 2,
+        *["WARN"] * 5,
+        *["ERROR"] * 2,
+    ]
+    assert {one["unit"] for one in told} == {"A7"}
+    low, _, high = told[9]["life_days"]
+    assert low <= 2.25 <= high
+    mapping.write_text("time: day\nfigures: [rmss]\n")
+    result = ema(*command)
+    assert result.exit_code == 1
+    assert "rmss" in result.stderr

@@ -1,0 +1,66 @@
+"""Figures of a test are those of its motion, and like is compared with like."""
+
+import numpy as np
+import pytest
+
+from ema_core.telemetry import Telemetry
+from ema_monitor.normal.features import Motion, mean_of, parts_of
+
+H = 0.04
+
+
+def slide(*, friction=0.6, load=0.1, rest=0.3, noise=0.0, signed=True, seconds=30.0, seed=0):
+    """Telemetry of strokes at one speed with a rest between them."""
+    rng = np.random.default_rng(seed)
+    phase = (np.arange(round(seconds / H)) * H) % 10.0
+    speed = np.select([phase < 3.0, (phase >= 5.0) & (phase < 8.0)], [1.0, -1.0], 0.0)
+    command = np.concatenate([[0.0], np.cumsum(speed)[:-1]]) * H
+    current = np.where(speed == 0.0, rest, friction * speed + load)
+    current = current + noise * rng.standard_normal(len(speed))
+    position = command - 0.01 * speed + 0.1 * noise * rng.standard_normal(len(speed))
+    if not signed:
+        current = np.abs(current)
+    return Telemetry(0, H, 0, command, current, position, np.empty(0))
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_levels_are_those_of_each_direction_with_and_without_sign(signed):
+    motion, features = mean_of(parts_of([slide(signed=signed)]))
+    assert features["current_forward"] == pytest.approx(0.7)
+    assert features["current_backward"] == pytest.approx(0.5)
+    assert features["friction_current"] == pytest.approx(0.6)
+    assert features["rest_current"] == pytest.approx(0.3)
+    assert motion.speed == pytest.approx(1.0)
+    assert motion.travel == pytest.approx(3.0)
+
+
+def test_scatter_and_roughness_are_those_of_white_noise():
+    features = mean_of(parts_of([slide(noise=0.05, seconds=600.0)]))[1]
+    # Within a stroke of 60 samples a line takes 2 of 60 degrees of freedom.
+    assert np.exp(features["current_scatter_forward"]) == pytest.approx(0.05, rel=0.05)
+    assert np.exp(features["current_roughness_backward"]) == pytest.approx(0.05 * 2**0.5, rel=0.05)
+    assert np.exp(features["error_scatter_backward"]) == pytest.approx(0.005, rel=0.05)
+
+
+def test_parts_weigh_by_their_samples():
+    parts = parts_of([slide(friction=0.6, seconds=30.0), slide(friction=0.9, seconds=60.0)])
+    assert mean_of(parts)[1]["friction_current"] == pytest.approx(0.8)
+
+
+def test_what_has_no_figures_is_refused():
+    still = slide()
+    for command, current, words in (
+        (np.zeros(len(still)), still.current, "no stroke"),
+        (np.arange(len(still)) * H, still.current, "each direction"),
+        (still.command, np.empty(0), "current is not measured"),
+    ):
+        one = Telemetry(0, H, 0, command, current, still.position, np.empty(0))
+        with pytest.raises(ValueError, match=words):
+            parts_of([one])
+
+
+def test_motion_differs_by_a_ratio():
+    motion = Motion(0.04, 2.0, 1.0)
+    assert motion.mismatch(Motion(0.04, 2.05, 0.98), 0.05) == ""
+    assert motion.mismatch(Motion(0.04, 2.0, 1.4), 0.05) == "speed 1.4 times"
+    assert "travel 0.5 times" in motion.mismatch(Motion(0.04, 1.0, 1.0), 0.05)
