@@ -13,7 +13,8 @@ from ema_cli.main import main
 main(sys.argv[1:], standalone_mode=False)
 print(*sys.modules)
 """
-PICTURES_TABLES_ROS = {"matplotlib", "pandas", "jinja2", "scipy", "rclpy", "sqlite3"}
+# numba imports scipy itself, to check its version.
+PICTURES_TABLES_ROS = {"matplotlib", "pandas", "jinja2", "scipy.special", "rclpy", "sqlite3"}
 
 
 def imported(*arguments: str | Path) -> set[str]:

@@ -56,6 +56,28 @@ def test_departure_is_told_with_what_changed(ema, tmp_path, bags, healthy):
     assert change["value"] - change["healthy"] == pytest.approx(0.15, abs=0.02)
 
 
+def test_estimate_tells_a_departure_that_no_fault_explains(ema, tmp_path, bags, healthy):
+    file, calibration = tmp_path / "normal.yaml", tmp_path / "calibration.yaml"
+    window = ("--any-motion", "--window-s", "6")
+    assert ema("normal", "learn", file, *healthy).exit_code == 0
+    assert ema("calibrate", *healthy, *window, "-o", calibration).exit_code == 0
+    command = (*window, "--calibration", calibration, "--normal", file)
+    result = ema("estimate", bags("again", friction_a=0.603, seed=11), *command)
+    assert result.exit_code == 0, result.output
+    assert "normal: as healthy tests are" in result.output
+    rough = bags("rough", friction_a=0.6, seed=13, current_noise=0.03)
+    result = ema("estimate", rough, *command)
+    assert "found: no significant fault" in result.output
+    assert result.exit_code == 3
+    assert "the roughness of the current in the" in result.output.replace("\n", " ")
+    assert "no fault explains it" in result.output
+    result = ema("estimate", rough, *command, "--json")
+    assert json.loads(result.stdout)[0]["normal"]["departed"]
+    result = ema("estimate", bags("dry", friction_a=0.75, seed=12), *command)
+    assert result.exit_code == 0, result.output
+    assert "the faults above explain it" in result.output
+
+
 def test_states_that_were_labelled_are_named(ema, tmp_path, bags, healthy):
     file = tmp_path / "normal.yaml"
     assert ema("normal", "learn", file, *healthy).exit_code == 0

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(name for name, folder in FOLDERS.items() if (folder / "setup.py").exists())
 DISTRIBUTIONS = {
     "yaml": "pyyaml",
+    "sklearn": "scikit-learn",
     "prometheus_client": "prometheus-client",
 }
 WITHOUT_KEY = {"distributed", "duckdb", "fsspec", "pyarrow"}

@@ -1,14 +1,14 @@
 """A bag as one test: the figures of its telemetry."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ema_bags.reader import Bag
 from ema_bags.telemetry import read_telemetry
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry, join
 from ema_monitor.normal.features import parts_of
-from ema_monitor.normal.unit_normal import NamedTest
+from ema_monitor.normal.unit_normal import Checked, NamedTest
 
 _MOST_SAMPLES: Final = 500_000
 
@@ -58,3 +58,19 @@ def read_test(bag: Path, actuator_id: str | None, state: str, condition: str) ->
         condition,
         figures,
     )
+
+
+def as_mapping(checked: Checked) -> dict[str, Any]:
+    """Return what is said of a test in plain values."""
+    departure = checked.departure
+    changes = [
+        {"name": one.name, "healthy": one.healthy, "value": one.value, "z": one.z}
+        for one in (departure.changes if departure else ())
+    ]
+    return {
+        "departed": departure.is_significant if departure else None,
+        "probability": departure.probability if departure else None,
+        "changes": changes,
+        "states": checked.states,
+        "reason": checked.reason or (departure.remark if departure else ""),
+    }

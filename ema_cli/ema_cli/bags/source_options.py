@@ -46,6 +46,13 @@ _MAX_AGE = click.option(
 WINDOW_OPTIONS: Final = (*_REST, _LENGTH, _MAX_AGE)
 """Which windows of test cycles are looked at, and which measurements hold for them."""
 
+CONDITION_OPTION: Final = click.option(
+    "--condition",
+    default="",
+    help='What has to be alike and telemetry does not tell, such as a load: "20 kg".',
+)
+"""Of the commands that compare a test with a unit's own normal."""
+
 _OPTIONS = (
     click.option("--actuator-id", help="Which actuator, if the bag holds several."),
     click.option(

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import shorten
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 import numpy as np
@@ -16,7 +16,12 @@ from rich.table import Column, Table
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.estimates import as_object, estimate_windows
-from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
+from ema_cli.bags.source_options import (
+    CONDITION_OPTION,
+    USE_OPTIONS,
+    SourceOptions,
+    source_options,
+)
 from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
@@ -24,6 +29,9 @@ from ema_core.faults import FAULTS
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import FAILED, SKIPPED, VERDICTS, Estimate
 from ema_monitor.windows.window import MIN_TRAVEL
+
+if TYPE_CHECKING:
+    from ema_monitor.normal.unit_normal import Checked
 
 _NOTHING: Final = "no significant fault"
 _REASON_WIDTH: Final = 90
@@ -33,12 +41,26 @@ _REASON_WIDTH: Final = 90
 @click.argument("bag", type=click.Path(path_type=Path))
 @source_options(USE_OPTIONS, identifies=True)
 @identification_options
+@click.option(
+    "--normal",
+    "normal_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Healthy tests of the unit, by `ema normal learn`: what departs from them and is no fault "
+    "is told, with exit code 3.",
+)
+@CONDITION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
 @click.option(
     "-v", "--verbose", is_flag=True, help="Print a table a window, also when there are several."
 )
 def estimate(
-    bag: Path, source: SourceOptions, options: IdentificationOptions, as_json: bool, verbose: bool
+    bag: Path,
+    source: SourceOptions,
+    options: IdentificationOptions,
+    normal_file: Path | None,
+    condition: str,
+    as_json: bool,
+    verbose: bool,
 ) -> None:
     """Name the faults in each window of BAG, with their uncertainty.
 
@@ -56,8 +78,16 @@ def estimate(
             force=source.force,
             any_motion=source.any_motion,
         )
+        checked, more = None, {}
+        if normal_file is not None:
+            from ema_cli.bags.named_tests import as_mapping, read_test
+            from ema_monitor.normal.unit_normal import UnitNormal
+
+            test = read_test(bag, source.actuator_id, "", condition)
+            checked = UnitNormal.load(normal_file).check(test)
+            more = {"normal": as_mapping(checked)}
     if as_json:
-        click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
+        click.echo(json.dumps([as_object(e, found) | more for e in estimates], indent=2))
     else:
         click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
         for number, one in enumerate(estimates):
@@ -69,8 +99,19 @@ def estimate(
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
-    if not _is_complete(estimates):
+    explained = any(one.valid and _significant(one) for one in estimates)
+    if checked is not None and not as_json:
+        click.echo(f"normal: {_with_explanation(checked, explained)}")
+    is_normal = checked is None or explained or (checked.departure and not checked.departed)
+    if not _is_complete(estimates) or not is_normal:
         sys.exit(REFUSED)
+
+
+def _with_explanation(checked: "Checked", explained: bool) -> str:
+    """Return what the unit's own normal says, and whether a fault explains it."""
+    if not checked.departed:
+        return str(checked)
+    return f"{checked}; {'the faults above explain it' if explained else 'no fault explains it'}"
 
 
 def _is_complete(estimates: Sequence[Estimate]) -> bool:

@@ -8,20 +8,16 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ema_cli.bags.named_tests import read_test
+from ema_cli.bags.named_tests import as_mapping, read_test
+from ema_cli.bags.source_options import CONDITION_OPTION
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.normal.moves import MoveSeries, MoveVerdict
-from ema_monitor.normal.unit_normal import HEALTHY, Checked, UnitNormal
+from ema_monitor.normal.unit_normal import HEALTHY, UnitNormal
 
 _file = click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 _bags = click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
-_condition = click.option(
-    "--condition",
-    default="",
-    help='What has to be alike and telemetry does not tell, such as a load: "20 kg".',
-)
 _actuator_id = click.option("--actuator-id", help="Which actuator, where a bag holds several.")
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
@@ -40,7 +36,7 @@ def normal() -> None:
 @_file
 @_bags
 @click.option("--state", default=HEALTHY, show_default=True, help="State of the unit in the tests.")
-@_condition
+@CONDITION_OPTION
 @_actuator_id
 def learn(
     file: Path, bags: tuple[Path, ...], state: str, condition: str, actuator_id: str | None
@@ -65,7 +61,7 @@ def learn(
 @normal.command()
 @_file
 @_bags
-@_condition
+@CONDITION_OPTION
 @_actuator_id
 @_json
 def check(
@@ -84,12 +80,15 @@ def check(
             ]
         found = [known.check(test) for test in tests]
     if as_json:
-        click.echo(json.dumps([_as_json(bag, one) for bag, one in zip(bags, found, strict=True)]))
+        click.echo(
+            json.dumps(
+                [{"bag": str(bag), **as_mapping(one)} for bag, one in zip(bags, found, strict=True)]
+            )
+        )
     else:
         for bag, one in zip(bags, found, strict=True):
-            remark = one.departure.remark if one.departure else ""
-            click.echo(f"{bag}: {one}{f' ({remark})' if remark else ''}")
-    if any(one.departure is None or one.departure.is_significant for one in found):
+            click.echo(f"{bag}: {one}")
+    if any(one.departure is None or one.departed for one in found):
         raise click.exceptions.Exit(REFUSED)
 
 
@@ -144,22 +143,6 @@ def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
         time = f"{pd.Timestamp(stamp_ns):%Y-%m-%d %H:%M}"
         table.add_row(time, f"{one.ratio:.2f}", one.level, life, one.reason)
     Console().print(table)
-
-
-def _as_json(bag: Path, one: Checked) -> dict[str, Any]:
-    departure = one.departure
-    changes = [
-        {"name": change.name, "healthy": change.healthy, "value": change.value, "z": change.z}
-        for change in (departure.changes if departure else ())
-    ]
-    return {
-        "bag": str(bag),
-        "departed": departure.is_significant if departure else None,
-        "probability": departure.probability if departure else None,
-        "changes": changes,
-        "states": one.states,
-        "reason": one.reason or (departure.remark if departure else ""),
-    }
 
 
 def _move_json(one: MoveVerdict) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtr
 
 from ema_monitor.normal.features import FIGURE, Feature
 from ema_monitor.normal.normal import FEWEST_TESTS, Departure, HealthyTest, Normal
@@ -189,7 +189,7 @@ class _Line(NamedTuple):
     @property
     def falling(self) -> float:
         """Probability that the line does not rise."""
-        return float(stats.t.sf(self.values[1] / math.sqrt(self.covariance[1, 1]), self.freedom))
+        return float(stdtr(self.freedom, -self.values[1] / math.sqrt(self.covariance[1, 1])))
 
     def crossing(self, limit: float) -> NDArray[np.float64]:
         """Return times to a limit, drawn from what is known of the line, as far as it rises [d]."""

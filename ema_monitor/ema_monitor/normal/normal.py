@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from ema_monitor.normal.features import FEATURES, FIGURE, LEVEL, RATIO, Feature
 
@@ -167,7 +167,7 @@ class Normal:
             share = self._variance[at] / variance
             freedom = 1.0 / (share**2 / (self._count - 1) + (1.0 - share) ** 2 / _FLOOR_FREEDOM)
             z = float((test.features[name] - self._mean[at]) / math.sqrt(variance))
-            probability = float(2.0 * stats.t.sf(abs(z), freedom))
+            probability = float(2.0 * stdtr(freedom, -abs(z)))
             healthy = float(self._mean[at])
             value = float(test.features[name])
             changes.append(Change(name, feature, healthy, value, z, probability))

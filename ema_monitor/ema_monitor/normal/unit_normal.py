@@ -112,11 +112,18 @@ class Checked:
     states: dict[str, float]
     reason: str = ""
 
+    @property
+    def departed(self) -> bool:
+        """Whether the test departs from the healthy ones."""
+        return self.departure is not None and self.departure.is_significant
+
     def __str__(self) -> str:
         if self.departure is None:
             return f"refused: {self.reason}"
         words = str(self.departure)
-        if self.states and self.departure.is_significant:
+        if self.departure.remark:
+            words += f" ({self.departure.remark})"
+        if self.states and self.departed:
             words += "; named: " + ", ".join(
                 f"{name} {share:.0%}" for name, share in self.states.items() if share >= 0.05
             )

@@ -1,5 +1,7 @@
 """Figures of a test are those of its motion, and like is compared with like."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,7 +56,7 @@ def test_what_has_no_figures_is_refused():
         (np.arange(len(still)) * H, still.current, "each direction"),
         (still.command, np.empty(0), "current is not measured"),
     ):
-        one = Telemetry(0, H, 0, command, current, still.position, np.empty(0))
+        one = replace(still, command=command, current=current)
         with pytest.raises(ValueError, match=words):
             parts_of([one])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_monitor.normal.features import LEVEL, RATIO, Feature, Motion, Part
-from ema_monitor.normal.normal import DEPARTED, HealthyTest, Normal
+from ema_monitor.normal.normal import HealthyTest, Normal
 from ema_monitor.normal.states import NONE_OF_THESE, LabelledTest, States, kinds
 from ema_monitor.normal.unit_normal import HEALTHY, NamedTest, UnitNormal
 
@@ -129,15 +129,15 @@ def test_normal_of_a_unit_is_kept_in_a_file(tmp_path):
     known = UnitNormal([named(number) for number in range(5)])
     known.save(tmp_path / "normal.yaml")
     known = UnitNormal.load(tmp_path / "normal.yaml")
-    assert not known.check(named(9)).departure.is_significant
+    assert known.check(named(9)).departed is False
     found = known.check(named(9, shift=0.2))
-    assert found.departure.probability < DEPARTED
+    assert found.departed
     assert found.states == {}
     for number in range(10, 13):
         known.add(named(number, state="dry", shift=0.2))
     assert next(iter(known.check(named(9, shift=0.2)).states)) == "dry"
     # A test is not judged by itself.
-    assert known.check(named(0)).departure.probability > DEPARTED
+    assert not known.check(named(0)).departed
 
 
 @pytest.mark.parametrize(
