@@ -1,4 +1,4 @@
-"""How often a unit's own normal departs without cause, and with one that nobody named (M50).
+"""How often a unit's own normal departs without cause, and with one that nobody named (M47).
 
     python benchmarks/normal.py [--json FILE] [--healthy N] [--each N]
 

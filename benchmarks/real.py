@@ -1,6 +1,6 @@
 """What a unit's own normal shows on records of two real actuators (docs/real-data.md).
 
-    python benchmarks/real.py FOLDER [--json FILE]
+    python benchmarks/real.py FOLDER [--json FILE] [--picture FILE]
 
 FOLDER holds `ball_screw*.parquet` (Cranfield, CORD 5097649; a ball screw of 5 mm lead in three
 loads, healthy and with twelve seeded faults) and `aircraft_ema*.parquet` (project REPRISE; sixteen
@@ -275,13 +275,55 @@ def show(console: Console, figures: dict[str, Any]) -> None:
         console.print(table)
 
 
+def draw(figures: dict[str, Any], path: Path) -> None:
+    """Draw how far trials of the ball screw depart, and the life of the aircraft actuator."""
+    import matplotlib.pyplot as plt
+
+    from ema_monitor.normal.normal import DEPARTED
+
+    left_right = plt.subplots(1, 2, figsize=(12.0, 4.6), layout="constrained", width_ratios=(3, 2))
+    picture, (left, right) = left_right
+    states = list(figures["departures"])
+    for load, marker, colour in zip(LOADS, "o^s", ("C0", "C1", "C2"), strict=True):
+        for at, state in enumerate(states):
+            values = np.array(figures["departures"][state].get(str(load), []))
+            size = -np.log10(np.clip(values, 1e-12, 1.0))
+            offset = 0.22 * (LOADS.index(load) - 1)
+            label = f"{load} kg" if at == 0 else None
+            places = np.full(len(size), at + offset)
+            left.plot(places, size, marker, color=colour, ms=4, label=label, ls="")
+    left.axhline(-np.log10(DEPARTED), color="0.3", lw=1, ls="--")
+    left.text(3.6, 2.1, "departs above", fontsize=8)
+    left.set_xticks(range(len(states)), states, rotation=60, ha="right", fontsize=8)
+    left.set_ylabel("- log10 of the probability for a healthy trial")
+    left.set_title("ball screw: one mark a trial (12: 1e-12 or less)", fontsize=10)
+    left.legend(fontsize=8)
+    for name, told in figures["aircraft"].items():
+        ratios = [one["ratio"] for one in told]
+        numbers = np.arange(1, len(told) + 1)
+        right.plot(numbers, ratios, "-", color="0.7", lw=1)
+        for level, colour in (("STALE", "0.5"), ("OK", "C2"), ("WARN", "C1"), ("ERROR", "C3")):
+            chosen = [one["level"] == level for one in told]
+            label = {"STALE": "reference"}.get(level, level)
+            right.plot(numbers[chosen], np.array(ratios)[chosen], "o", color=colour, label=label)
+        right.axhline(LIMIT, color="0.3", lw=1, ls="--")
+        dates = [one["date"][5:] for one in told]
+        right.set_xticks(numbers, dates, rotation=60, ha="right", fontsize=8)
+        right.set_title(f"{name}: current over healthy, 2017", fontsize=10)
+    right.legend(fontsize=8)
+    picture.savefig(path, dpi=110)
+
+
 @click.command()
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--json", "output", type=click.Path(path_type=Path), help="Write the figures to it.")
-def main(folder: Path, output: Path | None) -> None:
+@click.option("--picture", type=click.Path(path_type=Path), help="Draw both machines.")
+def main(folder: Path, output: Path | None, picture: Path | None) -> None:
     """Print what a unit's own normal shows of the records in FOLDER."""
     figures = measure(folder)
     show(Console(width=110), figures)
+    if picture is not None:
+        draw(figures, picture)
     if output is not None:
         output.write_text(json.dumps(figures, indent=1) + "\n")
 

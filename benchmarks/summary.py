@@ -15,6 +15,7 @@ import archive
 import design
 import field_oriented
 import memory
+import normal
 import ordinary_motion
 import prognosis_tables
 import resume
@@ -108,6 +109,7 @@ def main() -> None:
         "design": design.rows,
         "ordinary_motion": ordinary_motion.rows,
         "unknown_drive": unknown_drive.rows,
+        "normal": normal.rows,
         "kernels": kernel_rows,
         "live": live_rows,
         "many_actuators": fleet_rows,

@@ -19,7 +19,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
     "README.md",
-    *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator", "inputs")),
+    *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator", "inputs", "real-data")),
 ]
 BLOCK = re.compile(
     r"(?P<mark><!-- (?:not run|long): [^\n]+ -->\n)?"

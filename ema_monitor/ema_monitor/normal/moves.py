@@ -1,4 +1,4 @@
-"""Figures of whole moves, where a drive logs no samples: level, and the life to a limit (M51)."""
+"""Figures of whole moves, where a drive logs no samples: level, and the life to a limit (M48)."""
 
 import math
 from collections.abc import Mapping

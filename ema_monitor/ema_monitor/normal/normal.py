@@ -1,4 +1,4 @@
-"""A unit's own normal: how far its healthy tests scatter, and how unlikely a later one is (M50)."""
+"""A unit's own normal: how far its healthy tests scatter, and how unlikely a later one is (M47)."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
