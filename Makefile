@@ -115,14 +115,14 @@ size: ## lines, packages and circles against their bounds
 	@python3 tools/size.py
 
 calibration: setup ## the shipped calibration anew, after a change of either model
-	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
-	$(activate) && ema calibrate ros2_ws/build/healthy.mcap --force \
+	$(activate) && ema simulate --cycles 20 --replace -o ros2_ws/build/healthy.mcap
+	$(activate) && ema calibrate ros2_ws/build/healthy.mcap --replace \
 	    -o ema_monitor/ema_monitor/calibration/builtin_calibration.yaml
 
 sample: setup ## the sample bag anew, after a change of the reference actuator or the messages
 	$(activate) && ema simulate --fault friction=0.25 --fault eccentricity=0.1 \
 	    --fault eccentricity_phase=0.7 --current-noise 0.02 \
-	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --force -o bags/faulty_flap.mcap
+	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --replace -o bags/faulty_flap.mcap
 
 lock: setup ## compile all locks anew, with hashes (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)

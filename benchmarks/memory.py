@@ -25,7 +25,7 @@ OPTIONS: Final = {
     "info": (),
     "estimate": ("--json",),
     "plot": ("-o", "plot.png"),
-    "calibrate": ("--force", "-o", "calibration.yaml"),
+    "calibrate": ("--replace", "-o", "calibration.yaml"),
 }
 CHILD: Final = """
 import atexit

@@ -20,6 +20,8 @@ def one_clear_line() -> Iterator[None]:
     """Turn what is wrong with the input into an error of one line and exit code ``UNUSABLE``."""
     try:
         yield
+    except BrokenPipeError:  # nobody reads on: click ends quietly
+        raise
     except (ValueError, OSError) as error:
         words = str(error)
         if isinstance(error, OSError) and error.filename is not None:

@@ -23,7 +23,7 @@ def new_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         with BagWriter(path, overwrite=overwrite) as bag:
             yield bag
     except FileExistsError as error:
-        hint = "" if overwrite else ": --force replaces a recording"
+        hint = "" if overwrite else ": --replace replaces a recording"
         raise ValueError(f"{error}{hint}") from error
     except OSError as error:
         if path.is_dir():

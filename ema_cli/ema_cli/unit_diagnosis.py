@@ -95,7 +95,11 @@ def diagnose_unit(
     for remark in record.remarks:
         click.echo(remark, err=True)
     estimates = estimate_windows(
-        record.windows, calibration, options, force=source.force, any_motion=source.any_motion
+        record.windows,
+        calibration,
+        options,
+        force=source.accept_defects,
+        any_motion=source.any_motion,
     )
     course = follow(
         record,

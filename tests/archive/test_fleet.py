@@ -168,4 +168,4 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
     assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page
     assert not re.search(r"(?:src|href)=\"(?!#)", page)
     assert ema("report", "--fleet", archive, "-o", path).exit_code != 0
-    assert ema("report", "--fleet", archive, "--force", "-o", path).exit_code == 0
+    assert ema("report", "--fleet", archive, "--replace", "-o", path).exit_code == 0

@@ -71,11 +71,11 @@ def test_export_writes_what_a_query_gives(ema, archive, tmp_path, what):
     assert [row["serial_number"] for row in rows] == table["serial_number"].to_pylist()
     again = ema("archive", "export", archive, what, "-o", tmp_path / "told.csv")
     assert again.exit_code == 1
-    assert "is there already: --force replaces it" in again.stderr
+    assert "is there already: --replace replaces it" in again.stderr
     for name in ("told.csv", "told.parquet"):
         # Also what a killed export left does not hinder it.
         (tmp_path / f"{name}.partial").write_text("left")
-        forced = ema("archive", "export", archive, "units", "-o", tmp_path / name, "--force")
+        forced = ema("archive", "export", archive, "units", "-o", tmp_path / name, "--replace")
         assert (forced.exit_code, forced.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
     assert "dominant_fault" in pq.read_table(tmp_path / "told.parquet").column_names
     assert not list(tmp_path.glob("*.partial"))
@@ -88,7 +88,7 @@ def test_export_that_fails_leaves_the_file_as_it_was(ema, archive, tmp_path):
     path = tmp_path / "told.csv"
     path.write_text("before")
     question = "select unit::int from estimates"
-    result = ema("archive", "export", archive, question, "-o", path, "--force")
+    result = ema("archive", "export", archive, question, "-o", path, "--replace")
     assert result.exit_code == 1
     assert "Conversion Error" in result.stderr
     assert path.read_text() == "before"

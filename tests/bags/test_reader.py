@@ -340,6 +340,13 @@ def test_what_is_not_a_recording_is_refused(tmp_path: Path):
     (tmp_path / "notes.mcap").write_bytes(b"these are notes")
     with pytest.raises(ValueError, match=r"notes.mcap is not an MCAP file: it begins with b'these"):
         Bag(tmp_path / "notes.mcap")
+    for content, remedy in (
+        (b"t,x\n0,1\n1,2\n", "ema import"),
+        (b"SQLite format 3", "ros2 bag convert"),
+    ):
+        (tmp_path / "other").write_bytes(content)
+        with pytest.raises(ValueError, match=remedy):
+            Bag(tmp_path / "other")
     (tmp_path / "empty.mcap").touch()
     with pytest.raises(ValueError, match=r"empty.mcap is empty: expected an MCAP file"):
         Bag(tmp_path / "empty.mcap")

@@ -14,7 +14,7 @@ CAUSE = ("load_torque=0.05", "current_offset=0.1@0.9", "winding_temperature=80@0
 
 
 def simulated(ema, bag, *arguments: str) -> Telemetry:
-    result = ema("simulate", *arguments, "--force", "-o", bag)
+    result = ema("simulate", *arguments, "--replace", "-o", bag)
     assert result.exit_code == 0, result.stderr
     blocks: list[Telemetry] = []
     read_windows(bag, SourceOptions(None, None, 1e-6, 0.02), blocks.append)

@@ -31,14 +31,14 @@ def test_file_is_not_used_beside_a_description_and_the_warning_names_what_differ
         "is not used",
         "R_s 2.13 ohm in the bag, 1.9 ohm in the file",
         "serial_number SIM-0001 in the bag, 4711 in the file",
-        "--force",
+        "--accept-defects",
     ):
         assert part in result.output
     assert "tau" not in result.stderr
 
 
 def test_force_uses_the_file(ema, bag: Path, unit: Path):
-    result = ema("info", bag, "--actuator", unit, "--force")
+    result = ema("info", bag, "--actuator", unit, "--accept-defects")
     assert "serial number 4711" in result.output
     assert "R_s 1.9" in result.output
     assert "against the description in the bag: serial_number SIM-0001" in result.output
@@ -48,7 +48,9 @@ def test_calibration_by_force_is_of_the_unit_in_the_file(
     ema, bag: Path, unit: Path, tmp_path: Path
 ):
     output = tmp_path / "c.yaml"
-    assert ema("calibrate", bag, "--actuator", unit, "--force", "-o", output).exit_code == 0
+    assert (
+        ema("calibrate", bag, "--actuator", unit, "--accept-defects", "-o", output).exit_code == 0
+    )
     assert "'4711'" in output.read_text()
     estimate = ema("estimate", bag, "--calibration", output, "--json")
     assert "4711" in json.loads(estimate.stdout)[0]["reason"]
@@ -66,8 +68,8 @@ def test_file_that_agrees_with_the_bag_needs_no_warning(ema, bag: Path, tmp_path
     [
         ("simulate", "--actuator", "FILE", "-o", "OUT"),
         ("certify", "--actuator", "FILE", "--command", "circle"),
-        ("info", "BAG", "--actuator", "FILE", "--force"),
-        ("calibrate", "BAG", "--actuator", "FILE", "--force", "-o", "OUT"),
+        ("info", "BAG", "--actuator", "FILE", "--accept-defects"),
+        ("calibrate", "BAG", "--actuator", "FILE", "--accept-defects", "-o", "OUT"),
     ],
 )
 def test_parameters_that_contradict_each_other_are_named(ema, bag: Path, tmp_path: Path, arguments):

@@ -34,7 +34,7 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
         {"friction": 0.2, "short_circuit_b": 0.1, "eccentricity": 0.2, "gain": 0.6}.items()
     ):
         fault = ("--fault", f"{name}={value}", "--seed", str(100 + number))
-        assert ema("simulate", *command, *NOISE, *fault, "--force", "-o", case).exit_code == 0
+        assert ema("simulate", *command, *NOISE, *fault, "--replace", "-o", case).exit_code == 0
         found = ema("estimate", case, *window, "--calibration", calibration, "--json")
         assert found.exit_code == 0
         [estimate] = json.loads(found.stdout)
@@ -105,7 +105,7 @@ def test_design_writes_yaml_only_and_replaces_only_when_forced(ema, tmp_path):
     there = tmp_path / "there.yaml"
     there.write_text("")
     again = ema("design", "--travel", "0.01", "-o", there)
-    assert "is there already: --force replaces it" in again.stderr
+    assert "is there already: --replace replaces it" in again.stderr
 
 
 def test_command_is_read_from_its_file_as_it_was_written(tmp_path):

@@ -200,7 +200,7 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     assert "'SIM-0001'" in estimate["reason"]
     assert estimate["faults"]["gain"] is None
 
-    [forced] = json.loads(ema("estimate", case, "--force", "--json").stdout)
+    [forced] = json.loads(ema("estimate", case, "--accept-defects", "--json").stdout)
     assert forced["valid"]
     assert "forced" in forced["reason"]
 

@@ -134,7 +134,9 @@ def test_defect_refuses_the_import_with_value_and_remedy(ema, table, tmp_path):
     accepting.write_text(mapping.read_text() + "accept: [speed_unit]\n")
     assert ema("import", path, "--mapping", accepting, "-o", output).exit_code == 0
     assert ema("import", path, "--mapping", mapping, "-o", output).exit_code == 1
-    assert ema("import", path, "--mapping", mapping, "--force", "-o", output).exit_code == 0
+    assert (
+        ema("import", path, "--mapping", mapping, "--accept-defects", "-o", output).exit_code == 0
+    )
 
 
 def test_files_follow_each_other_in_one_bag(ema, recorded, table, tmp_path):
@@ -187,7 +189,7 @@ def test_wrong_use_is_told_in_one_line(ema, table, arguments, code, words):
 
 def test_input_is_not_overwritten(ema, table, tmp_path):
     mapping, _ = previewed(ema, table())
-    result = ema("import", table(), "--mapping", mapping, "--force", "-o", mapping)
+    result = ema("import", table(), "--mapping", mapping, "--replace", "-o", mapping)
     assert result.exit_code == 1
     assert "is the input" in result.stderr
 

@@ -47,7 +47,7 @@ def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, flee
     assert known[0] < known[1] < known[2]
     result = ema(*together, "-o", both)
     assert (result.exit_code, "is there already" in result.stderr) == (1, True)
-    assert ema(*together, one, "-o", both, "--force").exit_code == 0
+    assert ema(*together, one, "-o", both, "--replace").exit_code == 0
 
 
 def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):

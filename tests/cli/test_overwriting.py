@@ -39,7 +39,7 @@ def test_calibration_never_replaces_its_own_input(
     content = member.read_bytes()
     output = named(healthy, member)
     bag = healthy if given == "folder" else member
-    for force in ((), ("--force",)):
+    for force in ((), ("--replace",)):
         result = ema("calibrate", bag, "-o", output, *force)
         assert (result.exit_code, "is the input" in result.stderr) == (1, True)
         assert member.read_bytes() == content
@@ -50,21 +50,21 @@ def test_calibration_replaces_another_file_only_by_force(ema, healthy: Path, tmp
     other = tmp_path / "notes.txt"
     other.write_text("keep me")
     refused = ema("calibrate", healthy, "-o", other)
-    assert (refused.exit_code, "--force" in refused.stderr) == (1, True)
+    assert (refused.exit_code, "--replace" in refused.stderr) == (1, True)
     assert other.read_text() == "keep me"
-    assert ema("calibrate", healthy, "-o", other, "--force").exit_code == 0
+    assert ema("calibrate", healthy, "-o", other, "--replace").exit_code == 0
     assert "correction" in other.read_text()
 
 
 def test_calibration_never_replaces_the_description_it_reads(ema, healthy: Path, tmp_path: Path):
     unit = tmp_path / "unit.yaml"
     unit.write_text("actuator_id: flap\n")
-    result = ema("calibrate", healthy, "--actuator", unit, "-o", unit, "--force")
+    result = ema("calibrate", healthy, "--actuator", unit, "-o", unit, "--replace")
     assert (result.exit_code, unit.read_text()) == (1, "actuator_id: flap\n")
 
 
 def test_recovery_never_replaces_a_file_of_its_input(ema, healthy: Path):
     member = healthy / "healthy_0.mcap"
     content = member.read_bytes()
-    assert ema("recover", healthy, "-o", member, "--force").exit_code == 1
+    assert ema("recover", healthy, "-o", member, "--replace").exit_code == 1
     assert member.read_bytes() == content

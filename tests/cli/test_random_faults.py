@@ -19,7 +19,7 @@ def simulated(ema, tmp_path):
 
     def run(*arguments: str) -> tuple[BagWindows, Telemetry, str]:
         bag = tmp_path / "case.mcap"
-        result = ema("simulate", *arguments, "--force", "-o", bag)
+        result = ema("simulate", *arguments, "--replace", "-o", bag)
         assert result.exit_code == 0, result.stderr
         blocks: list[Telemetry] = []
         found = read_windows(bag, SourceOptions(None, None, 1e-6, 0.02), blocks.append)

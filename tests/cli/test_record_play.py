@@ -144,7 +144,8 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
     monkeypatch.setattr("ema_bags.recorder_node.main", main)
     monkeypatch.setattr("ema_bags.player_node.main", main)
     assert (
-        ema("record", "-o", "12", "--topic", "telemetry", "--topic", "b", "--force").exit_code == 0
+        ema("record", "-o", "12", "--topic", "telemetry", "--topic", "b", "--replace").exit_code
+        == 0
     )
     assert ema("play", "bag", "--rate", "4", "--only-actuator").exit_code == 0
     assert ema("record").exit_code == 0

@@ -38,7 +38,7 @@ def test_recovered_bag_is_whole_and_holds_every_intact_message(ema, damaged: Pat
 
 def test_bag_is_not_recovered_onto_itself_or_another(ema, damaged: Path, tmp_path: Path):
     content = damaged.read_bytes()
-    result = ema("recover", damaged, "-o", damaged, "--force")
+    result = ema("recover", damaged, "-o", damaged, "--replace")
     assert (result.exit_code, "give another name" in result.stderr) == (1, True)
     assert damaged.read_bytes() == content
     (tmp_path / "there.mcap").write_bytes(content)

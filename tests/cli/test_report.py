@@ -280,9 +280,9 @@ def test_existing_report_is_replaced_only_by_force(ema, tmp_path):
     path = tmp_path / "r.html"
     path.write_text("keep me")
     refused = ema("report", SAMPLE, "-o", path)
-    assert (refused.exit_code, "--force" in refused.stderr) == (1, True)
+    assert (refused.exit_code, "--replace" in refused.stderr) == (1, True)
     assert path.read_text() == "keep me"
-    assert ema("report", SAMPLE, "-o", path, "--force").exit_code == 0
+    assert ema("report", SAMPLE, "-o", path, "--replace").exit_code == 0
     assert path.read_text().startswith("<!DOCTYPE html>")
 
 

@@ -105,12 +105,12 @@ def test_compare_without_windows(ema, record, faulty_blocks):
     assert "no excitation" in result.stderr
 
 
-def test_existing_bag_is_kept_unless_forced(ema, tmp_path):
+def test_existing_bag_is_kept_unless_it_may_be_replaced(ema, tmp_path):
     bag = tmp_path / "case.mcap"
     bag.write_bytes(b"precious")
     result = ema("simulate", "-o", bag)
     assert result.exit_code == 1
-    assert "--force" in result.stderr
+    assert "--replace" in result.stderr
     assert bag.read_bytes() == b"precious"
 
 

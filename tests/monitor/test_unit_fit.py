@@ -1,5 +1,7 @@
 """What healthy windows, of one command or several, tell of a unit's deviations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -164,6 +166,19 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
         calibrate_model([moved_by(MonitorModel(p), CHIRP)], description)
 
 
+def test_example_values_that_were_left_in_a_description_are_named(description):
+    """Of a motor ten times as strong only the torque constant was described, and the limits."""
+    p = PARAMETERS
+    own = p.replace({"J_m": 10.0 * p.J_m, "k_t": 10.0 * p.k_t, "k_e": 10.0 * p.k_e})
+    window = made_by(Deviations(), CHIRP)
+    half = replace(description, parameters=own)
+    with pytest.raises(ValueError, match="have the built-in example's values") as error:
+        calibrate_model([window], half)
+    named = str(error.value).partition("matter here: ")[2]
+    assert {"R_s = 2.13", "GAP = 0.05"} <= set(named.split(", "))
+    assert not any(name in named for name in ("J_m", "k_t", "omega_c"))
+
+
 @pytest.mark.parametrize(
     ("column", "factor", "said"),
     [
@@ -178,6 +193,6 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
 def test_wrong_column_is_refused_with_what_is_wrong(description, column, factor, said):
     window = made_by(Deviations(lift=0.125), CHIRP)
     wrong = changed(window, **{column: factor * getattr(window.telemetry, column)})
-    with pytest.raises(ValueError, match=f"such a healthy actuator: {column}: ") as error:
+    with pytest.raises(ValueError, match=f"healthy actuator as described: {column}: ") as error:
         calibrate_model([wrong], description)
     assert str(error.value).endswith(said)

@@ -38,12 +38,12 @@ def choose_description(
     differences = "; ".join(_differences(recorded[-1], given))
     if not differences:
         return None, ""
-    if source.force:
+    if source.accept_defects:
         return given, f"--actuator {file} is used against the description in the bag: {differences}"
     return (
         None,
-        f"--actuator {file} is not used, the bag has a description: {differences}; --force uses "
-        "the file",
+        f"--actuator {file} is not used, the bag has a description: {differences}; "
+        "--accept-defects uses the file",
     )
 
 

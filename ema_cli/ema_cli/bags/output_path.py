@@ -19,7 +19,7 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
             raise ValueError(f"{output} is the input {path} itself: give another name")
 
 
-def require_free(output: Path, inputs: Iterable[Path], *, force: bool) -> None:
+def require_free(output: Path, inputs: Iterable[Path], *, overwrite: bool) -> None:
     """Refuse an output that is an input, or any other file unless it is to be replaced.
 
     Raises
@@ -28,8 +28,8 @@ def require_free(output: Path, inputs: Iterable[Path], *, force: bool) -> None:
         When the output may not be written.
     """
     require_apart(output, inputs)
-    if not force and (output.exists() or output.is_symlink()):
-        raise ValueError(f"{output} is there already: --force replaces it")
+    if not overwrite and (output.exists() or output.is_symlink()):
+        raise ValueError(f"{output} is there already: --replace replaces it")
 
 
 def _with_members(path: Path) -> Iterator[Path]:

@@ -15,7 +15,7 @@ from ema_monitor.windows.trigger import ANY_MOTION, TEST_CYCLE, TriggerSettings
 USE_OPTIONS: Final = (
     "Use --actuator and --calibration even against the description in the bag, and say so."
 )
-"""Help of ``--force`` where a bag is identified."""
+"""Help of ``--accept-defects`` where a bag is identified."""
 
 _DEFAULTS = TriggerSettings()
 _REST = (
@@ -45,6 +45,11 @@ _MAX_AGE = click.option(
 )
 WINDOW_OPTIONS: Final = (*_REST, _LENGTH, _MAX_AGE)
 """Which windows of test cycles are looked at, and which measurements hold for them."""
+
+REPLACE_OPTION: Final = click.option(
+    "--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there."
+)
+"""Of the commands that write what they make of a bag."""
 
 CONDITION_OPTION: Final = click.option(
     "--condition",
@@ -89,7 +94,7 @@ class SourceOptions:
 
     Attributes
     ----------
-    force
+    accept_defects
         Whether the options hold even against the bag: the description in ``actuator_file`` is used
         for a bag that has one too, and a calibration that does not fit it.
     any_motion
@@ -105,7 +110,7 @@ class SourceOptions:
     threshold: float
     rest_s: float
     actuator_file: Path | None = None
-    force: bool = False
+    accept_defects: bool = False
     any_motion: bool = False
     window_s: float = _DEFAULTS.window_s
     measured: tuple[str, ...] = ()
@@ -124,7 +129,7 @@ class SourceOptions:
 
 
 def source_options(
-    force: str = "Use --actuator even against the description in the bag.",
+    accepts: str = "Use --actuator even against the description in the bag.",
     *,
     identifies: bool = False,
 ) -> Callable[[Command], Command]:
@@ -132,11 +137,11 @@ def source_options(
 
     Parameters
     ----------
-    force
-        Help of ``--force``, for a command where it means more.
+    accepts
+        Help of ``--accept-defects``, for a command where it means more.
     identifies
         Whether the command identifies windows, so that it matters what was measured.
     """
     measured = _MEASURED if identifies else ()
-    offered = (*_OPTIONS, *measured, click.option("--force", is_flag=True, help=force))
+    offered = (*_OPTIONS, *measured, click.option("--accept-defects", is_flag=True, help=accepts))
     return gathered("source", SourceOptions, SourceOptions.__annotations__, offered)

@@ -182,12 +182,12 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     help=f"File to write: {' or '.join(FORMATS)}.",
 )
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
-def export_(folder: Path, what: str, output: Path, force: bool) -> None:
+@click.option("--replace", "overwrite", is_flag=True, help="Replace a file that is there.")
+def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
     """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
     with one_clear_line(), Manifest(folder, writes=False):
-        if output.exists() and not force:
-            raise ValueError(f"{output} is there already: --force replaces it")
+        if output.exists() and not overwrite:
+            raise ValueError(f"{output} is there already: --replace replaces it")
         rows = export(folder, what, output)
     click.echo(f"{output}: {counted(rows, 'row')}")
 

@@ -6,7 +6,7 @@ import click
 
 from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source_options import SourceOptions, source_options
+from ema_cli.bags.source_options import REPLACE_OPTION, SourceOptions, source_options
 from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
@@ -28,9 +28,9 @@ _ENOUGH_WINDOWS = 5
     "use the same.",
 )
 @source_options(
-    force="Replace OUTPUT if it is there; use --actuator even against the description in the bag.",
     identifies=True,
 )
+@REPLACE_OPTION
 @click.option(
     "-o",
     "--output",
@@ -39,7 +39,7 @@ _ENOUGH_WINDOWS = 5
     help="Calibration file to write.",
 )
 def calibrate(
-    bags: tuple[Path, ...], form: str | None, source: SourceOptions, output: Path
+    bags: tuple[Path, ...], form: str | None, source: SourceOptions, overwrite: bool, output: Path
 ) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.
 
@@ -48,7 +48,7 @@ def calibrate(
     """
     with one_clear_line():
         read = [*bags, *([source.actuator_file] if source.actuator_file else [])]
-        require_free(output, read, force=source.force)
+        require_free(output, read, overwrite=overwrite)
         descriptions, windows = [], []
         for bag in bags:
             found = identifiable_windows(bag, source)

@@ -86,7 +86,7 @@ def compare(
         chosen = choose_window(found, number)
         truth = found.true_faults(chosen.start_ns)
         comparison = compare_algorithms(
-            chosen, algorithms, calibration, options, truth, force=source.force
+            chosen, algorithms, calibration, options, truth, force=source.accept_defects
         )
     start, end = found.seconds(chosen.start_ns), found.seconds(chosen.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"

@@ -74,7 +74,7 @@ class WantedSigmas(Assignments):
 @calibration_option
 @click.option("--seed", default=0, type=click.IntRange(0), help="Of all noise.")
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
-@click.option("--force", is_flag=True, help="Replace OUTPUT if it is there.")
+@click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there.")
 @click.option(
     "-o",
     "--output",
@@ -100,7 +100,7 @@ def design(
     calibration_file,
     seed,
     as_json,
-    force,
+    overwrite,
     output,
 ) -> None:
     """Find the shortest test command that reaches wanted standard deviations within limits.
@@ -112,7 +112,7 @@ def design(
     with one_clear_line(), progress_bar() as progress, deferred_signals() as stop:
         if output.suffix not in (".yaml", ".yml"):
             raise ValueError(f"{output}: expected a name that ends in .yaml")
-        require_free(output, [actuator_file] if actuator_file else [], force=force)
+        require_free(output, [actuator_file] if actuator_file else [], overwrite=overwrite)
         description = described(
             actuator_file, sample_rate, sample_current, current_filter, no_speed
         )

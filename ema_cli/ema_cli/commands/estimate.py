@@ -75,7 +75,7 @@ def estimate(
             found.windows,
             calibration,
             options,
-            force=source.force,
+            force=source.accept_defects,
             any_motion=source.any_motion,
         )
         checked, more = None, {}

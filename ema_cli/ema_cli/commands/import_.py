@@ -42,9 +42,15 @@ _PAUSE_NS: Final = 1_000_000_000
     help="YAML file with the description of the actuator; default: the built-in one.",
 )
 @click.option(
-    "--force",
+    "--replace",
+    "overwrite",
     is_flag=True,
-    help="Replace an existing bag; write it whatever is wrong with the data.",
+    help="Replace an existing bag.",
+)
+@click.option(
+    "--accept-defects",
+    is_flag=True,
+    help="Write the bag whatever is wrong with the data.",
 )
 @click.option(
     "-o",
@@ -57,7 +63,8 @@ def import_(
     mapping_file: Path | None,
     preview: bool,
     actuator_file: Path | None,
-    force: bool,
+    overwrite: bool,
+    accept_defects: bool,
     output: Path | None,
 ) -> None:
     """Write telemetry of other makes, in each FILE, to a bag that all other commands read.
@@ -81,8 +88,8 @@ def import_(
             return
         assert mapping is not None
         inputs = [*files, mapping_file, *([actuator_file] if actuator_file else [])]
-        require_free(output, [item for item in inputs if item], force=force)
-        found = [_read(file, mapping, description, force=force) for file in files]
+        require_free(output, [item for item in inputs if item], overwrite=overwrite)
+        found = [_read(file, mapping, description, accepts=accept_defects) for file in files]
         for file, one in zip(files, found, strict=True):
             if one.description != found[0].description:
                 raise ValueError(
@@ -90,7 +97,7 @@ def import_(
                     f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
                     "mapping fixes it"
                 )
-        _write(output, found, overwrite=force)
+        _write(output, found, overwrite=overwrite)
     samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
     h = found[0].description.sample_period
     click.echo(
@@ -100,7 +107,7 @@ def import_(
 
 
 def _read(
-    file: Path, mapping: Mapping, description: ActuatorDescription, *, force: bool
+    file: Path, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
     """Return the telemetry of a file; what is wrong is printed, or refused."""
     source = InputFile(file, mapping)
@@ -110,11 +117,11 @@ def _read(
     for defect in imported.defects:
         click.echo(f"{file}: {defect}", err=True)
     wrong = refused(imported.defects, mapping)
-    if wrong and not force:
+    if wrong and not accepts:
         names = ", ".join(item.name for item in wrong)
         raise ValueError(
             f"{file} is not imported: {names} (see above); correct the mapping, or accept with "
-            f"accept: [{names}] in it"
+            f"accept: [{names}] in it or --accept-defects"
         )
     return imported
 

@@ -42,13 +42,13 @@ from ema_monitor.prognosis.settings import PrognosisSettings
     multiple=True,
     help="Where life ends, e.g. friction=0.4, as the monitor's parameters limits.NAME.",
 )
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@click.option("--replace", "overwrite", is_flag=True, help="Replace an existing file.")
 def learn(
     histories: tuple[Path, ...],
     output: Path,
     name: str,
     limits: tuple[list[tuple[str, float]], ...],
-    force: bool,
+    overwrite: bool,
 ) -> None:
     """Learn how the units of a fleet grow, from the HISTORY of each.
 
@@ -59,7 +59,7 @@ def learn(
     with one_clear_line():
         if output.suffix != SUFFIX:
             raise ValueError(f"{output}: expected a name that ends in {SUFFIX}")
-        require_free(output, histories, force=force)
+        require_free(output, histories, overwrite=overwrite)
         chosen = with_limits(PrognosisSettings(), merged(limits, "--limit")).limits
         fleet = Fleet(grid_digest(chosen))
         files = [file for path in histories for file in _files(path)]

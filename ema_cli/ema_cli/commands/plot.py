@@ -86,7 +86,7 @@ def _draw_estimate(
         windows = windows[: number + 1]
     calibration = options.calibration_of_model()
     estimates = estimate_windows(
-        windows, calibration, options, force=source.force, any_motion=source.any_motion
+        windows, calibration, options, force=source.accept_defects, any_motion=source.any_motion
     )
     if number >= len(estimates):
         said = counted(len(estimates), "estimate")

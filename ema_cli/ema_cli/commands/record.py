@@ -26,7 +26,7 @@ from ema_cli.processes.reach import set_reach
     help="Topic to record, full name or relative to /ema; by default all of /ema, /diagnostics and "
     "/clock.",
 )
-@click.option("--force", is_flag=True, help="Replace an existing bag.")
+@click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
 @click.option("--max-bag-size", type=int, metavar="BYTES", help="Begin the next file at this size.")
 @click.option(
     "--max-bag-duration", type=float, metavar="SECONDS", help="Begin the next file after this time."
@@ -47,7 +47,7 @@ from ema_cli.processes.reach import set_reach
 def record(
     output: Path | None,
     topics: tuple[str, ...],
-    force: bool,
+    overwrite: bool,
     network: bool,
     **limits: float | None,
 ) -> None:
@@ -59,7 +59,7 @@ def record(
     parameters = {
         "output": None if output is None else str(output),
         "topics": list(topics) or None,
-        "overwrite": force or None,
+        "overwrite": overwrite or None,
         **limits,
     }
     with one_clear_line():

@@ -29,8 +29,8 @@ from ema_ros.messages import telemetry_from_message
     type=click.Path(path_type=Path),
     help="Bag to write: one file if it ends in .mcap, else a folder.",
 )
-@click.option("--force", is_flag=True, help="Replace an existing bag.")
-def recover(bag: Path, output: Path, force: bool) -> None:
+@click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
+def recover(bag: Path, output: Path, overwrite: bool) -> None:
     """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index.
 
     A message that is malformed is left out, as are telemetry with columns of different lengths and
@@ -42,7 +42,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
         names = [name for name, topic in damaged.topics.items() if topic.count]
         with (
             deferred_signals() as stop,
-            new_bag(output, overwrite=force) as whole,
+            new_bag(output, overwrite=overwrite) as whole,
             progress_bar() as progress,
         ):
             for name in names:

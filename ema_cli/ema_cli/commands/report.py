@@ -8,7 +8,7 @@ import click
 
 from ema_archive.fleet import fleet_summary
 from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
+from ema_cli.bags.source_options import REPLACE_OPTION, USE_OPTIONS, SourceOptions, source_options
 from ema_cli.bags.unit_record import find_bags
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
@@ -23,7 +23,8 @@ from ema_core.files import complete_file
 
 @click.command()
 @click.argument("bags", metavar="BAG...", nargs=-1, type=click.Path(path_type=Path))
-@source_options(f"Replace OUTPUT if it is there. {USE_OPTIONS}", identifies=True)
+@source_options(USE_OPTIONS, identifies=True)
+@REPLACE_OPTION
 @identification_options
 @prognosis_options
 @click.option(
@@ -40,6 +41,7 @@ def report(
     source: SourceOptions,
     options: IdentificationOptions,
     prognosis: PrognosisOptions,
+    overwrite: bool,
     output: Path,
 ) -> None:
     """Write what the tests in each BAG or folder of bags say of a unit as one page.
@@ -64,13 +66,13 @@ def report(
         if not output.parent.is_dir():
             raise ValueError(f"{output}: there is no folder {output.parent}")
         if archive is not None:
-            require_free(output, [], force=source.force)
+            require_free(output, [], overwrite=overwrite)
             _write(output, fleet_page(archive, fleet_summary(archive), command))
             click.echo(f"{output}")
             return
         given = [options.calibration_file, source.actuator_file]
         read = [*find_bags(bags), *(path for path in given if path is not None)]
-        require_free(output, read, force=source.force)
+        require_free(output, read, overwrite=overwrite)
         told = diagnose_unit(bags, source, options, prognosis, skips_unreadable=True)
         _write(output, report_page(bags, source, prognosis, told, command))
     for line in verdict_of(told).lines:

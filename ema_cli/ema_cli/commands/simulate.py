@@ -80,7 +80,7 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     type=click.IntRange(0),
     help="Of all noise, and of --random-faults.",
 )
-@click.option("--force", is_flag=True, help="Replace an existing bag.")
+@click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
 @click.option(
     "-o",
     "--output",
@@ -107,7 +107,7 @@ def simulate(
     current_noise,
     resolutions,
     seed,
-    force,
+    overwrite,
     output,
 ) -> None:
     """Run the high-fidelity actuator through test cycles and record them to a bag.
@@ -138,7 +138,7 @@ def simulate(
         bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
         with (
             deferred_signals() as stop,
-            new_bag(output, overwrite=force) as bag,
+            new_bag(output, overwrite=overwrite) as bag,
             SimulatedActuatorBag(bag, description) as recording,
             progress_bar() as progress,
         ):

@@ -37,6 +37,8 @@ _WORTHWHILE = 0.3
 _NOTABLE = 0.4
 _ALWAYS_FITTED = ("lift", "friction", "stribeck_speed", "inertia")
 _LEAST_NOISE = 1e-2
+_CHANGED = 1.5
+_MATTERS = 0.1
 
 
 class UnitFit(NamedTuple):
@@ -104,7 +106,8 @@ def calibrate_model(
     nominal = MonitorModel(parameters, form, dt, acquisition=acquisition)
     for group in by_command:
         if reason := column_defect(group[0], _healthy_response(group[0], nominal)):
-            raise ValueError(f"the windows are not those of such a healthy actuator: {reason}")
+            reason += _examples_that_matter(group[0], nominal)
+            raise ValueError(f"the windows do not fit a healthy actuator as described: {reason}")
     unit = UnitFit(np.zeros(N_DEVIATIONS), np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
     if structural and form in LEARNS_UNIT:
         unit = _fit_unit(by_command, nominal)
@@ -204,6 +207,33 @@ def _healthy_response(window: Window, model: MonitorModel) -> Response:
     return model.respond(
         window, healthy_faults(), _play(window), deviations=deviations, position=position
     )
+
+
+def _examples_that_matter(window: Window, model: MonitorModel) -> str:
+    """Say which parameters have the built-in example's value and matter in a window.
+
+    Nothing is said of the example itself. What changes the response by a tenth matters.
+    """
+    example, own = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
+    left = [name for name, value in example.items() if own[name] == value and value]
+    if len(left) >= sum(bool(value) for value in example.values()):
+        return ""
+    expected = _healthy_response(window, model)
+    found = []
+    for name in left:
+        try:
+            changed = model.parameters.replace({name: _CHANGED * own[name]})
+        except ValueError:  # it contradicts another one
+            continue
+        other = MonitorModel(changed, model.form, model.dt, acquisition=model.acquisition)
+        response = _healthy_response(window, other)
+        for one, before in ((response.current, expected.current), (response.speed, expected.speed)):
+            if np.linalg.norm(one - before) > _MATTERS * np.linalg.norm(before):
+                found.append(f"{name} = {own[name]:g}")
+                break
+    if not found:
+        return ""
+    return f"; these have the built-in example's values and matter here: {', '.join(found)}"
 
 
 class _UnitProblem:

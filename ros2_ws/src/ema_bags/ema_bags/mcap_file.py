@@ -114,7 +114,12 @@ def read_contents(file: BinaryIO) -> Contents:
     file.seek(0)
     begin = file.read(len(_MAGIC))
     if not _MAGIC.startswith(begin):
-        raise ValueError(f"is not an MCAP file: it begins with {begin!r}")
+        remedy = (
+            "a bag in sqlite3 storage: `ros2 bag convert` makes an MCAP file, `ema import` reads it"
+            if begin == b"SQLite f"
+            else "a table, or another bag? `ema import FILE --preview` shows how to read it"
+        )
+        raise ValueError(f"is not an MCAP file: it begins with {begin!r} ({remedy})")
     bounded = cast(BinaryIO, _Bounded(file, size))
     is_whole = True
     try:

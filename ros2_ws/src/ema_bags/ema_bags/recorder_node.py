@@ -93,7 +93,7 @@ class RecorderNode(ManagedNode):
             own = self.get_fully_qualified_name()
             self._recorded = Recording(output, settings, own, self._report_end)
         except FileExistsError as error:
-            hint = "" if settings.overwrite else "; parameter overwrite (--force) replaces a bag"
+            hint = "" if settings.overwrite else "; parameter overwrite (--replace) replaces a bag"
             raise FileExistsError(f"parameter output: {error}{hint}") from error
         self._snapshot_service = self.create_service(
             Trigger, "~/snapshot", self._serve_snapshot, callback_group=WaitingCallbackGroup()
