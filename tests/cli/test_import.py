@@ -134,9 +134,9 @@ def test_defect_refuses_the_import_with_value_and_remedy(ema, table, tmp_path):
     accepting.write_text(mapping.read_text() + "accept: [speed_unit]\n")
     assert ema("import", path, "--mapping", accepting, "-o", output).exit_code == 0
     assert ema("import", path, "--mapping", mapping, "-o", output).exit_code == 1
-    assert (
-        ema("import", path, "--mapping", mapping, "--accept-defects", "-o", output).exit_code == 0
-    )
+    forced = ("--accept-defects", "--replace", "-o", output)
+    assert ema("import", path, "--mapping", mapping, *forced[1:]).exit_code == 1
+    assert ema("import", path, "--mapping", mapping, *forced).exit_code == 0
 
 
 def test_files_follow_each_other_in_one_bag(ema, recorded, table, tmp_path):
