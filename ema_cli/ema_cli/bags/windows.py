@@ -107,9 +107,9 @@ def require_windows(path: Path, found: BagWindows, source: SourceOptions) -> Non
     if found.windows:
         return
     settings = source.trigger_settings()
-    if found.obstacle:
-        raise ValueError(f"{path} has no window to diagnose: {found.obstacle}")
     if source.any_motion:
+        if found.obstacle:
+            raise ValueError(f"{path} has no window to diagnose: {found.obstacle}")
         raise ValueError(
             f"{path} has no motion to diagnose (no excitation): the command never travels "
             f"{MIN_TRAVEL:g} rad within {settings.window_s:g} s"
@@ -128,4 +128,5 @@ def require_windows(path: Path, found: BagWindows, source: SourceOptions) -> Non
     raise ValueError(
         f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
         f"command moving to and fro after a rest, and {behaviour}"
+        + (f"; {found.obstacle}" if found.obstacle else "")
     )
