@@ -17,7 +17,9 @@ from ema_bags.recorder_node import RecorderNode
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.shards import file_for
+from ema_core.description import ActuatorDescription
 from ema_dashboard.dashboard_node import DashboardNode
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_ros.rclpy_private import given_parameters
 from ema_ros.topics import ACTUATOR_TOPICS
@@ -215,6 +217,14 @@ def test_fleet_is_actuators_of_different_names_on_the_topics_of_one_monitor():
     assert set(remapped) == set(ACTUATOR_TOPICS)
     with pytest.raises(RuntimeError, match="expected names that differ"):
         nodes_of("fleet.launch.py", actuators="a,a")
+
+
+@pytest.mark.usefixtures("launch_modules")
+def test_default_fleet_is_of_units_that_the_shipped_calibration_fits():
+    nodes = nodes_of("fleet.launch.py")
+    assert own_of(nodes["/ema/left/actuator"]) == {"actuator_id": "left", "seed": 0}
+    assert own_of(nodes["/ema/right/actuator"]) == {"actuator_id": "right", "seed": 1}
+    assert Calibration.builtin().serial_number == ActuatorDescription().serial_number
 
 
 @pytest.mark.usefixtures("launch_modules")

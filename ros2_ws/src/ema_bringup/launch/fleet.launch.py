@@ -38,13 +38,16 @@ def _nodes(context: LaunchContext) -> list[Node]:
     names = [name.strip() for name in ema.value_of(context, "actuators").split(",")]
     if len(set(names)) < len(names) or "" in names:
         raise RuntimeError(f"actuators:={','.join(names)}: expected names that differ")
+    # Without a calibration of their own they are units of the one that is shipped.
+    is_calibrated = bool(ema.value_of(context, "calibration_file"))
     actuators = [
         ema.node(
             context,
             "actuator",
             "ema_sim",
             namespace=f"{place}/{name}",
-            parameters={"actuator_id": name, "serial_number": f"SIM-{name}", "seed": number},
+            parameters={"actuator_id": name, "seed": number}
+            | ({"serial_number": f"SIM-{name}"} if is_calibrated else {}),
             remappings=[(topic, f"{place}/{topic}") for topic in TOPICS],
         )
         for number, name in enumerate(names)
