@@ -39,7 +39,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
     if len(set(names)) < len(names) or "" in names:
         raise RuntimeError(f"actuators:={','.join(names)}: expected names that differ")
     # Without a calibration of their own they are units of the one that is shipped.
-    is_calibrated = bool(ema.value_of(context, "calibration_file"))
+    is_calibrated = bool(ema.chosen(context, "calibration_file").get("calibration_file"))
     actuators = [
         ema.node(
             context,
