@@ -1,0 +1,117 @@
+"""``ema verify`` makes recorded estimates again, and finds those that were altered."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosed, diagnose
+from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros import topics
+from ema_sim.actuator import SimulatedActuator
+
+FLAP = ActuatorDescription()
+
+
+@pytest.fixture(scope="module")
+def recorded() -> tuple[list[Telemetry], list[Diagnosed]]:
+    """Three cycles of a faulty actuator, and what a monitor tells of them, warm from the second."""
+    actuator = SimulatedActuator()
+    actuator.faults = fault_vector({"friction": 0.3})
+    finder, blocks, windows = WindowFinder(TriggerSettings(), FLAP), list[Telemetry](), []
+    for _ in range(3):
+        samples = build_cycle(THESIS_CHIRP, 1e-4).samples
+        for part in np.split(samples, range(100, len(samples), 100)):
+            blocks.append(actuator.advance(part))
+            windows += [one for one in finder.feed(blocks[-1]) if isinstance(one, Segment)]
+    told = [one for one in diagnose(windows, Calibration.builtin()) if isinstance(one, Diagnosed)]
+    return blocks, told
+
+
+@pytest.fixture
+def bag_of(recorded, tmp_path: Path) -> Callable[..., Path]:
+    def write(name: str = "bag.mcap", *, skips: int = 0, change=lambda message: None) -> Path:
+        blocks, told = recorded
+        class_, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
+        bag = BagWriter(str(tmp_path / name))
+        with SimulatedActuatorBag(bag, FLAP) as written:
+            for block in blocks:
+                written.write_block(block, 0.0)
+            bag.add_topic("/ema/fault_estimate", class_, qos)
+            for one in told[skips:]:
+                message = estimate_to_message(one.estimate, one.number, FLAP)
+                change(message)
+                end_ns = one.estimate.end_ns
+                bag.write("/ema/fault_estimate", message, blocks[-1].stamp_ns, end_ns)
+        return tmp_path / name
+
+    return write
+
+
+def states(result) -> list[str]:
+    return [one["state"] for one in json.loads(result.stdout)]
+
+
+def test_estimates_are_the_same_to_the_bit_also_warm(ema, bag_of, recorded):
+    assert [one.estimate.warm_start for one in recorded[1]] == [False, True, True]
+    result = ema("verify", bag_of())
+    assert result.exit_code == 0
+    assert "3 same to the bit" in result.output
+
+
+@pytest.mark.parametrize(("by", "state"), [(1e-9, "same within rounding"), (0.01, "different")])
+def test_altered_estimate_is_found_with_its_difference(ema, bag_of, by, state):
+    def alter(message):
+        if message.window == 2:
+            message.faults.friction += by
+
+    result = ema("verify", bag_of(change=alter), "--json")
+    assert states(result) == ["same to the bit", "same to the bit", state]
+    assert json.loads(result.stdout)[-1]["difference"] == pytest.approx(by, rel=1e-3)
+    assert result.exit_code == (3 if state == "different" else 0)
+
+
+def test_altered_verdict_is_found(ema, bag_of):
+    def alter(message):
+        message.verdict, message.valid = message.REFUSED, False
+
+    result = ema("verify", bag_of(change=alter))
+    assert result.exit_code == 3
+    assert "the verdict was refused and is valid" in result.output
+
+
+def test_what_cannot_be_made_again_is_said_with_its_reason(ema, bag_of):
+    result = ema("verify", bag_of(skips=1))
+    assert result.exit_code == 0
+    assert "window 1: cannot be made again (its search began at an estimate that" in result.output
+    assert "window 2: same to the bit" in result.output
+
+    def of_another(message):
+        message.calibration_id = "X-1"
+
+    result = ema("verify", bag_of("other.mcap", change=of_another))
+    assert result.exit_code == 3
+    assert "calibration X-1 is not given" in result.output
+
+    def elsewhere(message):
+        message.window_end.sec += 100
+
+    result = ema("verify", bag_of("moved.mcap", change=elsewhere), "--json")
+    assert states(result) == ["cannot be made again"] * 3
+
+
+def test_bag_without_estimates_is_refused(ema, record, faulty_blocks):
+    result = ema("verify", record(faulty_blocks))
+    assert result.exit_code == 1
+    assert "holds no estimates" in result.stderr
