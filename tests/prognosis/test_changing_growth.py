@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ema_monitor.prognosis.growth import wander
-from ema_monitor.prognosis.growth.errors import EstimateErrors, LastTest
+from ema_monitor.prognosis.growth.errors import EstimateErrors
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 
 from .tracked_lives import SIGMA, observed, of
@@ -16,14 +17,11 @@ ALL = np.ones(7, dtype=bool)
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_size_and_correlation_of_errors_are_learnt(correlation, factor):
     rng = np.random.default_rng(0)
-    errors, last = EstimateErrors(0.94), LastTest.none()
-    noise = np.full(7, SIGMA**2)
+    errors, noise = EstimateErrors(TrackerSettings()), np.full(7, SIGMA**2)
     error = rng.standard_normal(7)
     for test in range(80):
         errors.advance(np.full(7, 10.0))
-        value = 0.1 + 2e-3 * test + factor * SIGMA * error
-        errors.learn(value, noise, ALL, last, (0.01, 0.05))
-        last = LastTest(value, noise, ALL)
+        errors.observed(0.1 + 2e-3 * test + factor * SIGMA * error, noise, ALL, ~ALL)
         error = correlation * error + np.sqrt(1.0 - correlation**2) * rng.standard_normal(7)
     # Seven components by 80 tests: less than a step of the grid.
     assert errors.correlation == pytest.approx(correlation, abs=0.15)
@@ -46,8 +44,8 @@ def test_pace_forgets_itself_within_its_hours():
 
 
 def test_time_at_a_lasting_pace_is_shorter_by_it():
-    own, normal = np.full(200, 5.0), np.random.default_rng(0).standard_normal((200, wander.STEPS))
-    hours = wander.hours_of(own, np.full(200, wander.LOG_MEAN + np.log(2.0)), normal)
+    own, rng = np.full(200, 5.0), np.random.default_rng(0)
+    hours = wander.hours_of(own, np.full(200, wander.LOG_MEAN + np.log(2.0)), rng)
     # Over 1 % of the hours within which it forgets itself a pace changes by 0.07.
     assert np.median(hours) == pytest.approx(2.5, rel=0.1)
 

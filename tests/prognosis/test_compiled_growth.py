@@ -53,4 +53,4 @@ def test_no_kernel_of_growth_is_compiled_by_the_first_tests():
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["late"] == []
-    assert found["compiled"] > 5
+    assert found["compiled"] >= 3

@@ -2,8 +2,7 @@
 
 import pytest
 
-from ema_monitor.prognosis.growth.known_laws import KnownLawTexts, known_law
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw
+from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, KnownLawTexts, known_law
 
 
 def test_law_without_figures_is_that_of_the_type():

@@ -5,9 +5,8 @@ import pytest
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.bank import Bank
-from ema_monitor.prognosis.growth.cells import grid
-from ema_monitor.prognosis.growth.forecast import draw_cells, futures, lives
+from ema_monitor.prognosis.growth.forecast import draw, futures, lives
+from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth, grow
@@ -17,20 +16,21 @@ from .tracked_lives import feed, observed, of
 LIMITS = HealthLimits()
 
 
-def sharp_bank(law: str, rate: float, shape: float, x: float, name: str = "backlash") -> Bank:
-    """Return a bank that is sure of a law, its rate and the level of a component."""
-    settings = TrackerSettings(
-        laws={**NOMINAL_LAWS, name: KnownLaw(law, rate, 0.05, shape, diffusion=1e-3)}
-    )
-    cells = grid(LIMITS, settings)
-    bank = Bank(cells, settings)
-    of_it = np.flatnonzero(cells.component == COMPONENTS.index(name))
+BACKLASH = COMPONENTS.index("backlash")
+
+
+def sure_of(law: str, rate: float, shape: float, x: float) -> tuple[Mixture, float]:
+    """Return what is sure of the law, rate and level of a backlash, and the rate on the grid."""
+    known = KnownLaw(law, rate, 0.05, shape, diffusion=1e-3)
+    mixture = Mixture(LIMITS, TrackerSettings(laws={**NOMINAL_LAWS, "backlash": known}))
+    cells, of_it = mixture.bank.cells, mixture.members[BACKLASH]
+    of_it = of_it[: np.sum(cells.component == BACKLASH)]
     nearest = of_it[np.argmin(np.abs(np.log(np.maximum(cells.rate[of_it], 1e-12) / rate)))]
-    bank.weight[of_it] = 0.0
-    bank.weight[nearest] = 1.0
-    bank.mean[:] = cells.side * x
-    bank.variance[:] = 0.0
-    return bank
+    mixture.weight[mixture.members[BACKLASH]] = 0.0
+    mixture.weight[nearest] = 1.0
+    mixture.bank.mean[:] = cells.side * x
+    mixture.bank.variance[:] = 0.0
+    return mixture, float(cells.rate[nearest])
 
 
 @pytest.mark.slow
@@ -46,13 +46,10 @@ def sharp_bank(law: str, rate: float, shape: float, x: float, name: str = "backl
     ],
 )
 def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
-    bank = sharp_bank(law, rate, shape, x)
+    mixture, cell_rate = sure_of(law, rate, shape, x)
     rng = np.random.default_rng(0)
-    sample = draw_cells(bank, 4000, rng)
-    number = COMPONENTS.index("backlash")
     # The same rates as the cell holds, so that the noise alone is compared.
-    predicted = lives(sample, rng)[number]
-    cell_rate = float(bank.cells.rate[sample.cell[number, 0]])
+    predicted = lives(draw(mixture, 4000, rng), rng)[BACKLASH]
     growth = Growth(law, cell_rate, shape, 1e-3 if law == "drift" else 0.3)
     passed = [hours_to_half(growth, x, rng) for _ in range(150)]
     # Four standard errors of the median of 150, 1.25 / sqrt(150) each, and half an interval.
@@ -72,13 +69,12 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
 
 
 def test_futures_pass_the_limit_when_the_lives_end():
-    bank = sharp_bank("archard", 3e-4, 3.0, 0.25)
+    mixture, _ = sure_of("archard", 3e-4, 3.0, 0.25)
     rng = np.random.default_rng(1)
-    sample = draw_cells(bank, 4000, rng)
-    number = COMPONENTS.index("backlash")
-    ends = lives(sample, rng)[number]
+    sample = draw(mixture, 4000, rng)
+    ends = lives(sample, rng)[BACKLASH]
     hours = np.array([0.0, 200.0, 300.0, 350.0, 400.0])
-    values = futures(sample, hours[:, None, None], rng)[:, number]
+    values = futures(sample, hours[:, None, None], rng)[:, BACKLASH]
     np.testing.assert_allclose(values[0], 0.25)
     for at, share in zip(hours, (values >= 0.5).mean(axis=1), strict=True):
         # Two binomial shares of 4,000 samples, four standard errors, and the first order.

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES
 from ema_core.growth_laws import hours_until, increment
-from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
+from ema_monitor.prognosis.growth.filters import near_healthy_update
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth

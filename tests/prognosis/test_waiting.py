@@ -15,11 +15,11 @@ SETTINGS = TrackerSettings(horizon_factor=10.0)
 
 def test_tests_until_growth_is_certain_are_told_by_the_evidence_of_a_test_so_far():
     # From 0.5 to 0.05 in ten tests, a factor of 10; 1e-4 is 500 times less still: 27 tests.
-    words = growth_not_certain(0.05, 10, 1e-4, 0.5, 5)
+    words = growth_not_certain(0.05, 10)
     assert words == "growth is not certain yet: its probability is 0.950 (about 27 more tests)"
-    assert growth_not_certain(1e-5, 3, 1e-4, 0.5, 5).endswith("(about 2 more tests)")
-    assert growth_not_certain(0.49, 100, 1e-4, 0.5, 5).endswith("0.510")
-    assert growth_not_certain(0.6, 10, 1e-4, 0.5, 5) == "no significant growth"
+    assert growth_not_certain(1e-5, 3).endswith("(about 2 more tests)")
+    assert growth_not_certain(0.49, 100).endswith("0.510")
+    assert growth_not_certain(0.6, 10) == "no significant growth"
 
 
 @pytest.mark.parametrize(

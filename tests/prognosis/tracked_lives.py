@@ -9,7 +9,7 @@ from ema_core.faults import FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import Event
-from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
+from ema_monitor.prognosis.growth.prediction import TrackedFault
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth, grow
 

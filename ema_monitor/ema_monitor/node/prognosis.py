@@ -31,8 +31,7 @@ from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
-from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Count, UnusedCycle
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook

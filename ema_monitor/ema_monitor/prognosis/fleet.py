@@ -19,7 +19,7 @@ from ema_monitor.prognosis.growth.fleet import (
     distribution,
     grid_digest,
 )
-from ema_monitor.prognosis.growth.fleet_prior import FleetPrior
+from ema_monitor.prognosis.growth.settings import FleetPrior
 
 SUFFIX: Final = ".npz"
 """How the name of a file of a fleet ends."""

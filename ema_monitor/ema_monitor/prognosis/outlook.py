@@ -22,8 +22,7 @@ from ema_monitor.health import (
 from ema_monitor.identification.estimate import FAILED, Estimate
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
-from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
-from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
+from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.removal import Removal, removal_of, usage_of

@@ -1,36 +1,36 @@
-"""A bank of Gaussian filters, one to each cell of the grid, with the cells' probabilities.
+"""A bank of Gaussian filters, one to each cell of the grid.
 
 Within a cell law, shape and rate are fixed, so that what is left is one smooth scalar state, the
-fault's distance from healthy, and a Gaussian holds it (unscented transform through the exact
-solution of the law). The cells' probabilities carry all that is not Gaussian: which law, how
-bent, how fast. This is the multiple-model estimator (Magill 1965; Bar-Shalom, Li and Kirubarajan
-2001, section 11.6), with the merging of the interacting one (section 11.6.6) for the onset of
-growth, for changes of it, and for rates that wander.
+fault's distance from healthy, and a Gaussian holds it (two sigma points through the exact solution
+of the law). The cells' probabilities carry all that is not Gaussian: which law, how bent, how fast.
+This is the multiple-model estimator (Magill 1965; Bar-Shalom, Li and Kirubarajan 2001, section
+11.6), with the merging of the interacting one (section 11.6.6) for the onset of growth, for changes
+of it, and for rates that wander.
 """
 
-from copy import copy
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ema_core.growth_laws import LAWS
+from ema_core.faults import COMPONENTS
+from ema_core.growth_laws import increment
 from ema_monitor.prognosis.growth.cells import N_WANDERING_RATES, Cells
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
-    change_cells,
-    grow_cells,
-    measure_cells,
+    Array,
+    Observation,
+    corrected,
+    near_healthy_update,
 )
+from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import REACH
-from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.wander import mix_paces, transition
+from ema_monitor.prognosis.growth.wander import PACES, mix_paces
 
 _STANDSTILL = 1e-3
+_LEAST_VARIANCE = 1e-14
 
 
-class Bank:
-    """Probability, mean and variance of every cell.
+class Bank(Kept):
+    """Mean and variance of every cell.
 
     Parameters
     ----------
@@ -41,123 +41,105 @@ class Bank:
 
     Attributes
     ----------
-    weight
-        Probability of each cell; sums to 1 over the cells of a component, or to 1 with those of
-        its waves and of what drives it.
     mean, variance
         Signed distance from healthy in each cell [-].
-    members
-        Numbers of the cells of each component.
-    noise_hours
-        Variance of the effective time of growth per hour in service [h].
+    two_sided
+        Components that can leave their healthy value to either side, ``(7,)``.
+    kind
+        0 of cells without growth, 1 of those of a law for life, 2 of those that wander.
     """
 
+    kept = ("mean", "variance")
+
     def __init__(self, cells: Cells, settings: TrackerSettings) -> None:
-        self.cells = cells
-        self._settings = settings
-        self.weight = cells.prior.copy()
+        self.cells, self._settings = cells, settings
         self.mean = np.zeros_like(cells.prior)
         self.variance = np.ones_like(cells.prior)
-        self._n = int(cells.component.max()) + 1
-        self.members = [np.flatnonzero(cells.component == number) for number in range(self._n)]
-        # Cells of a component lie side by side in each law.
-        self._runs = np.flatnonzero(np.diff(cells.component, prepend=-1))
-        self._constant = cells.slices["constant"]
-        self.noise_hours = settings.noise_hours
+        self._is_constant = np.zeros(cells.prior.size, dtype=bool)
+        self._is_constant[cells.slices["constant"]] = True
+        self.kind = np.where(self._is_constant, 0, np.where(cells.wanders, 2, 1))
+        rates = np.arange(PACES.size * N_WANDERING_RATES).reshape(PACES.size, -1)
+        self._blocks = np.flatnonzero(cells.first)[:, None, None] + rates
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
-        arriving = cells.prior.copy()
-        arriving[self._constant] *= _STANDSTILL
-        self._arriving = arriving / self.sums(arriving)[cells.component]
-        self.two_sided = self.sums((cells.side < 0.0).astype(float)) > 0.0
-        self._two_sided = self.two_sided[cells.component]
-        self._law = np.repeat(
-            [LAWS.index(law) for law in cells.slices],
-            [part.stop - part.start for part in cells.slices.values()],
+        arriving = cells.prior * np.where(self._is_constant, _STANDSTILL, 1.0)
+        self._arriving = arriving / self._sums(arriving)[cells.component]
+        self._leaving = np.where(
+            self._is_constant, settings.onset_probability, settings.change_probability
         )
-        self._before = self.mean.copy(), self.variance.copy()
+        self.two_sided = self._sums((cells.side < 0.0).astype(float)) > 0.0
+        self._before = self.mean, self.variance
         self._slope = np.ones_like(self.mean)
 
-    def frozen(self) -> "Bank":
-        """Return a copy that does not change with this one."""
-        twin = copy(self)
-        twin.weight, twin.mean = self.weight.copy(), self.mean.copy()
-        twin.variance = self.variance.copy()
-        return twin
+    def _sums(self, values: Array) -> Array:
+        sums = np.bincount(self.cells.component, values, len(COMPONENTS))
+        return sums.astype(np.float64, copy=False)
 
-    def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sums of values of the cells over each component, ``(7,)``."""
-        owner = self.cells.component[self._runs]
-        total = np.bincount(owner, np.add.reduceat(values, self._runs), self._n)
-        return total.astype(np.float64, copy=False)
-
-    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return mean and variance of each component's signed distance, ``(7,)`` each."""
-        total = np.maximum(self.sums(self.weight), LEAST_PROBABILITY)
-        mean = self.sums(self.weight * self.mean) / total
-        away = self.mean - mean[self.cells.component]
-        return mean, self.sums(self.weight * (self.variance + away**2)) / total
-
-    def diffusion(self) -> NDArray[np.float64]:
-        """Return the root mean square diffusion of each component [1/sqrt(h)], ``(7,)``."""
-        total = np.maximum(self.sums(self.weight), LEAST_PROBABILITY)
-        return np.sqrt(self.sums(self.weight * self.cells.diffusion**2) / total)
-
-    def advance(self, hours: NDArray[np.float64]) -> None:
-        """Let the cells of each component grow over hours of its own, ``(7,)`` [h]."""
-        states = (self.weight, self.mean, self.variance)
-        own, blocks = hours[self.cells.component], self.cells.blocks
-        for elapsed in np.unique(hours[hours > 0.0]):
-            at = blocks[own[blocks] == elapsed]
-            mix_paces(*states, at, N_WANDERING_RATES, transition(float(elapsed)))
-        self._before = self.mean.copy(), self.variance.copy()
-        self._slope = np.ones_like(self.mean)
-        if not own.any():
-            return
+    def rates(self) -> Array:
+        """Return the signed growth of each cell in the next hour [1/h]."""
         cells = self.cells
+        x = np.clip(cells.side * self.mean, 0.0, 1.0)
+        return cells.side * self._increments(x, np.ones(len(COMPONENTS)))
+
+    def _increments(self, x: Array, hours: Array) -> Array:
+        """Return the growth of each cell from some distances over hours of its component [h]."""
+        cells, steps = self.cells, np.empty_like(x)
         for law, part in cells.slices.items():
-            if law == "constant":
-                continue
-            if law == "drift":
-                self.mean[part] += cells.side[part] * cells.rate[part] * own[part]
-                self.variance[part] += cells.diffusion[part] ** 2 * own[part]
-                continue
-            figures = (self._law, cells.side, cells.rate, cells.shape)
-            states = (self.mean, self.variance, self._slope)
-            grow_cells(*(one[part] for one in (*figures, *states, own)), self.noise_hours)
+            own = hours[cells.component[part]]
+            steps[..., part] = increment(
+                law, x[..., part], cells.rate[part], cells.shape[part], own
+            )
+        return np.minimum(steps, 1.0)
 
-    def change(self) -> None:
-        """Let growth begin, or become another, with the probabilities of the settings."""
-        settings, component = self._settings, self.cells.component
-        leaving = np.full_like(self.weight, settings.change_probability)
-        leaving[self._constant] = settings.onset_probability
-        # What is known of the test before changes with it.
-        for weight, mean, variance in (
-            (self.weight.copy(), *self._before),
-            (self.weight, self.mean, self.variance),
-        ):
-            change_cells(weight, mean, variance, component, leaving, self._arriving, self._n)
-
-    def measure(
-        self,
-        value: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        used: NDArray[np.bool_],
-        near_healthy: NDArray[np.bool_],
-        carried: NDArray[np.float64],
-        fresh: NDArray[np.float64],
-        value_before: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Update the levels of all cells by a test.
+    def advance(self, weight: Array, hours: Array) -> None:
+        """Let the cells of each component grow over hours of its own, ``(7,)`` [h].
 
         Parameters
         ----------
-        value, noise
-            Signed distances from healthy and variances of their errors, ``(7,)``.
-        used, near_healthy
-            Components that the test shows, and those of them that were set to healthy, ``(7,)``.
-        carried, fresh, value_before
-            As of ``measure_cells``.
+        weight
+            Probability of each cell; changed, for paces do.
+        hours
+            The hours, at least 0.
+        """
+        cells = self.cells
+        own = hours[cells.component]
+        if own.any():
+            mix_paces(weight, self.mean, self.variance, self._blocks, own[self._blocks[:, 0, 0]])
+        self._before = self.mean.copy(), self.variance.copy()
+        sd = np.sqrt(self.variance)
+        x = np.maximum(cells.side * self.mean + np.stack([-sd, sd]), 0.0)
+        step = self._increments(x, hours)
+        spread = 0.5 * np.diff(x + step, axis=0)[0]
+        noise = np.mean(step, axis=0) ** 2 * self._settings.noise_hours / np.where(own, own, 1.0)
+        grown = (own > 0.0) & ~self._is_constant
+        drifts = cells.slices["drift"]
+        grown[drifts] = False
+        self._slope = np.where(grown, spread / np.where(sd > 0.0, sd, 1.0), 1.0)
+        self.mean = np.where(grown, cells.side * np.mean(x + step, axis=0), self.mean)
+        self.variance = np.where(grown, spread**2 + noise, self.variance)
+        self.mean[drifts] += (cells.side * cells.rate * own)[drifts]
+        self.variance[drifts] += (cells.diffusion**2 * own)[drifts]
+
+    def change(self, weight: Array) -> None:
+        """Let growth begin, or become another, with the probabilities of the settings."""
+        owner = self.cells.component
+        out = self._leaving * weight
+        mass = np.maximum(self._sums(out), LEAST_PROBABILITY)
+        new = self._arriving * mass[owner]
+        total = np.maximum(weight - out + new, LEAST_PROBABILITY)
+        share = new / total
+        # What is known of the test before changes with it.
+        for mean, variance in (self._before, (self.mean, self.variance)):
+            first = self._sums(out * mean) / mass
+            second = self._sums(out * (variance + mean**2)) / mass - first**2
+            gap = first[owner] - mean
+            variance += share * (np.maximum(second, 0.0)[owner] - variance)
+            variance += share * (1.0 - share) * gap**2
+            mean += share * gap
+        weight[:] = total
+
+    def measure(self, test: Observation) -> tuple[Array, Array]:
+        """Update the levels by a test.
 
         Returns
         -------
@@ -165,30 +147,29 @@ class Bank:
             Logarithms of the likelihoods of the cells and the probabilities of a smaller value by
             them, ``(n,)`` each; 0 of components not shown.
         """
-        component = self.cells.component
-        log_likelihood, below = np.zeros_like(self.weight), np.zeros_like(self.weight)
-        plain = np.flatnonzero((used & ~near_healthy)[component])
-        settings = self._settings
-        states = (self.mean, self.variance, self._slope, *self._before)
-        measure_cells(
-            *(plain, component, *states, value, fresh, carried, value_before),
-            *(settings.occasional_error, settings.occasional_probability, log_likelihood, below),
-        )
-        near = np.flatnonzero((used & near_healthy)[component])
-        mean, variance = self.mean[near], self.variance[near]
+        owner = self.cells.component
+        log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)
+        at = np.flatnonzero(test.plain[owner])
+        k, mean, variance = owner[at], self.mean[at], self.variance[at]
+        mean_before, variance_before = self._before[0][at], self._before[1][at]
+        c = test.carried[k]
+        # Merged, the two variances need not fit the slope any longer.
+        joint = np.minimum(self._slope[at] * variance_before, np.sqrt(variance * variance_before))
+        innovation = test.value[k] - mean - c * (test.value_before[k] - mean_before)
+        shared = variance - c * joint
+        usual = variance - 2.0 * c * joint + c**2 * variance_before + test.fresh[k]
+        told = corrected(innovation, usual, self._settings)
+        self.mean[at] = mean + shared * told.gain * innovation
+        self.variance[at] = np.maximum(variance - shared**2 * told.shrinking, _LEAST_VARIANCE)
+        log_likelihood[at], below[at] = told.log_likelihood, told.below
+        near = np.flatnonzero(test.near[owner])
+        k, mean, variance = owner[near], self.mean[near], self.variance[near]
         log_p = np.empty(near.size)
-        own = component[near]
-        near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], log_p)
+        near_healthy_update(mean, variance, test.noise[k], REACH[k], self.two_sided[k], log_p)
         self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, log_p
         return log_likelihood, below
 
-    def restart(self, component: int, value: float, variance: float) -> None:
-        """Start a component's level anew.
-
-        Parameters
-        ----------
-        component, value, variance
-            Number of the component, its new signed distance from healthy, and its variance [-].
-        """
-        at = self.members[component]
+    def restart(self, number: int, value: float, variance: float) -> None:
+        """Start the level of a component anew at a signed distance from healthy [-]."""
+        at = self.cells.component == number
         self.mean[at], self.variance[at] = value, variance

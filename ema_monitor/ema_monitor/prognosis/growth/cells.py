@@ -16,9 +16,11 @@ wanders about that of a law (``wander``): by the pace, a factor that forgets its
 hundred hours. They follow what no law of the grid describes: load, lubrication, what slows down.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from itertools import pairwise
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.growth_laws import LAWS, hours_until
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.settings import LIFE_HOURS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.wander import FACTORS, PACES, SHARES
 
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
@@ -44,21 +46,20 @@ _MILD: Final = 4.0
 _DIFFUSIONS: Final = (0.05, 0.1, 0.2)
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A law with its second figures.
+CONSTANT_PRIOR: Final = 0.5
+"""Prior probability that a component does not grow [-]."""
+WANDERING_PRIOR: Final = 0.7
+"""Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
 
-    Attributes
-    ----------
-    law
-        One of ``ema_core.growth_laws.LAWS`` but ``constant``.
-    shape
-        Second figure of the law [-].
-    diffusion
-        Of ``drift`` its s [1/sqrt(h)]; else 0.
-    share
-        Its prior probability among all curves [-].
-    """
+N_WANDERING_RATES: Final = 33
+_BENDS_OF_WEAR: Final = (4.0,)
+_BENDS_OF_HEAT: Final = (2.0, 3.0, 4.5, 6.0, 9.0, 14.0)
+_SETTLING: Final = 0.7
+"""Share of its first speed that growth which slows down has lost at the limit [-]."""
+
+
+class Curve(NamedTuple):
+    """A law with its second figures: its shape, of ``drift`` its diffusion, and its prior."""
 
     law: str
     shape: float
@@ -81,57 +82,23 @@ def curves_of(limit: float, known: KnownLaw | None, *, two_sided: bool) -> list[
     if known is not None:
         diffusion = known.diffusion if known.law == "drift" else 0.0
         return [Curve(known.law, known.shape, diffusion, 1.0)]
-    figures = [("linear", 0.0, 0.0, 1.0)]
+    curves = [Curve("linear", 0.0, 0.0, 1.0)]
     for bend in BENDS:
         worn, heated = _root(_bend_of_wear, bend), _root(_bend_of_heat, bend)
         # dx/du = a (1 + b x) and a (x + x_0) are the same curves, with x_0 = 1 / b.
         if worn <= _MILD:
-            figures.append(("archard", worn / limit, 0.0, 1.0))
+            curves.append(Curve("archard", worn / limit, 0.0, 1.0))
         else:
-            figures.append(("exponential", limit / worn, 0.0, 1.0))
-        figures.append(("self_heating", heated / limit, 0.0, 1.0))
-        figures.append(("power", bend, 0.0, 1.0))
+            curves.append(Curve("exponential", limit / worn, 0.0, 1.0))
+        curves.append(Curve("self_heating", heated / limit, 0.0, 1.0))
+        curves.append(Curve("power", bend, 0.0, 1.0))
     if two_sided:
         # As probable as any other law with all its bends.
         share = len(BENDS) / len(_DIFFUSIONS)
-        spreads = [multiple * limit / np.sqrt(1000.0) for multiple in _DIFFUSIONS]
-        figures += [("drift", 0.0, float(spread), share) for spread in spreads]
-    total = sum(share for *_, share in figures)
-    return [Curve(law, shape, spread, share / total) for law, shape, spread, share in figures]
-
-
-def _bend_of_wear(product: float) -> float:
-    """Return the bend of dx/du = a (1 + b x) by b times the limit."""
-    return float((1.0 + product) * np.log1p(product) / product)
-
-
-def _bend_of_heat(product: float) -> float:
-    """Return the bend of dx/du = a exp(b x) by b times the limit."""
-    return float(np.expm1(product) / product)
-
-
-def _root(bend_of: Callable[[float], float], bend: float) -> float:
-    """Return where an ascending function reaches a bend, by bisection."""
-    low, high = 1e-3, 500.0
-    while high > low * (1.0 + 1e-12):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if bend_of(middle) < bend else (low, middle)
-    return float(low)
-
-
-N_RATES: Final = 97
-LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, N_RATES)
-"""Hours from healthy to the limit on the grid [h]; every other one where no law is known."""
-CONSTANT_PRIOR: Final = 0.5
-"""Prior probability that a component does not grow [-]."""
-WANDERING_PRIOR: Final = 0.7
-"""Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
-
-N_WANDERING_RATES: Final = 33
-_BENDS_OF_WEAR: Final = (4.0,)
-_BENDS_OF_HEAT: Final = (2.0, 3.0, 4.5, 6.0, 9.0, 14.0)
-_SETTLING: Final = 0.7
-"""Share of its first speed that growth which slows down has lost at the limit [-]."""
+        spreads = [multiple * limit / math.sqrt(1000.0) for multiple in _DIFFUSIONS]
+        curves += [Curve("drift", 0.0, spread, share) for spread in spreads]
+    total = sum(curve.share for curve in curves)
+    return [curve._replace(share=curve.share / total) for curve in curves]
 
 
 def wandering_curves(limit: float) -> list[Curve]:
@@ -144,6 +111,25 @@ def wandering_curves(limit: float) -> list[Curve]:
     figures += [("archard", _root(_bend_of_wear, bend) / limit) for bend in _BENDS_OF_WEAR]
     figures += [("self_heating", _root(_bend_of_heat, bend) / limit) for bend in _BENDS_OF_HEAT]
     return [Curve(law, shape, 0.0, 1.0 / len(figures)) for law, shape in figures]
+
+
+def _bend_of_wear(product: float) -> float:
+    """Return the bend of dx/du = a (1 + b x) by b times the limit."""
+    return (1.0 + product) * math.log1p(product) / product
+
+
+def _bend_of_heat(product: float) -> float:
+    """Return the bend of dx/du = a exp(b x) by b times the limit."""
+    return math.expm1(product) / product
+
+
+def _root(bend_of: Callable[[float], float], bend: float) -> float:
+    """Return where an ascending function reaches a bend, by bisection."""
+    low, high = 1e-3, 500.0
+    while high > low * (1.0 + 1e-12):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if bend_of(middle) < bend else (low, middle)
+    return low
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,20 +146,20 @@ class Cells:
         Side of the healthy value on which it grows, -1 or 1.
     rate, shape
         Figures of the law; the rate is that of now, its pace included.
-    base
-        The rate without its pace.
-    spacing
-        Distance of neighbouring rates in the logarithm [-].
-    wanders, pace
-        Whether the rate wanders, and the logarithm of its pace [-], 0 where it does not.
-    blocks
-        Where the cells of each wandering curve begin, ``(m,)``: those of each pace in turn.
     diffusion
         Of ``drift`` its s [1/sqrt(h)]; else 0.
     limit
         Distance from healthy at which life ends [-].
     prior
         Prior probability; sums to 1 over the cells of a component.
+    base
+        The rate without its pace.
+    spacing
+        Distance of neighbouring rates in the logarithm [-].
+    wanders, pace
+        Whether the rate wanders, and the logarithm of its pace [-], 0 where it does not.
+    first
+        The first cell of each wandering curve: those of each pace follow in turn.
     """
 
     slices: dict[str, slice]
@@ -188,83 +174,75 @@ class Cells:
     spacing: NDArray[np.float64]
     wanders: NDArray[np.bool_]
     pace: NDArray[np.float64]
-    blocks: NDArray[np.intp]
+    first: NDArray[np.bool_]
+
+
+_ROW: Final = np.dtype(
+    [
+        ("component", np.intp),
+        *((name, np.float64) for name in ("side", "rate", "shape", "diffusion", "limit")),
+        *((name, np.float64) for name in ("prior", "base", "spacing")),
+        *(("wanders", np.bool_), ("pace", np.float64), ("first", np.bool_)),
+    ]
+)
 
 
 def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     """Return the cells for all components, by their limits and by the laws that are known."""
-    by_law: dict[str, list[NDArray[np.float64]]] = {law: [] for law in LAWS}
+    by_law: dict[str, list[NDArray[np.void]]] = {law: [] for law in LAWS}
+    lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_WANDERING_RATES)
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), settings.laws.get(name)
-        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR, *[0.0] * 5]
-        by_law["constant"].append(np.array(still)[:, None])
-        steady = 1.0 if known else 1.0 - WANDERING_PRIOR
-        for curve in curves_of(limit, known, two_sided=_is_two_sided(number)):
-            by_law[curve.law].append(_cells_of(curve, number, limit, known, steady))
-        if known is None:
-            for curve in wandering_curves(limit):
-                by_law[curve.law].append(_wandering_cells(curve, number, limit))
-    stops = np.cumsum([0, *(sum(part.shape[1] for part in of_it) for of_it in by_law.values())])
-    slices = {law: slice(*stops[i : i + 2].tolist()) for i, law in enumerate(by_law)}
-    parts = [part for of_it in by_law.values() for part in of_it]
-    component, side, rate, shape, diffusion, limit, prior, base, spacing, wanders, pace, first = (
-        np.concatenate(parts, axis=1)
-    )
-    number = component.astype(np.intp)
-    prior /= np.bincount(number, prior)[number]
-    figures = (rate, shape, diffusion, limit, prior, base, spacing)
-    return Cells(
-        slices, number, side, *figures, wanders.astype(np.bool_), pace, np.flatnonzero(first)
-    )
+        two_sided = FAULTS[FAULT_NAMES.index(name)].is_two_sided
+        still = np.zeros(1, _ROW)
+        still["side"], still["prior"] = 1.0, CONSTANT_PRIOR
+        blocks = [("constant", still)]
+        for curve in curves_of(limit, known, two_sided=two_sided):
+            steady = 1.0 if known else 1.0 - WANDERING_PRIOR
+            rows = _rows(curve, limit, LIFE_HOURS if known else LIFE_HOURS[::2], known, steady)
+            blocks.append((curve.law, rows))
+        for curve in [] if known else wandering_curves(limit):
+            rows = np.tile(_rows(curve, limit, lives, None, WANDERING_PRIOR), PACES.size)
+            rows["rate"] *= np.repeat(FACTORS, lives.size)
+            rows["prior"] *= np.repeat(SHARES, lives.size)
+            rows["pace"] = np.repeat(PACES, lives.size)
+            rows["wanders"], rows["first"][0] = True, True
+            blocks.append((curve.law, rows))
+        for law, rows in blocks:
+            rows["component"], rows["limit"] = number, limit
+            if two_sided and law != "constant":
+                other = rows.copy()
+                other["side"] = -1.0
+                rows["prior"] /= 2.0
+                other["prior"] /= 2.0
+                rows = np.concatenate([other, rows])
+            by_law[law].append(rows)
+    found = {law: np.concatenate([np.zeros(0, _ROW), *rows]) for law, rows in by_law.items()}
+    stops = np.cumsum([0, *(rows.size for rows in found.values())]).tolist()
+    slices = {law: slice(*pair) for law, pair in zip(found, pairwise(stops), strict=True)}
+    rows = np.concatenate([*found.values()])
+    columns = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
+    columns["prior"] /= np.bincount(rows["component"], rows["prior"])[rows["component"]]
+    return Cells(slices, **columns)
 
 
-def _cells_of(
-    curve: Curve, number: int, limit: float, known: KnownLaw | None, share: float
-) -> NDArray[np.float64]:
-    """Return the figures of cells of a steady rate, in the order of ``grid``, ``(12, n)``."""
-    lives = LIFE_HOURS if known else LIFE_HOURS[::2]
-    rate, spacing = _rates(curve, limit, lives), float(np.log(lives[1] / lives[0]))
-    sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
-    prior = _rate_prior(rate, known) * share * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
-    figures = (curve.shape, curve.diffusion, limit, prior, rate, spacing, 0.0, 0.0, 0.0)
-    return np.concatenate(
-        [np.stack(np.broadcast_arrays(number, side, rate, *figures)) for side in sides], axis=1
-    )
-
-
-def _wandering_cells(curve: Curve, number: int, limit: float) -> NDArray[np.float64]:
-    """Return the figures of cells of a wandering rate, in the order of ``grid``, ``(12, n)``."""
-    lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_WANDERING_RATES)
-    base = np.tile(_rates(curve, limit, lives), PACES.size)
-    spacing = float(np.log(lives[1] / lives[0]))
-    sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
-    share = WANDERING_PRIOR * (1.0 - CONSTANT_PRIOR) * curve.share
-    prior = np.repeat(SHARES, lives.size) * share / lives.size / len(sides)
-    rate, pace = base * np.repeat(FACTORS, lives.size), np.repeat(PACES, lives.size)
-    first = np.arange(base.size) == 0
-    return np.concatenate(
-        [
-            np.stack(
-                np.broadcast_arrays(
-                    *(number, side, rate, curve.shape, 0.0, limit, prior),
-                    *(base, spacing, 1.0, pace, first),
-                )
-            )
-            for side in sides
-        ],
-        axis=1,
-    )
-
-
-def _rates(curve: Curve, limit: float, lives: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rates of a law by the hours from healthy to the limit, ``(n,)``."""
+def _rows(
+    curve: Curve,
+    limit: float,
+    lives: NDArray[np.float64],
+    known: KnownLaw | None,
+    share: float,
+) -> NDArray[np.void]:
+    """Return cells of a curve on the upper side, for some hours from healthy to the limit [h]."""
+    rows = np.zeros(lives.size, _ROW)
     # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
     at_one = float(hours_until(curve.law, 0.0, 1.0, curve.shape, limit))
-    return lives / at_one if curve.law == "power" else at_one / lives
-
-
-def _is_two_sided(number: int) -> bool:
-    return FAULTS[FAULT_NAMES.index(COMPONENTS[number])].is_two_sided
+    rate = lives / at_one if curve.law == "power" else at_one / lives
+    rows["side"], rows["rate"], rows["base"] = 1.0, rate, rate
+    rows["shape"], rows["diffusion"] = curve.shape, curve.diffusion
+    rows["spacing"] = math.log(lives[1] / lives[0])
+    rows["prior"] = _rate_prior(rate, known) * share * (1.0 - CONSTANT_PRIOR) * curve.share
+    return rows
 
 
 def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np.float64]:

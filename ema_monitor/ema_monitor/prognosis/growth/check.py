@@ -10,17 +10,16 @@ less certain.
 """
 
 import math
-from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
+from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
@@ -77,8 +76,13 @@ class TrackRecord:
     widening: float = math.nan
 
 
-class PredictionCheck:
+class PredictionCheck(Kept):
     """Keeps the scores of predictions, and those predictions whose tests are still to come."""
+
+    kept = (
+        *("_scores", "_log_widths", "_since", "_ahead", "_quantiles", "_waits", "_grows"),
+        *("_tests", "_first_hours"),
+    )
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._large = settings.occasional_error
@@ -96,43 +100,10 @@ class PredictionCheck:
         self._tests = 0
         self._first_hours = math.nan
 
-    def frozen(self) -> "PredictionCheck":
-        """Return a copy whose factors do not change with this one."""
-        twin = copy(self)
-        twin._log_widths, twin._scores = self._log_widths.copy(), self._scores.copy()
-        return twin
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return all that is known, for ``restore``."""
-        return {
-            "check_scores": self._scores,
-            "check_widths": self._log_widths,
-            "check_since": self._since,
-            "check_ahead": self._ahead,
-            "check_quantiles": self._quantiles,
-            "check_waits": self._waits,
-            "check_grows": self._grows,
-            "check_tests": np.array([self._tests, self._first_hours]),
-        }
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what ``state`` returned."""
-        self._scores, self._log_widths = state["check_scores"], state["check_widths"]
-        self._since, self._ahead = state["check_since"], state["check_ahead"]
-        self._quantiles = state["check_quantiles"]
-        self._waits, self._grows = state["check_waits"], state["check_grows"]
-        tests, self._first_hours = map(float, state["check_tests"])
-        self._tests = int(tests)
-
     def restart(self, number: int, *, is_new: bool) -> None:
         """Drop the predictions of a component whose level or growth has changed.
 
-        Parameters
-        ----------
-        number
-            The component.
-        is_new
-            Whether it was repaired, so that its scores are of another part.
+        If it was repaired (``is_new``) its scores are of another part, and go as well.
         """
         self._waits[:, number] = 0
         if is_new:
@@ -153,10 +124,8 @@ class PredictionCheck:
 
         Parameters
         ----------
-        measurement
-            The test.
-        used
-            Components that it measures, ``(7,)``.
+        measurement, used
+            The test, and the components that it measures, ``(7,)``.
         factor
             Factor of the standard deviations of its errors [-].
         """
@@ -177,28 +146,20 @@ class PredictionCheck:
         passed = float(measurement.own_hours[number] - self._since[slot, number])
         if passed > hours[-1]:
             return  # further ahead than was predicted, as after a gap
-        after = int(np.searchsorted(hours, passed))
-        at = max(after - 1, 0)
-        share = np.clip((passed - hours[at]) / max(hours[after] - hours[at], 1e-9), 0, 1)
-        quantiles = (1.0 - share) * table[at] + share * table[after]
+        quantiles = np.array([np.interp(passed, hours, column) for column in table.T])
         value = float(measurement.value[number])
         usual = float(measurement.noise[number]) * factor**2
-        errors = ((1.0 - self._rare, usual), (self._rare, usual + self._large**2))
-        pit = sum(
-            part * np.mean([_NORMAL.cdf(away) for away in (value - quantiles) / math.sqrt(size)])
-            for part, size in errors
-        )
-        self._add(1, number, float(pit))
+        sizes = np.sqrt([[usual], [usual + self._large**2]])
+        shares = np.array([1.0 - self._rare, self._rare])
+        below = [[_NORMAL.cdf(away) for away in row] for row in (value - quantiles) / sizes]
+        self._add(1, number, float(shares @ np.mean(below, axis=1)))
         if not self._grows[slot, number]:
             return
         middle = np.median(quantiles)
         away = value - middle - WIDTHS[:, None] * (quantiles - middle)
-        likelihood = sum(
-            part * np.mean(np.exp(-0.5 * away**2 / size), axis=1) / math.sqrt(size)
-            for part, size in errors
-        )
+        of_sizes = np.mean(np.exp(-0.5 * (away / sizes[..., None]) ** 2), axis=2) / sizes
         # Predictions overlap: of each hour of growth there are four.
-        gain = np.log(np.maximum(likelihood, LEAST_PROBABILITY)) / _PENDING
+        gain = np.log(np.maximum(shares @ of_sizes, LEAST_PROBABILITY)) / _PENDING
         known = self._log_widths[number] - LOG_PRIOR
         known = LOG_PRIOR + _KEPT * known + gain
         self._log_widths[number] = known - known.max()
@@ -258,14 +219,9 @@ class PredictionCheck:
 
 
 def widened_lives(hours: Array, factor: Array) -> Array:
-    """Return remaining lives spread about the median of each component by a factor [h].
+    """Return remaining lives, ``(7, n)`` [h], spread about the median of each component.
 
-    Parameters
-    ----------
-    hours
-        Samples [h], ``(7, n)``.
-    factor
-        Factor of the logarithm of their ratio to the median, 1 or more [-], ``(7,)``.
+    Their logarithms are, by a factor of 1 or more, ``(7,)`` [-].
     """
     middle = np.quantile(hours, 0.5, axis=1, keepdims=True, method="inverted_cdf")
     result = hours.copy()
@@ -275,15 +231,7 @@ def widened_lives(hours: Array, factor: Array) -> Array:
 
 
 def widened(values: Array, factor: Array) -> Array:
-    """Return futures spread about the median of each component by a factor.
-
-    Parameters
-    ----------
-    values
-        Samples, ``(m, 7, n)``.
-    factor
-        Factor of their distances from the median, 1 or more [-], ``(7,)``.
-    """
+    """Return futures, ``(m, 7, n)``, spread about their median by a factor of 1 or more [-]."""
     if not np.any(factor > 1.0):
         return values
     within = np.clip(values, -_FARTHEST, _FARTHEST)

@@ -1,238 +1,238 @@
-"""Growth and measurement of Gaussian filters whose estimates have errors that last.
+"""Updates of Gaussian filters by tests whose errors last, and of which some are larger.
 
 An error e of an estimate follows an AR(1) process from test to test. As the estimate is x + e
-exactly, what is known of the error of the test before is what is known of x then, so that a
-scalar filter suffices: the innovation is y - x - c (y0 - x0), c being the correlation times the
-ratio of the errors' sizes (Bar-Shalom, Li and Kirubarajan 2001, section 8.2.6).
+exactly, what is known of the error of the test before is what is known of x then, so that no state
+is added: the innovation is y - x - c (y0 - x0), c being the correlation times the ratio of the
+errors' sizes (Bar-Shalom, Li and Kirubarajan 2001, section 8.2.6).
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core._jit import kernel
-from ema_core.growth_laws import LAWS
-
-_EXPONENTIAL = LAWS.index("exponential")
-_ARCHARD = LAWS.index("archard")
-_SELF_HEATING = LAWS.index("self_heating")
-_POWER = LAWS.index("power")
-_LARGEST = 50.0
-_LEAST_VARIANCE = 1e-14
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 LEAST_PROBABILITY: Final = 1e-280
 """What stands for a probability below it, so that its logarithm is finite [-]."""
 
+_TAIL: Final = -6.0
+_ROOT_2: Final = math.sqrt(2.0)
+_ROOT_2_PI: Final = math.sqrt(2.0 * math.pi)
 
-@kernel()
-def grown(law: int, rate: float, shape: float, x: float, hours: float) -> float:
-    """Return the growth of ``ema_core.growth_laws.increment``, at most 1."""
-    if law == _EXPONENTIAL:
-        step = (x + shape) * math.expm1(min(rate * hours, _LARGEST))
-    elif law == _ARCHARD:
-        step = (1.0 / shape + x) * math.expm1(min(rate * shape * hours, _LARGEST))
-    elif law == _SELF_HEATING:
-        spent = rate * shape * hours * math.exp(min(shape * x, _LARGEST))
-        step = -math.log1p(-spent) / shape if spent < 1.0 else 1.0
-    elif law == _POWER:
-        step = (x ** (1.0 / shape) + hours / rate) ** shape - x
-    else:
-        step = rate * hours
-    return min(step, 1.0)
+Array = NDArray[np.float64]
 
 
-@kernel()
-def grow_cells(
-    law: NDArray[np.intp],
-    side: NDArray[np.float64],
-    rate: NDArray[np.float64],
-    shape: NDArray[np.float64],
-    mean: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    hours: NDArray[np.float64],
-    noise_hours: float,
-) -> None:
-    """Let the levels of cells grow in place, at two sigma points each.
+class Observation(NamedTuple):
+    """What a test shows of each component, ``(7,)`` each.
+
+    Attributes
+    ----------
+    value, noise
+        Signed distances from healthy and variances of their errors [-].
+    plain, near
+        Components that the test measures, and those that it finds near healthy.
+    carried, value_before
+        Factor c of the error of the test before, and its value.
+    fresh
+        Variance of the part of the error that is new.
+    """
+
+    value: Array
+    noise: Array
+    plain: NDArray[np.bool_]
+    near: NDArray[np.bool_]
+    carried: Array
+    value_before: Array
+    fresh: Array
+
+
+class Correction(NamedTuple):
+    """What an innovation tells of a state, by two Gaussians, merged.
+
+    Attributes
+    ----------
+    log_likelihood
+        Logarithm of the likelihood of the innovation, up to a constant.
+    gain
+        Change of the mean over its covariance with the innovation, and the innovation.
+    shrinking
+        Loss of covariance over the square of that covariance.
+    below
+        Probability of a smaller innovation [-].
+    """
+
+    log_likelihood: Array
+    gain: Array
+    shrinking: Array
+    below: Array
+
+
+def corrected(
+    innovation: Array, usual: Array, settings: TrackerSettings, *, with_below: bool = True
+) -> Correction:
+    """Return what innovations of some variances tell; some have a larger error.
 
     Parameters
     ----------
-    law
-        Number of the law of each cell in ``LAWS``, ``(n,)``.
-    side, rate, shape
-        As of ``Cells``.
-    mean, variance
-        Signed distance from healthy [-], ``(n,)``.
-    slope
-        Derivative of the level after by that before, ``(n,)``; written.
+    innovation, usual
+        Innovations and their variances.
+    settings
+        Size and probability of a larger error.
+    with_below
+        Whether the probabilities of smaller innovations are wanted; else they are 0.
+    """
+    rare, squared = settings.occasional_probability, innovation**2
+    wide = usual + settings.occasional_error**2
+    log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
+    log_wide = math.log(max(rare, LEAST_PROBABILITY)) - 0.5 * (squared / wide + np.log(wide))
+    log_p = np.logaddexp(log_usual, log_wide)
+    share, gap = np.exp(log_wide - log_p), 1.0 / wide - 1.0 / usual
+    gain = 1.0 / usual + share * gap
+    below = np.zeros(innovation.shape)
+    if with_below:
+        _below((innovation / np.sqrt(usual)).ravel(), 1.0 - rare, below.ravel())
+        _below((innovation / np.sqrt(wide)).ravel(), rare, below.ravel())
+    return Correction(log_p, gain, gain - share * (1.0 - share) * gap**2 * squared, below)
+
+
+@kernel()
+def _below(away: Array, share: float, total: Array) -> None:
+    """Add a share of the probabilities of smaller standard normal numbers."""
+    for i in range(away.size):
+        total[i] += share * 0.5 * math.erfc(-away[i] / _ROOT_2)
+
+
+def growth_of_rate(
+    rate: Array, hours: Array, noise_hours: float, walk: Array
+) -> tuple[Array, Array]:
+    """Return step and noise of level and rate over some hours, ``(..., 2, 2)`` each.
+
+    Parameters
+    ----------
+    rate
+        Rate now [1/h], ``(...)``.
     hours
-        Hours of growth, ``(n,)`` [h]; where they are 0 nothing changes.
+        Hours of growth [h], in a form that broadcasts to it.
     noise_hours
         Variance of the effective time of growth per hour [h].
+    walk
+        Variance of the random walk of the rate in an hour, ``(...)``.
+    """
+    step, noise = np.zeros((2, *rate.shape, 2, 2))
+    step[..., 0, 0] = step[..., 1, 1] = 1.0
+    step[..., 0, 1] = hours
+    walked = walk * hours
+    noise[..., 0, 0] = rate**2 * noise_hours * hours + walked * hours**2 / 3.0
+    noise[..., 0, 1] = noise[..., 1, 0] = walked * hours / 2.0
+    noise[..., 1, 1] = walked
+    return step, noise
+
+
+def moved(mean: Array, covariance: Array, step: Array, noise: Array) -> tuple[Array, Array]:
+    """Return mean and covariance of states that are multiplied by a matrix, with noise added."""
+    after = np.einsum("...ij,...j->...i", step, mean)
+    return after, step @ covariance @ np.swapaxes(step, -1, -2) + noise
+
+
+def measured(
+    before: tuple[Array, Array],
+    by: tuple[Array, Array],
+    seen: Array,
+    value: Array,
+    value_before: Array,
+    carried: Array,
+    fresh: Array,
+    settings: TrackerSettings,
+) -> tuple[Array, Array, Correction]:
+    """Return mean and covariance of states after a value of a sum of theirs, and what it told.
+
+    Parameters
+    ----------
+    before
+        Mean and covariance at the test before, ``(..., d)`` and ``(..., d, d)``.
+    by
+        Step and noise since then, ``(..., d, d)`` each.
+    seen
+        Which states are measured, ``(d,)``.
+    value, value_before, carried, fresh
+        As of ``Observation``, in a form that broadcasts to ``(...)``.
+    settings
+        As of ``corrected``.
+    """
+    (mean_before, covariance_before), (step, noise) = before, by
+    mean, covariance = moved(*before, *by)
+    across = seen @ step - carried[..., None] * seen
+    innovation = value - mean @ seen - carried * (value_before - mean_before @ seen)
+    spread = np.einsum("...ij,...j->...i", covariance_before, across)
+    shared = np.einsum("...ij,...j->...i", step, spread) + noise @ seen
+    usual = np.einsum("...i,...i->...", across, spread) + noise @ seen @ seen + fresh
+    told = corrected(innovation, usual, settings)
+    outer = shared[..., None] * shared[..., None, :]
+    return (
+        mean + shared * (told.gain * innovation)[..., None],
+        covariance - outer * told.shrinking[..., None, None],
+        told,
+    )
+
+
+@kernel()
+def near_healthy_update(
+    mean: Array,
+    variance: Array,
+    noise: Array,
+    reach: Array,
+    two_sided: NDArray[np.bool_],
+    log_likelihood: Array,
+) -> None:
+    """Update Gaussians in place, knowing that x + error was set to healthy as not significant.
+
+    Parameters
+    ----------
+    mean, variance
+        Distance from healthy before, ``(n,)``; after it on return.
+    noise
+        Variance of the error, ``(n,)``.
+    reach
+        Standard deviations of the error within which it is not, ``(n,)`` [-].
+    two_sided
+        Whether the component may lie on either side of healthy, ``(n,)``.
+    log_likelihood
+        Logarithm of the probability of this, ``(n,)``; written.
+
+    Notes
+    -----
+    Moments of a Gaussian under a probit likelihood: Rasmussen and Williams, Gaussian Processes
+    for Machine Learning, 2006, section 3.9. Far in the tail the probit is a Gaussian at its edge.
     """
     for i in range(mean.size):
-        u = hours[i]
-        if u <= 0.0:
+        m, sigma = mean[i], math.sqrt(noise[i])
+        sign = 1.0
+        if two_sided[i] and m < 0.0:
+            sign = -1.0
+        m *= sign
+        total = variance[i] + noise[i]
+        root = math.sqrt(total)
+        gain = variance[i] / total
+        upper = (reach[i] * sigma - m) / root
+        if upper < _TAIL:
+            mean[i] = sign * (m + gain * upper * root)
+            variance[i] *= 1.0 - gain
+            # Mills' ratio joins both forms where they meet.
+            log_likelihood[i] = -0.5 * upper * upper - math.log(-upper * _ROOT_2_PI)
             continue
-        x, sd = side[i] * mean[i], math.sqrt(variance[i])
-        low, high = max(x - sd, 0.0), max(x + sd, 0.0)
-        least = grown(law[i], rate[i], shape[i], low, u)
-        most = grown(law[i], rate[i], shape[i], high, u)
-        spread = 0.5 * (high + most - low - least)
-        step = 0.5 * (least + most)
-        slope[i] = spread / sd if sd > 0.0 else 1.0
-        mean[i] = side[i] * 0.5 * (low + least + high + most)
-        variance[i] = spread * spread + step * step * noise_hours / u
-
-
-@kernel()
-def change_cells(
-    weight: NDArray[np.float64],
-    mean: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    component: NDArray[np.intp],
-    leaving: NDArray[np.float64],
-    arriving: NDArray[np.float64],
-    n: int,
-) -> None:
-    """Move probability from cell to cell of each component, in place, merging what arrives.
-
-    Parameters
-    ----------
-    weight, mean, variance, component
-        Of all cells, ``(m,)``.
-    leaving
-        Probability of leaving each, ``(m,)``.
-    arriving
-        Share of what leaves a component's cells that arrives at each, ``(m,)``.
-    n
-        Number of components.
-    """
-    mass, first, second = np.zeros(n), np.zeros(n), np.zeros(n)
-    for i in range(weight.size):
-        k, out = component[i], leaving[i] * weight[i]
-        mass[k] += out
-        first[k] += out * mean[i]
-        second[k] += out * (variance[i] + mean[i] * mean[i])
-        weight[i] -= out
-    for k in range(n):
-        mass[k] = max(mass[k], LEAST_PROBABILITY)
-        first[k] /= mass[k]
-        second[k] = max(second[k] / mass[k] - first[k] * first[k], 0.0)
-    for i in range(weight.size):
-        k = component[i]
-        new = arriving[i] * mass[k]
-        total = max(weight[i] + new, LEAST_PROBABILITY)
-        share, gap = new / total, first[k] - mean[i]
-        mean[i] += share * gap
-        variance[i] += share * (second[k] - variance[i]) + share * (1.0 - share) * gap * gap
-        weight[i] = total
-
-
-@kernel()
-def temper(
-    weight: NDArray[np.float64],
-    prior: NDArray[np.float64],
-    component: NDArray[np.intp],
-    power: NDArray[np.float64],
-) -> None:
-    """Draw weights towards their prior, in place: each to a power of its component."""
-    for i in range(weight.size):
-        kept = power[component[i]]
-        if kept < 1.0 and prior[i] > 0.0:
-            weight[i] = prior[i] * math.exp(
-                kept * math.log(max(weight[i], LEAST_PROBABILITY) / prior[i])
-            )
-
-
-@kernel()
-def _below(innovation: float, variance: float) -> float:
-    """Return the probability of a smaller innovation."""
-    return 0.5 * math.erfc(-innovation / math.sqrt(2.0 * variance))
-
-
-@kernel()
-def measure_cells(
-    at: NDArray[np.intp],
-    component: NDArray[np.intp],
-    mean: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    mean_before: NDArray[np.float64],
-    variance_before: NDArray[np.float64],
-    value: NDArray[np.float64],
-    fresh: NDArray[np.float64],
-    carried: NDArray[np.float64],
-    value_before: NDArray[np.float64],
-    large: float,
-    rare: float,
-    log_likelihood: NDArray[np.float64],
-    below: NDArray[np.float64],
-) -> None:
-    """Update cells by values with occasional errors, in place: two Gaussians, merged.
-
-    Parameters
-    ----------
-    at
-        Numbers of the cells, ``(m,)``.
-    component, mean, variance, slope
-        Of all cells, ``(n,)``.
-    mean_before, variance_before
-        At the test before, ``(n,)``.
-    value, fresh
-        Value of each component and the variance of the part of its error that is new, ``(7,)``.
-    carried, value_before
-        Factor c of the error of the test before, and its value, ``(7,)``.
-    large, rare
-        Standard deviation and probability of an occasional error [-].
-    log_likelihood, below
-        Of each cell, and the probability of a smaller value by it, ``(n,)``; written at ``at``.
-    """
-    for i in at:
-        k = component[i]
-        c = carried[k]
-        # Merged, the two variances need not fit the slope any longer.
-        joint = min(slope[i] * variance_before[i], math.sqrt(variance[i] * variance_before[i]))
-        innovation = value[k] - mean[i] - c * (value_before[k] - mean_before[i])
-        shared = variance[i] - c * joint
-        usual = variance[i] - 2.0 * c * joint + c * c * variance_before[i] + fresh[k]
-        wide = usual + large * large
-        squared = innovation * innovation
-        log_usual = math.log1p(-rare) - 0.5 * (squared / usual + math.log(usual))
-        log_wide = math.log(max(rare, LEAST_PROBABILITY)) - 0.5 * (squared / wide + math.log(wide))
-        high = max(log_usual, log_wide)
-        log_p = high + math.log(math.exp(log_usual - high) + math.exp(log_wide - high))
-        share = math.exp(log_wide - log_p)
-        gain_usual, gain_wide = shared / usual, shared / wide
-        gain = gain_usual + share * (gain_wide - gain_usual)
-        spread = share * (1.0 - share) * (gain_usual - gain_wide) ** 2 * squared
-        mean[i] += gain * innovation
-        variance[i] = max(variance[i] - gain * shared + spread, _LEAST_VARIANCE)
-        log_likelihood[i] = log_p
-        below[i] = (1.0 - rare) * _below(innovation, usual) + rare * _below(innovation, wide)
-
-
-@kernel()
-def probabilities_below(
-    innovation: NDArray[np.float64],
-    usual: NDArray[np.float64],
-    wide: NDArray[np.float64],
-    rare: float,
-    below: NDArray[np.float64],
-) -> None:
-    """Write the probabilities of smaller innovations than some, all flat, by two Gaussians.
-
-    Parameters
-    ----------
-    innovation, usual, wide
-        The innovations and the variances of both, ``(n,)``.
-    rare
-        Probability of the wide one [-].
-    below
-        Of each, ``(n,)``.
-    """
-    for i in range(innovation.size):
-        part = rare * _below(innovation[i], wide[i])
-        below[i] = (1.0 - rare) * _below(innovation[i], usual[i]) + part
+        mass = 0.5 * math.erfc(-upper / _ROOT_2)
+        density = math.exp(-0.5 * upper * upper) / _ROOT_2_PI
+        slope, bend = -density, -upper * density
+        if two_sided[i]:
+            lower = (-reach[i] * sigma - m) / root
+            mass -= 0.5 * math.erfc(-lower / _ROOT_2)
+            edge = math.exp(-0.5 * lower * lower) / _ROOT_2_PI
+            slope += edge
+            bend += lower * edge
+        ratio = slope / mass
+        mean[i] = sign * (m + gain * root * ratio)
+        variance[i] *= 1.0 + gain * (bend / mass - ratio * ratio)
+        log_likelihood[i] = math.log(mass)

@@ -20,9 +20,13 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS, kind_of
 from ema_core.growth_laws import hours_until
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.cells import LIFE_HOURS, Cells, grid
-from ema_monitor.prognosis.growth.fleet_prior import FleetPrior
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.cells import Cells, grid
+from ema_monitor.prognosis.growth.settings import (
+    LIFE_HOURS,
+    FleetPrior,
+    KnownLaw,
+    TrackerSettings,
+)
 
 N_RATES: Final = 33
 _SPACING: Final = float(np.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1))

@@ -33,8 +33,6 @@ class Measurement:
         Its covariance, ``(8, 8)``; rows and columns of unobservable components are not read.
     unobservable
         Components that the test does not show, ``(8,)``.
-    sigma_floor
-        Error beside the covariance, as a standard deviation of each tracked component [-].
     growth_hours
         Hours of growth of each tracked component, ``(7,)`` [h]: those at a reference duty that do
         the same damage (P23); the service hour when None.
@@ -50,7 +48,6 @@ class Measurement:
     faults: NDArray[np.float64]
     covariance: NDArray[np.float64]
     unobservable: NDArray[np.bool_]
-    sigma_floor: float = 0.0
     growth_hours: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
@@ -78,15 +75,6 @@ class Measurement:
     ) -> Self:
         """Return the measurement that an estimate makes.
 
-        Parameters
-        ----------
-        estimate
-            Estimate of a window.
-        hours
-            Service hour of the window [h].
-        growth_hours
-            As of the class.
-
         Raises
         ------
         ValueError
@@ -104,29 +92,16 @@ class Measurement:
 
     def as_row(self) -> NDArray[np.float64]:
         """Return all figures in one array, from which ``of_row`` makes the same measurement."""
-        return np.concatenate(
-            [
-                [self.hours, self.sigma_floor],
-                self.faults,
-                self.unobservable,
-                self.own_hours,
-                self.covariance.ravel(),
-            ]
-        )
+        figures = (self.faults, self.unobservable, self.own_hours, self.covariance.ravel())
+        return np.concatenate([[self.hours], *figures])
 
     @classmethod
     def of_row(cls, row: NDArray[np.float64]) -> Self:
-        """Return the measurement that ``as_row`` was made of.
-
-        Raises
-        ------
-        ValueError
-            When the row is none.
-        """
-        ends = np.cumsum([2, N_FAULTS, N_FAULTS, len(INDICES)])
-        (hours, floor), faults, unobservable, own, covariance = np.split(row, ends)
+        """Return the measurement that ``as_row`` was made of."""
+        ends = np.cumsum([1, N_FAULTS, N_FAULTS, len(INDICES)])
+        (hours,), faults, unobservable, own, covariance = np.split(row, ends)
         square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)
-        return cls(float(hours), faults, square, hidden, float(floor), own)
+        return cls(float(hours), faults, square, hidden, own)
 
     @property
     def own_hours(self) -> NDArray[np.float64]:
@@ -162,10 +137,9 @@ class Measurement:
 
     @cached_property
     def error_covariance(self) -> NDArray[np.float64]:
-        """Covariance of the error of ``value``, the floor included, ``(7, 7)``."""
-        covariance = self.covariance[np.ix_(INDICES, INDICES)]
-        covariance = np.where(np.outer(self.seen, self.seen), np.nan_to_num(covariance), 0.0)
-        return covariance + self.sigma_floor**2 * np.eye(len(INDICES))
+        """Covariance of the error of ``value``, 1 where there is none, ``(7, 7)``."""
+        covariance = np.nan_to_num(self.covariance[np.ix_(INDICES, INDICES)])
+        return np.where(np.outer(self.seen, self.seen), covariance, np.eye(len(INDICES)))
 
     @property
     def noise(self) -> NDArray[np.float64]:

@@ -1,19 +1,23 @@
 """Values that growth does not explain: held back, then confirmed or dropped by the next test."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
+from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 REPAIR: Final = "repair"
 STEP: Final = "step"
 OUTLIER: Final = "outlier"
+
+_AGREEMENT: Final = 4.0
+_JUMP_SHARE: Final = 0.1
+_PATIENCE: Final = 4
 
 
 @dataclass(frozen=True)
@@ -41,15 +45,11 @@ class Event:
     text: str
 
 
-_AGREEMENT: Final = 4.0
-_JUMP_SHARE: Final = 0.1
-_PATIENCE: Final = 4
-
-
-class OutlierDetector:
+class OutlierDetector(Kept):
     """Decides what a test means whose values growth does not explain.
 
-    A test with such a value is held back as a whole, for what falsifies one component's estimate
+    The first two tests that agree begin a life, for either of two that do not may be wrong. Later
+    a test with an odd value is held back as a whole, for what falsifies one component's estimate
     falsifies the others. If the next test is off in the same components and agrees with it in all
     of them, their level has changed; if it is as expected, the test held back is never used. A
     jump that two errors of the occasional size can feign must show in three tests, and before that
@@ -57,27 +57,45 @@ class OutlierDetector:
     as well.
     """
 
+    kept = ("_held", "_odd", "_agreed", "_patience")
+
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
-        self._held: Measurement | None = None
+        # Rows of the tests held back: before a life has begun all of them, then the latest.
+        self._held = np.empty((0, 0))
         self._odd = np.zeros(len(COMPONENTS), dtype=bool)
         self._agreed = 0
         self._patience = 0
 
-    def state(self) -> dict[str, NDArray[np.generic]]:
-        """Return all that is known, for ``restore``."""
-        held = [] if self._held is None else [self._held.as_row()]
-        return {
-            "held": np.array(held),
-            "odd": self._odd,
-            "agreed": np.array([self._agreed, self._patience]),
-        }
+    def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
+        """Return the earlier test with which this one begins a life, if there is one, and events.
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what ``state`` returned."""
-        self._held = Measurement.of_row(state["held"][0]) if len(state["held"]) else None
-        self._odd = state["odd"]
-        self._agreed, self._patience = map(int, state["agreed"])
+        Parameters
+        ----------
+        measurement
+            A test before any was used.
+        """
+        name, events = COMPONENTS, list[Event]()
+        for earlier in map(Measurement.of_row, self._held):
+            variance = earlier.noise + 2.0 * self._settings.occasional_error**2
+            innovation = measurement.normalized_innovation(earlier.value, variance)
+            odd = np.flatnonzero((innovation > self._settings.event_sigmas) & earlier.seen)
+            if not odd.size:
+                self._held = self._held[:0]
+                return earlier, []
+            was, now = HEALTHY + earlier.value, HEALTHY + measurement.value
+            events = [
+                Event(
+                    OUTLIER,
+                    name[i],
+                    measurement.hours,
+                    f"{name[i]} {was[i]:.3f} at {earlier.hours:.1f} h and {now[i]:.3f} at "
+                    f"{measurement.hours:.1f} h disagree; waiting for the next test",
+                )
+                for i in odd
+            ]
+        self._held = np.array([*self._held, measurement.as_row()])
+        return None, events
 
     def judge(
         self,
@@ -99,82 +117,38 @@ class OutlierDetector:
         """
         innovation = measurement.normalized_innovation(mean, variance)
         odd = (innovation > self._settings.event_sigmas) & (tests >= 2)
-        changed = np.zeros_like(odd)
-        events: list[Event] = []
-        since = measurement.hours
+        changed, since = np.zeros_like(odd), measurement.hours
         reach = np.sqrt(measurement.noise + variance + self._settings.occasional_error**2)
         large = np.abs(measurement.value - mean) > _AGREEMENT * reach
-        if self._held is not None:
-            since = self._held.hours
-            again = odd & self._odd
-            agrees = self._agrees(measurement, self._held, mean)[odd].all()
+        for held in map(Measurement.of_row, self._held):
+            since = held.hours
+            agrees = self._agrees(measurement, held, mean)[odd].all()
             self._agreed = self._agreed + 1 if np.array_equal(odd, self._odd) and agrees else 0
             is_long = self._patience >= _PATIENCE - 1
-            changed = again & (is_long | (self._agreed >= np.where(large, 1, 2)))
-        for number in np.flatnonzero(odd & (large | changed)):
-            events.append(_event(int(number), measurement, mean, variance, changed[number], since))
+            changed = odd & self._odd & (is_long | (self._agreed >= np.where(large, 1, 2)))
+        events = [
+            _event(int(number), measurement, mean, variance, changed[number], since)
+            for number in np.flatnonzero(odd & (large | changed))
+        ]
         left = odd & ~changed
         if left.any():
-            self._held, self._odd = measurement, left
+            self._held, self._odd = measurement.as_row()[None], left
             self._patience += 1
         else:
-            self._held, self._patience = None, 0
-            self._agreed = 0
+            self._held, self._patience, self._agreed = self._held[:0], 0, 0
         # A test is used but for its odd values if it confirms one before.
-        held = left if changed.any() else np.full_like(odd, left.any())
-        return events, changed, held
+        held_back = left if changed.any() else np.full_like(odd, left.any())
+        return events, changed, held_back
 
     def _agrees(
         self, one: Measurement, other: Measurement, mean: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        tolerance = _AGREEMENT * np.sqrt(
-            one.noise + other.noise + self._settings.occasional_error**2
-        )
+        occasional = self._settings.occasional_error**2
+        tolerance = _AGREEMENT * np.sqrt(one.noise + other.noise + occasional)
         jump = np.abs(other.value - mean)
         same_way = np.sign(one.value - mean) == np.sign(other.value - mean)
         apart = np.abs(one.value - other.value)
         return same_way & (apart < np.maximum(tolerance, _JUMP_SHARE * jump))
-
-
-class Opening:
-    """Finds the first two tests that agree, for either of two that do not may be wrong."""
-
-    def __init__(self, settings: TrackerSettings) -> None:
-        self._settings = settings
-        self._waiting: list[Measurement] = []
-
-    def state(self) -> NDArray[np.float64]:
-        """Return the tests that wait, for ``restore``."""
-        return np.array([one.as_row() for one in self._waiting])
-
-    def restore(self, rows: NDArray[np.float64]) -> None:
-        """Go on from what ``state`` returned."""
-        self._waiting = [Measurement.of_row(row) for row in rows]
-
-    def judge(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
-        """Return the earlier test that agrees with this one, if there is one, and events."""
-        events: list[Event] = []
-        for earlier in self._waiting:
-            variance = earlier.noise + 2.0 * self._settings.occasional_error**2
-            innovation = np.where(
-                earlier.seen, measurement.normalized_innovation(earlier.value, variance), 0.0
-            )
-            odd = np.flatnonzero(innovation > self._settings.event_sigmas)
-            if not odd.size:
-                return earlier, []
-            events = [
-                Event(
-                    OUTLIER,
-                    COMPONENTS[i],
-                    measurement.hours,
-                    f"{COMPONENTS[i]} {HEALTHY[i] + earlier.value[i]:.3f} at {earlier.hours:.1f} h "
-                    f"and {HEALTHY[i] + measurement.value[i]:.3f} at {measurement.hours:.1f} h "
-                    "disagree; waiting for the next test",
-                )
-                for i in odd
-            ]
-        self._waiting.append(measurement)
-        return None, events
 
 
 def _event(

@@ -1,4 +1,4 @@
-"""Remaining useful life: its quantiles, and whether they can be given."""
+"""What is known of each component, and its remaining useful life, where it can be given."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,44 @@ from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import text_table
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.growth.check import TrackRecord
 
 _ANY_LIMIT: Final = "first fault limit"
+
+
+@dataclass(frozen=True)
+class TrackedFault:
+    """What is known of one component.
+
+    Attributes
+    ----------
+    name
+        Component of the fault vector.
+    tests
+        Number of tests that showed it.
+    value, sigma
+        Mean and standard deviation, in the units of the fault vector [-]; NaN before any test.
+    trend
+        Growth of the value [1/h].
+    trend_sigma
+        Its standard deviation [1/h].
+    laws
+        Probability of each law [-]; ``constant`` stands for no growth yet.
+    growing_probability
+        Probability that it grows [-].
+    calibration
+        How its predictions held against the tests so far.
+    """
+
+    name: str
+    tests: int
+    value: float
+    sigma: float
+    trend: float
+    trend_sigma: float
+    laws: Mapping[str, float]
+    growing_probability: float
+    calibration: TrackRecord
 
 
 @dataclass(frozen=True)
@@ -152,22 +188,8 @@ def prognosis_of(
     """Return the prognosis by samples of lives, with quantiles where they can be given.
 
     Once the life of one component is known, the overall one counts all that a test has shown, each
-    as probable as its growth is: growth that is nearly certain must not come as a surprise.
-
-    Parameters
-    ----------
-    at_hours
-        Service hour of the latest test [h].
-    samples
-        Samples of each component's life under the duty [h], ``(7, n)``.
-    is_shown
-        Components that a test has shown, ``(7,)``.
-    reasons
-        Why the life of each component cannot be given; empty when it can.
-    limits, duty
-        Where life ends, and future use relative to that of the past [-].
-    levels
-        Present distance of each component from healthy in the samples [-], ``(7, n)``.
+    as probable as its growth is: growth that is nearly certain must not come as a surprise. Samples
+    and present levels are ``(7, n)``; a reason is empty where a life can be given.
     """
     components = {
         name: RemainingLife.unknown(criterion, reason)

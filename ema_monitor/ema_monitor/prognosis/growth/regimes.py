@@ -9,14 +9,13 @@ is taken for one (the generalised likelihood ratio of Willsky and Jones 1976, wi
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
+from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.outliers import Event
 from ema_monitor.prognosis.growth.waves import PERIODS
 
@@ -45,8 +44,7 @@ _LEAST_HINGE: Final = 1e-9
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class RegimeChange:
+class RegimeChange(NamedTuple):
     """A change of the rate of growth.
 
     Attributes
@@ -57,16 +55,28 @@ class RegimeChange:
         Rates [1/h].
     sigma
         Standard deviation of the rate after it [1/h].
+    tests
+        Tests after it.
     """
 
     hours: float
     before: float
     after: float
     sigma: float
+    tests: int
+
+    def event(self, name: str) -> Event:
+        """Return the event that tells of the change of a component's rate."""
+        return Event(
+            REGIME,
+            name,
+            self.hours,
+            f"{name} grows {self.after / self.before:.2g} times as fast since about "
+            f"{self.hours:.0f} h: {1e3 * self.after:+.3g} in 1000 h after {1e3 * self.before:+.3g}",
+        )
 
 
-@dataclass(frozen=True)
-class GrowthNoise:
+class GrowthNoise(NamedTuple):
     """What else than a change of its rate moves a component from test to test.
 
     Attributes
@@ -87,34 +97,16 @@ class GrowthNoise:
     diffusion: float
 
 
-def regime_event(name: str, change: RegimeChange) -> Event:
-    """Return the event that tells of a change of a component's rate."""
-    factor = change.after / change.before
-    return Event(
-        REGIME,
-        name,
-        change.hours,
-        f"{name} grows {factor:.2g} times as fast since about {change.hours:.0f} h: "
-        f"{1e3 * change.after:+.3g} in 1000 h after {1e3 * change.before:+.3g}",
-    )
-
-
-class RegimeWatch:
+class RegimeWatch(Kept):
     """Keeps the latest tests of each component and finds changes of its rate in them."""
+
+    kept = ("_tests", "_count")
 
     def __init__(self) -> None:
         n = len(COMPONENTS)
         self._count = np.zeros(n, dtype=np.intp)
         # Hours of growth, values, variances of their errors, and service hours, the latest last.
-        self._kept = np.zeros((n, 4, TESTS))
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return all that is known, for ``restore``."""
-        return {"regime_tests": self._kept, "regime_counts": self._count}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what ``state`` returned."""
-        self._kept, self._count = state["regime_tests"], state["regime_counts"]
+        self._tests = np.zeros((n, 4, TESTS))
 
     def restart(self, number: int) -> None:
         """Forget the tests of a component: its level has changed."""
@@ -136,78 +128,60 @@ class RegimeWatch:
         service
             Service hours of the test [h].
         """
-        self._kept[used] = np.roll(self._kept[used], -1, axis=2)
-        self._kept[used, 0, -1] = hours[used]
-        self._kept[used, 1, -1] = value[used]
-        self._kept[used, 2, -1] = noise[used]
-        self._kept[used, 3, -1] = service
+        row = np.stack([hours, value, noise, np.full_like(value, service)], axis=1)
+        self._tests[used] = np.append(self._tests[used][..., 1:], row[used, :, None], axis=2)
         self._count = np.minimum(self._count + used, TESTS)
 
     def judge(self, number: int, noise: GrowthNoise) -> RegimeChange | None:
-        """Return the change that the tests of a component show, and forget those before it.
-
-        Parameters
-        ----------
-        number
-            The component.
-        noise
-            Errors of the tests and noise of the growth.
-        """
+        """Return the change that the tests of a component show, and forget those before it."""
         count = int(self._count[number])
         if count < 3 * _BESIDE:
             return None
-        hours, value, variance, service = self._kept[number, :, TESTS - count :]
-        change, tests_after = _found(hours, value, variance, service, noise)
+        change = _found(self._tests[number, :, TESTS - count :], noise)
         if change is not None:
-            self._count[number] = tests_after
+            self._count[number] = change.tests
         return change
 
 
-def _found(
-    hours: Array, value: Array, variance: Array, service: Array, noise: GrowthNoise
-) -> tuple[RegimeChange | None, int]:
-    """Return the change that tests show, and how many tests there are after it."""
+def _found(tests: Array, noise: GrowthNoise) -> RegimeChange | None:
+    """Return the change that tests show."""
+    hours, value, variance, service = tests
     span = hours[-1] - hours[0]
     if not span > 0.0:
-        return None, 0
+        return None
     t = (hours - hours[0]) / span
-    white = _whitener(hours, value, variance, noise)
-    y, one = white @ value, np.ones_like(t)
-    base = white @ np.stack([one, t], axis=1)
     breaks = np.arange(_BESIDE, t.size - _BESIDE)
     # Tests of one hour, as on the ground, have no growth between them.
     breaks = breaks[(t[breaks] > 0.0) & (t[breaks] < 1.0)]
     if not breaks.size:
-        return None, 0
-    q, _ = np.linalg.qr(base)
+        return None
+    white = _whitener(hours, value, variance, noise)
+    y, line = white @ value, [np.ones_like(t), t]
+    q, _ = np.linalg.qr(white @ np.stack(line, axis=1))
     hinges = white @ np.maximum(t[:, None] - t[breaks], 0.0)
     rest = y - q @ (q.T @ y)
     hinges -= q @ (q.T @ hinges)
     gains = (hinges.T @ rest) ** 2 / np.maximum(np.sum(hinges**2, axis=0), _LEAST_HINGE)
     at = int(breaks[np.argmax(gains)])
     broken = float(rest @ rest - gains.max())
-    squares = [_left(white, y, [one, t, t**2])]
-    if squares[0] - broken < _MARGIN:
-        return None, 0
-    squares = [_left(white, y, [one, t, t**2, t**3])]
-    # Growth that accelerates, and growth that settles.
-    for scale in _SCALES:
-        squares += [_left(white, y, [one, t, np.exp((t - 1.0) / scale)])]
-        squares += [_left(white, y, [one, t, np.exp(-t / scale)])]
-    turns = 2.0 * np.pi * span / PERIODS
-    squares += [_left(white, y, [one, t, np.cos(w * t), np.sin(w * t)]) for w in turns]
-    if min(squares) - broken < _MARGIN_OVER_RIVALS:
-        return None, 0
-    design = white @ np.stack([one, np.minimum(t, t[at]), np.maximum(t - t[at], 0.0)], axis=1)
+    if _left(white, y, [*line, t**2]) - broken < _MARGIN:
+        return None
+    # Growth that accelerates, growth that settles, and waves.
+    rivals = [[t**2, t**3]]
+    rivals += [[np.exp((t - 1.0) / scale)] for scale in _SCALES]
+    rivals += [[np.exp(-t / scale)] for scale in _SCALES]
+    rivals += [[np.cos(w * t), np.sin(w * t)] for w in 2.0 * np.pi * span / PERIODS]
+    if min(_left(white, y, line + rival) for rival in rivals) - broken < _MARGIN_OVER_RIVALS:
+        return None
+    design = white @ np.stack([line[0], np.minimum(t, t[at]), np.maximum(t - t[at], 0.0)], axis=1)
     covariance = np.linalg.inv(design.T @ design)
-    rates = covariance @ design.T @ y / span
-    sigmas = np.sqrt(np.diag(covariance)) / span
-    before, after = float(rates[1]), float(rates[2])
+    _, before, after = (covariance @ design.T @ y / span).tolist()
+    _, sigma_before, sigma_after = (np.sqrt(np.diag(covariance)) / span).tolist()
     growth = math.copysign(1.0, value[-1]) * before
     low, high = sorted((abs(before), abs(after)))
-    if growth < _SIGNIFICANT * sigmas[1] or high < _LEAST_RATIO * low:
-        return None, 0
-    return RegimeChange(float(service[at]), before, after, float(sigmas[2])), t.size - at
+    if growth < _SIGNIFICANT * sigma_before or high < _LEAST_RATIO * low:
+        return None
+    return RegimeChange(float(service[at]), before, after, sigma_after, t.size - at)
 
 
 def _whitener(hours: Array, value: Array, variance: Array, noise: GrowthNoise) -> Array:

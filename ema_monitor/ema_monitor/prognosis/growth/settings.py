@@ -1,15 +1,25 @@
-"""What a tracker assumes of growth."""
+"""What a tracker assumes of growth: laws that are known, how other units grew, and noise."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-from ema_core.faults import COMPONENTS, TYPICAL, kind_of
-from ema_core.growth_laws import LAWS
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import COMPONENTS, KINDS, TYPICAL, kind_of, settings_by_kind
+from ema_core.growth_laws import LAWS, hours_until
 from ema_core.quantity import check_quantities, quantity, text
-from ema_monitor.prognosis.growth.fleet_prior import FleetPrior
+from ema_core.wording import unknown_name
+from ema_monitor.health import HealthLimits
+
+FORM: Final = "LAW[:RATE[:SHAPE]]"
+"""How users write a law."""
+
+LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, 97)
+"""Hours from healthy to the limit on the grid [h]; every other one where no law is known."""
 
 
 @dataclass(frozen=True)
@@ -51,18 +61,141 @@ class KnownLaw:
         if self.law == "exponential" and self.shape == 0.0:
             raise ValueError("shape = 0: law exponential needs an x_0 above 0 to begin at all")
 
+    @classmethod
+    def of(cls, law: str, rate: float, second: float, rate_sigma: float = 0.5) -> "KnownLaw":
+        """Return a law with its second figure, of ``drift`` the diffusion."""
+        if law == "drift":
+            return cls(law, rate, rate_sigma, diffusion=second)
+        return cls(law, rate, rate_sigma, shape=second)
+
 
 def _nominal(component: str) -> KnownLaw:
     typical = TYPICAL[kind_of(component)]
-    if typical.law == "drift":
-        return KnownLaw(typical.law, typical.rate, typical.rate_sigma, diffusion=typical.diffusion)
-    return KnownLaw(typical.law, typical.rate, typical.rate_sigma, shape=typical.shape)
+    second = typical.diffusion if typical.law == "drift" else typical.shape
+    return KnownLaw.of(typical.law, typical.rate, second, typical.rate_sigma)
 
 
 NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
     {component: _nominal(component) for component in COMPONENTS}
 )
 """Laws and median rates of the simulated lives, for a tracker that knows the law."""
+
+
+def known_law(fault: str, written: str) -> KnownLaw:
+    """Return a law from how users write it.
+
+    Parameters
+    ----------
+    fault
+        Component of the fault vector.
+    written
+        ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (of ``power`` its c [h]) and its
+        second figure, x_0, b or p [-], of ``drift`` its s [1/sqrt(h)]; ``linear`` has none.
+        Without figures the law must be the one of ``NOMINAL_LAWS``, whose figures are used then.
+
+    Raises
+    ------
+    ValueError
+        When fault or law are unknown, a figure is missing or impossible, or growth at that rate is
+        beyond what a tracker follows.
+    """
+    if fault not in COMPONENTS:
+        raise ValueError(unknown_name("fault", fault, COMPONENTS))
+    law, *figures = written.split(":")
+    if law not in LAWS[1:]:
+        raise ValueError(unknown_name(f"law of {fault}", law, LAWS[1:]))
+    nominal = NOMINAL_LAWS[fault]
+    if not figures:
+        if law != nominal.law:
+            raise ValueError(
+                f"{written!r}: the median rate of {fault} is known for law {nominal.law} only; "
+                f"give it as {FORM}"
+            )
+        return nominal
+    try:
+        if len(figures) > 2:
+            raise ValueError(f"{len(figures)} figures: expected at most two")
+        rate, *second = [float(figure) for figure in figures]
+        if not second and law != "linear":
+            raise ValueError(f"law {law} needs a second figure")
+        known = KnownLaw.of(law, rate, second[0] if second else 0.0)
+        limit = HealthLimits().of(fault)
+        hours = float(hours_until(law, 0.0, rate, known.shape, limit))
+        if not LIFE_HOURS[0] <= hours <= LIFE_HOURS[-1]:
+            raise ValueError(
+                f"from healthy to the default limit {limit:g} it takes {hours:.3g} h: expected "
+                f"{LIFE_HOURS[0]:.0f} to {LIFE_HOURS[-1]:.0f} h"
+            )
+    except ValueError as error:
+        raise ValueError(f"law {written!r} of {fault}: {error}; expected {FORM}") from error
+    return known
+
+
+def _law_of(kind: str) -> Any:
+    grows = "each phase's grows" if len(KINDS[kind]) > 1 else "it grows"
+    return text("", f"law by which {grows}, {FORM}; empty: unknown")
+
+
+@dataclass(frozen=True)
+class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
+    """Law of each kind of fault, ``LAW[:RATE[:SHAPE]]`` or empty where it is not known.
+
+    Raises
+    ------
+    ValueError
+        When a text is no law; the message begins with the kind of fault.
+    """
+
+    def __post_init__(self) -> None:
+        self.laws()
+
+    def laws(self) -> Mapping[str, KnownLaw]:
+        """Return the law of each component whose law is known."""
+        laws = {}
+        for name in COMPONENTS:
+            kind = kind_of(name)
+            written = getattr(self, kind)
+            if not isinstance(written, str):
+                raise ValueError(f"{kind} = {written!r}: expected a text, {FORM}")
+            try:
+                if written:
+                    laws[name] = known_law(name, written)
+            except ValueError as error:
+                raise ValueError(f"{kind} = {written!r}: {error}") from error
+        return laws
+
+
+@dataclass(frozen=True)
+class FleetPrior:
+    """The distribution of curves and rates over the units of a fleet.
+
+    Attributes
+    ----------
+    digest
+        Of all that the units said.
+    units
+        Number of units any of whose faults was seen to grow.
+    names
+        The fleet in words; empty when it has no name.
+    counts
+        Number of faults that it rests on, by kind.
+    shares
+        Probability of each curve and rate of faults that grow, by kind of the fault,
+        ``(curves, rates)``; sums to 1. Kinds that no unit was seen to have are missing.
+    """
+
+    digest: str
+    units: int
+    names: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict, compare=False, repr=False)
+    shares: Mapping[str, NDArray[np.float64]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
+
+    def in_words(self) -> str:
+        """Return whose growth is assumed."""
+        others = f"{self.units} other{'' if self.units == 1 else 's'}"
+        return f"growth is likely as of {others}" + (f" ({self.names})" if self.names else "")
 
 
 @dataclass(frozen=True)

@@ -10,46 +10,46 @@ Kalman filter would hold neither the early, many-peaked distribution of the rate
 """
 
 import math
-from collections.abc import Mapping
-from copy import copy
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
+from ema_core.faults import (
+    COMPONENTS,
+    ECCENTRICITY_PHASE,
+    FAULTS,
+    HIGHEST,
+    N_FAULTS,
+    healthy_faults,
+)
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.duty.future import FutureDuty
-from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.check import SAMPLES, PredictionCheck, widened, widened_lives
 from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
-from ema_monitor.prognosis.growth.measurement import INDICES, Measurement
+from ema_monitor.prognosis.growth.kept import Kept
+from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
 from ema_monitor.prognosis.growth.mixture import Mixture
-from ema_monitor.prognosis.growth.outliers import Event, Opening, OutlierDetector
-from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, prognosis_of
-from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeWatch, regime_event
+from ema_monitor.prognosis.growth.outliers import Event, OutlierDetector
+from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, TrackedFault, prognosis_of
+from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeWatch
 from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.tracked_fault import TrackedFault, tracked_faults
-from ema_monitor.prognosis.growth.waiting import NOT_SHOWN, beyond_horizon, growth_not_certain
+from ema_monitor.prognosis.growth.waiting import (
+    BEGINS_BELOW,
+    ENDS_ABOVE,
+    LEAST_TESTS,
+    NOT_SHOWN,
+    beyond_horizon,
+    growth_not_certain,
+)
 
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
 
-LEAST_TESTS: Final = 5
-"""Tests of a level below which no component newly counts as growing."""
-BEGINS_BELOW: Final = 1e-4
-"""Probability of no growth below which a component counts as growing [-].
 
-Of a component that does not grow, the probability that this ever happens is of the same size,
-however long it is monitored (Ville's inequality for likelihood ratios).
-"""
-ENDS_ABOVE: Final = 0.2
-"""Probability of no growth above which it no longer is [-]."""
-
-
-class Tracker:
+class Tracker(Kept):
     """Tracks one actuator from test to test.
 
     Parameters
@@ -72,64 +72,25 @@ class Tracker:
     restores a tracker and its figures.
     """
 
+    kept = ("_tests", "_first_hours", "_growing", "_own_hours", "_phase", "hours", "updates")
+    parts = ("_mixture", "_outliers", "_check", "_regimes")
+
     def __init__(
         self, limits: HealthLimits | None = None, settings: TrackerSettings | None = None
     ) -> None:
         self._limits = limits or HealthLimits()
         self._settings = settings or TrackerSettings()
         self._mixture = Mixture(self._limits, self._settings)
-        self._opening = Opening(self._settings)
         self._outliers = OutlierDetector(self._settings)
         self._check = PredictionCheck(self._settings)
         self._regimes = RegimeWatch()
         self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
         self._first_hours = np.full(len(COMPONENTS), np.nan)
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
-        self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
         self._own_hours = np.full(len(COMPONENTS), np.nan)
+        self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
         self.updates = 0
         self.hours = math.nan
-
-    def frozen(self) -> "Tracker":
-        """Return a copy for predictions that later tests do not change."""
-        twin = copy(self)
-        twin._mixture, twin._check = self._mixture.frozen(), self._check.frozen()
-        twin._tests, twin._growing = self._tests.copy(), self._growing.copy()
-        twin._first_hours = self._first_hours.copy()
-        return twin
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return all that is known, for ``restore``."""
-        return {
-            **self._mixture.state(),
-            "opening": self._opening.state(),
-            **self._outliers.state(),
-            **self._check.state(),
-            **self._regimes.state(),
-            "tests": self._tests,
-            "first_hours": self._first_hours,
-            "growing": self._growing,
-            "own_hours": self._own_hours,
-            "figures": np.array([self._phase, self.hours, self.updates]),
-        }
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what ``state`` of a tracker of the same limits and settings returned.
-
-        Raises
-        ------
-        ValueError, KeyError
-            When it is none.
-        """
-        self._mixture.restore(state)
-        self._opening.restore(state["opening"])
-        self._outliers.restore(state)
-        self._check.restore(state)
-        self._regimes.restore(state)
-        self._tests, self._first_hours = state["tests"], state["first_hours"]
-        self._growing, self._own_hours = state["growing"], state["own_hours"]
-        phase, hours, updates = state["figures"]
-        self._phase, self.hours, self.updates = float(phase), float(hours), int(updates)
 
     def update(self, measurement: Measurement) -> list[Event]:
         """Update by a test.
@@ -159,15 +120,15 @@ class Tracker:
         self.updates += 1
         if not measurement.unobservable[ECCENTRICITY_PHASE]:
             self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
-        measurement = replace(measurement, sigma_floor=self._settings.sigma_floor)
+        floor = self._settings.sigma_floor**2 * np.eye(N_FAULTS)
+        measurement = replace(measurement, covariance=measurement.covariance + floor)
+        events = list[Event]()
         if not self._tests.any():
-            first, events = self._opening.judge(measurement)
+            first, events = self._outliers.begin(measurement)
             if first is None:
                 return events
             events += self._use(first)
             elapsed = measurement.own_hours - first.own_hours
-        else:
-            events = []
         self._mixture.advance(elapsed)
         mean, variance = self._mixture.moments()
         odd, changed, held = self._outliers.judge(measurement, mean, variance, self._tests)
@@ -177,7 +138,7 @@ class Tracker:
         if not held.all():
             odd += self._use(measurement, changed, held)
         else:
-            self._mixture.skip()
+            self._mixture.errors.skip()
         return events + odd
 
     def _use(
@@ -221,19 +182,19 @@ class Tracker:
         errors, events = self._mixture.errors, list[Event]()
         scatter = max(errors.factor, 1.0) ** 2 * noise
         self._regimes.add(measurement.own_hours, value, scatter, plain, measurement.hours)
-        diffusion = self._mixture.bank.diffusion()
+        diffusion = self._mixture.diffusion()
         for number in np.flatnonzero(plain & self._growing):
             moves = GrowthNoise(
                 errors.correlation,
                 self._settings.occasional_error,
-                self._mixture.bank.noise_hours,
+                self._mixture.noise_hours,
                 float(diffusion[number]),
             )
             change = self._regimes.judge(int(number), moves)
             if change is not None:
                 self._mixture.change_rate(int(number), change.after, change.sigma)
                 self._check.restart(int(number), is_new=False)
-                events.append(regime_event(COMPONENTS[number], change))
+                events.append(change.event(COMPONENTS[number]))
         return events
 
     def _keep_prediction(self, own_hours: NDArray[np.float64]) -> None:
@@ -256,12 +217,29 @@ class Tracker:
 
     def grown_faults(self) -> dict[str, GrownFault]:
         """Return what is said of the components that grow, for the prior of a fleet."""
-        bank = self._mixture.bank
-        return grown_faults(bank.cells, bank.weight, self._growing)
+        return grown_faults(self._mixture.bank.cells, self._mixture.weight, self._growing)
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        return tracked_faults(self._mixture, self._tests, self._check)
+        (mean, variance), (trend, spread) = self._mixture.moments(), self._mixture.trend()
+        value = np.clip(HEALTHY + mean, 0.0, HIGHEST[INDICES])
+        figures = np.array([value, np.sqrt(variance), trend, np.sqrt(spread)])
+        figures[:, self._tests == 0] = np.nan
+        laws = self._mixture.laws()
+        return tuple(
+            TrackedFault(
+                name,
+                int(self._tests[i]),
+                value=float(figures[0, i]),
+                sigma=float(figures[1, i]),
+                trend=float(figures[2, i]),
+                trend_sigma=float(figures[3, i]),
+                laws={law: share[i] for law, share in laws.items()},
+                growing_probability=1.0 - laws["constant"][i],
+                calibration=self._check.of(i),
+            )
+            for i, name in enumerate(COMPONENTS)
+        )
 
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng([0, self.updates])
@@ -304,7 +282,7 @@ class Tracker:
             return NOT_SHOWN
         if not self._growing[number]:
             constant = float(self._mixture.constant()[number])
-            return growth_not_certain(constant, tests, BEGINS_BELOW, CONSTANT_PRIOR, LEAST_TESTS)
+            return growth_not_certain(constant, tests)
         observed = float(self._own_hours[number] - self._first_hours[number])
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 

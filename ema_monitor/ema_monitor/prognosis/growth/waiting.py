@@ -1,21 +1,32 @@
-"""Why no remaining life is given yet, and how many tests that is likely to take."""
+"""Whether a fault is judged to grow, and what a life that is not given yet waits for."""
 
 import math
 from typing import Final
 
 from ema_core.wording import counted
+from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 NOT_SHOWN: Final = "fewer than two tests that agree so far"
 """Why a fault that no test has shown has no life."""
 
+LEAST_TESTS: Final = 5
+"""Tests of a level below which no component newly counts as growing."""
+BEGINS_BELOW: Final = 1e-4
+"""Probability of no growth below which a component counts as growing [-].
+
+Of a component that does not grow, the probability that this ever happens is of the same size,
+however long it is monitored (Ville's inequality for likelihood ratios).
+"""
+ENDS_ABOVE: Final = 0.2
+"""Probability of no growth above which it no longer is [-]."""
+
 _LIKELY: Final = 0.5
+_LEAST: Final = 1e-300
 _MOST_TESTS: Final = 1000
 
 
-def growth_not_certain(
-    constant: float, tests: int, begins_below: float, prior: float, least_tests: int
-) -> str:
+def growth_not_certain(constant: float, tests: int) -> str:
     """Return why a fault is not judged to grow.
 
     Evidence grows faster the longer growth lasts, so that fewer tests may do.
@@ -26,16 +37,13 @@ def growth_not_certain(
         Probability that it does not grow [-].
     tests
         Tests of its level.
-    begins_below, least_tests
-        Probability, and number of tests, from which on it is judged to grow.
-    prior
-        Probability that it does not grow, before any test [-].
     """
     if constant >= _LIKELY:
         return "no significant growth"
-    pace = (math.log(prior) - math.log(max(constant, 1e-300))) / max(tests, 1)
-    missing = (math.log(max(constant, 1e-300)) - math.log(begins_below)) / pace if pace > 0.0 else 0
-    more = max(math.ceil(missing), least_tests - tests, 1)
+    log = math.log(max(constant, _LEAST))
+    pace = (math.log(CONSTANT_PRIOR) - log) / max(tests, 1)
+    missing = (log - math.log(BEGINS_BELOW)) / pace if pace > 0.0 else 0
+    more = max(math.ceil(missing), LEAST_TESTS - tests, 1)
     return f"growth is not certain yet: its probability is {1.0 - constant:.3f}{_after(more)}"
 
 
@@ -48,10 +56,8 @@ def beyond_horizon(
     ----------
     median_hours
         Median of the remaining life [h].
-    observed_hours
-        Hours over which the fault has been observed [h].
-    tests
-        Tests in which it was.
+    observed_hours, tests
+        Hours over which the fault has been observed [h], and in how many tests.
     settings
         The horizon.
     """

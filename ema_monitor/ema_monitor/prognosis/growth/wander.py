@@ -8,9 +8,8 @@ and, between them, the same diffusion. The mean of the factor is 1.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ema_core._jit import kernel
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 
 SIGMA: Final = 0.5
@@ -33,6 +32,8 @@ STEPS: Final = 24
 """Steps in which a time of growth is followed into the future."""
 
 _STEP_SHARE: Final = 1.0 / 12.0
+_LEAST_WEIGHT: Final = 1e-270
+_LEAST_VARIANCE: Final = 1e-14
 
 
 def _generator() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -50,20 +51,19 @@ def _generator() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.f
 _GENERATOR: Final = _generator()
 
 
-def transition(hours: float) -> NDArray[np.float64]:
-    """Return the probabilities from pace to pace, by row and column, over some hours [h]."""
+def transition(hours: ArrayLike) -> NDArray[np.float64]:
+    """Return the probabilities from pace to pace over some hours [h], ``(..., p, p)``."""
     values, left, right = _GENERATOR
-    return np.maximum((left * np.exp(values * hours)) @ right, 0.0)
+    kept = np.exp(values * np.asarray(hours, dtype=np.float64)[..., None])
+    return np.maximum((left * kept[..., None, :]) @ right, 0.0)
 
 
-@kernel()
 def mix_paces(
     weight: NDArray[np.float64],
     mean: NDArray[np.float64],
     variance: NDArray[np.float64],
-    starts: NDArray[np.intp],
-    rates: int,
-    probability: NDArray[np.float64],
+    blocks: NDArray[np.intp],
+    hours: NDArray[np.float64],
 ) -> None:
     """Let the paces of cells change, in place, merging what comes to each.
 
@@ -71,40 +71,54 @@ def mix_paces(
     ----------
     weight, mean, variance
         Of all cells.
-    starts
-        First cells of the blocks of a curve.
-    rates
-        Number of rates of a curve.
-    probability
-        Probabilities from pace to pace, ``(p, p)``.
+    blocks
+        Cells of each curve, by pace and rate, ``(b, p, r)``.
+    hours
+        Hours that pass for each curve [h], ``(b,)``.
     """
-    n = probability.shape[0]
-    w, m, s = np.empty(n), np.empty(n), np.empty(n)
-    for start in starts:
-        for rate in range(rates):
-            for to in range(n):
-                w[to], m[to], s[to] = 0.0, 0.0, 0.0
-                for at in range(n):
-                    cell = start + at * rates + rate
-                    part = probability[at, to] * weight[cell]
-                    w[to] += part
-                    m[to] += part * mean[cell]
-                    s[to] += part * (variance[cell] + mean[cell] ** 2)
-            for to in range(n):
-                cell = start + to * rates + rate
-                weight[cell] = max(w[to], LEAST_PROBABILITY)
-                if w[to] > 1e-270:
-                    mean[cell] = m[to] / w[to]
-                    variance[cell] = max(s[to] / w[to] - mean[cell] ** 2, 1e-14)
+    moved = np.swapaxes(transition(hours), 1, 2)
+    w, m = weight[blocks], mean[blocks]
+    arriving = moved @ w
+    first, second = moved @ (w * m), moved @ (w * (variance[blocks] + m**2))
+    weight[blocks] = np.maximum(arriving, LEAST_PROBABILITY)
+    comes = (arriving > _LEAST_WEIGHT) & (hours > 0.0)[:, None, None]
+    at, arriving = blocks[comes], arriving[comes]
+    mean[at] = first[comes] / arriving
+    variance[at] = np.maximum(second[comes] / arriving - mean[at] ** 2, _LEAST_VARIANCE)
 
 
-@kernel()
-def hours_of(
-    own: NDArray[np.float64],
-    pace: NDArray[np.float64],
-    normal: NDArray[np.float64],
+def followed(
+    pace: NDArray[np.float64], steps: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return the hours in which a wandering pace makes growth pass its own hours.
+    """Return the time of growth that passes in each of some steps, ``(m, n)`` [h].
+
+    Parameters
+    ----------
+    pace
+        Logarithm of the pace now [-], ``(n,)``.
+    steps
+        Steps [h], ``(m, n)``.
+    rng
+        Random numbers.
+    """
+    passed = np.empty(steps.shape)
+    factor = np.exp(pace - LOG_MEAN)
+    for number, step in enumerate(steps):
+        kept = np.exp(-step / WANDER_HOURS)
+        spread = SIGMA * np.sqrt(1.0 - kept**2)
+        pace = kept * pace + spread * rng.standard_normal(pace.size)
+        after = np.exp(pace - LOG_MEAN)
+        passed[number] = 0.5 * step * (factor + after)
+        factor = after
+    return passed
+
+
+def hours_of(
+    own: NDArray[np.float64], pace: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return the hours in which a wandering pace makes growth pass its own hours, ``(n,)`` [h].
+
+    After ``STEPS`` steps the rest passes at the mean pace: what is slow for so long comes back.
 
     Parameters
     ----------
@@ -112,33 +126,14 @@ def hours_of(
         Hours at pace 1 [h], ``(n,)``.
     pace
         Logarithm of the pace now [-], ``(n,)``.
-    normal
-        Standard normal numbers, ``(n, STEPS)``.
-
-    Returns
-    -------
-    numpy.ndarray
-        Hours [h], ``(n,)``; at the pace reached after ``STEPS`` steps where they do not suffice.
+    rng
+        Random numbers.
     """
-    result = np.empty(own.size)
-    for i in range(own.size):
-        z, done, spent = pace[i], 0.0, 0.0
-        step = own[i] * _STEP_SHARE
-        kept = np.exp(-step / WANDER_HOURS)
-        spread = SIGMA * np.sqrt(1.0 - kept * kept)
-        left = True
-        for k in range(normal.shape[1]):
-            after = z * kept + spread * normal[i, k]
-            part = 0.5 * (np.exp(z - LOG_MEAN) + np.exp(after - LOG_MEAN)) * step
-            if done + part >= own[i]:
-                spent += step * (own[i] - done) / part
-                left = False
-                break
-            done += part
-            spent += step
-            z = after
-        if left:
-            # Those that are slow for so long come back to the mean pace.
-            spent += own[i] - done
-        result[i] = spent
-    return result
+    step = own * _STEP_SHARE
+    passed = followed(pace, np.broadcast_to(step, (STEPS, own.size)), rng)
+    after = np.cumsum(passed, axis=0)
+    over = np.count_nonzero(after < own, axis=0)
+    last, each = np.minimum(over, STEPS - 1), np.arange(own.size)
+    left = own - (after[last, each] - passed[last, each])
+    into = step * (last + left / passed[last, each])
+    return np.where(over < STEPS, into, STEPS * step + own - after[-1])

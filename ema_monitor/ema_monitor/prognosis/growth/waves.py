@@ -6,18 +6,27 @@ filter for each period of a grid, for a component that does not grow and for gro
 being linear and Gaussian each is a Kalman filter, with errors that last as those of the cells.
 """
 
-from collections.abc import Mapping
-from copy import copy
-from typing import Any, Final
+import math
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core._jit import kernel
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, probabilities_below
+from ema_monitor.prognosis.growth.filters import (
+    LEAST_PROBABILITY,
+    Array,
+    Observation,
+    growth_of_rate,
+    measured,
+    moved,
+    near_healthy_update,
+)
+from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import REACH
-from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
@@ -41,8 +50,14 @@ _RATE_WALK: Final = 0.01
 _LIVES: Final = np.array([np.inf, 2500.0, 600.0])
 """Hours to the limit at one standard deviation of the rate [h]; infinite without growth."""
 
+_SEEN: Final = np.array([1.0, 0.0, 1.0, 0.0])
+_LEAST_RATE: Final = 1e-6
+"""Rate, in shares of the limit, below which nothing grows [1/h]."""
 
-class Waves:
+_STEPS_A_PERIOD: Final = 20
+
+
+class Waves(Kept):
     """Filters of waves: states are x, v and the parts of w, a test measures x + w.
 
     They are measured as the cells are, with errors that last and occasional ones.
@@ -53,12 +68,13 @@ class Waves:
         Where life ends.
     settings
         Noise and probabilities; a component of known law has no wave.
+    two_sided
+        Components that can leave their healthy value to either side, ``(7,)``.
 
     Attributes
     ----------
-    prior, weight
-        Probabilities before any test, and now, ``(7, k)``; with those of the cells of a component
-        they sum to 1.
+    prior
+        Probabilities before any test, ``(7, k)``; ``PRIOR`` in all, or 0, of each component.
     grows
         Filters whose level grows, ``(k,)``.
     mean, covariance
@@ -67,66 +83,33 @@ class Waves:
         Turn of the wave [rad/h], ``(k,)``.
     """
 
-    def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
+    kept = ("mean", "covariance")
+
+    def __init__(
+        self, limits: HealthLimits, settings: TrackerSettings, two_sided: NDArray[np.bool_]
+    ) -> None:
+        self._settings, self.two_sided = settings, two_sided
         self.omega = np.tile(2.0 * np.pi / PERIODS, _LIVES.size)
-        grows = np.repeat(np.isfinite(_LIVES), PERIODS.size)
-        share = np.where(grows, 0.5 / grows.sum(), 0.5 / (~grows).sum())
+        self.grows = np.repeat(np.isfinite(_LIVES), PERIODS.size)
+        share = np.where(self.grows, 0.5 / self.grows.sum(), 0.5 / (~self.grows).sum())
         has_wave = np.array([name not in settings.laws for name in COMPONENTS])
-        prior = np.where(has_wave[:, None], PRIOR * share, 0.0)
-        self._settings = settings
-        self.grows = grows
-        self._seen = np.array([1.0, 0.0, 1.0, 0.0])
-        self.prior, self.weight = prior, prior.copy()
-        self.mean = np.zeros((*prior.shape, self._seen.size))
-        self.covariance = np.zeros((*self.mean.shape, self._seen.size))
+        self.prior = np.where(has_wave[:, None], PRIOR * share, 0.0)
+        self.mean = np.zeros((*self.prior.shape, 4))
+        self.covariance = np.zeros((*self.mean.shape, 4))
         self._before = self.mean, self.covariance
-        self._step = np.zeros_like(self.covariance), np.zeros_like(self.covariance)
-        limit = np.array([limits.of(name) for name in COMPONENTS])
-        self._wave_variance = (AMPLITUDE * limit) ** 2
-        self._rate_variance = (limit[:, None] / np.repeat(_LIVES, PERIODS.size)) ** 2
+        self._by = np.zeros_like(self.covariance), np.zeros_like(self.covariance)
+        self._limit = np.array([limits.of(name) for name in COMPONENTS])
+        self._wave_variance = (AMPLITUDE * self._limit) ** 2
+        self._rate_variance = (self._limit[:, None] / np.repeat(_LIVES, PERIODS.size)) ** 2
         for number in range(len(COMPONENTS)):
             self.restart(number, 0.0, 1.0)
 
-    def frozen(self) -> "Waves":
-        """Return a copy that does not change with this one."""
-        twin = copy(self)
-        twin.weight, twin.mean = self.weight.copy(), self.mean.copy()
-        twin.covariance = self.covariance.copy()
-        return twin
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return all that is known, for ``restore``."""
-        return {
-            "wave_weight": self.weight,
-            "wave_mean": self.mean,
-            "wave_covariance": self.covariance,
-        }
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what ``state`` of filters of the same limits and settings returned.
-
-        Raises
-        ------
-        ValueError, KeyError
-            When it is none.
-        """
-        if (shape := state["wave_covariance"].shape) != self.covariance.shape:
-            raise ValueError(f"wave_covariance has shape {shape}, not {self.covariance.shape}")
-        self.weight, self.mean = state["wave_weight"], state["wave_mean"]
-        self.covariance = state["wave_covariance"]
-
-    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def moments(self) -> tuple[Array, Array]:
         """Return mean and variance of what a test measures, by each filter, ``(7, k)`` each."""
-        return self.mean @ self._seen, self.covariance @ self._seen @ self._seen
+        return self.mean @ _SEEN, self.covariance @ _SEEN @ _SEEN
 
     def restart(self, number: int, value: float, variance: float) -> None:
-        """Start the level of a component anew, its wave and rate unknown.
-
-        Parameters
-        ----------
-        number, value, variance
-            Of the component, its new signed distance from healthy, and its variance [-].
-        """
+        """Start a component anew at a signed distance from healthy, its wave and rate unknown."""
         wave = self._wave_variance[number]
         self.mean[number] = [value, 0.0, 0.0, 0.0]
         one = np.zeros_like(self.covariance[number])
@@ -139,184 +122,157 @@ class Waves:
 
     def change_rate(self, number: int, rate: float, sigma: float) -> None:
         """Let a component that grows go on at another rate, of a standard deviation [1/h]."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[number, self.grows, 1] = rate
-        covariance[number, self.grows, 1, :] = covariance[number, self.grows, :, 1] = 0.0
-        covariance[number, self.grows, 1, 1] = sigma**2
-        self.mean, self.covariance = mean, covariance
+        self.mean[number, self.grows, 1] = rate
+        self.covariance[number, self.grows, 1, :] = 0.0
+        self.covariance[number, self.grows, :, 1] = 0.0
+        self.covariance[number, self.grows, 1, 1] = sigma**2
 
-    def rates(self) -> NDArray[np.float64]:
+    def rates(self) -> Array:
         """Return the growth of each filter, without its wave [1/h], ``(7, k)``."""
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
-    def advance(self, hours: NDArray[np.float64]) -> None:
-        """Let the filters of each component go on over hours of its own, ``(7,)`` [h]."""
-        self._begin()
+    def advance(self, weight: Array, hours: Array) -> None:
+        """Let the filters of each component go on over hours of its own.
+
+        Parameters
+        ----------
+        weight
+            Probabilities, ``(7, k)``; changed, for growth begins.
+        hours
+            The hours, at least 0, ``(7,)`` [h].
+        """
+        self._begin(weight)
         hours = hours[:, None]
-        turn = hours * self.omega
+        rate, turn = self.rates(), hours * self.omega
         kept = np.exp(-turn / (2.0 * np.pi * LASTING))
-        step = np.zeros_like(self.covariance)
-        step[..., 0, 0] = step[..., 1, 1] = 1.0
-        step[..., 0, 1] = hours
+        step, noise = np.zeros((2, *self.covariance.shape))
+        step[..., :2, :2], noise[..., :2, :2] = growth_of_rate(
+            rate, hours, self._settings.noise_hours, (_RATE_WALK * rate) ** 2
+        )
         step[..., 2, 2] = step[..., 3, 3] = kept * np.cos(turn)
         step[..., 2, 3] = kept * np.sin(turn)
         step[..., 3, 2] = -step[..., 2, 3]
-        noise = self._growth_noise(np.where(self.grows, self.mean[..., 1] ** 2, 0.0), hours)
         noise[..., 2, 2] = noise[..., 3, 3] = self._wave_variance[:, None] * (1.0 - kept**2)
-        self._go_on(step, noise)
+        self._before, self._by = (self.mean, self.covariance), (step, noise)
+        self.mean, self.covariance = moved(self.mean, self.covariance, step, noise)
 
-    def _begin(self) -> None:
+    def _begin(self, weight: Array) -> None:
         """Let growth begin in filters without, with the probability of the settings."""
-        part = self._settings.onset_probability
-        periods = PERIODS.size
-        still = self.weight[:, :periods]
-        out = part * still
-        self.weight[:, :periods] = still - out
-        groups = _LIVES.size - 1
-        for group in range(1, groups + 1):
-            at = slice(group * periods, (group + 1) * periods)
-            total = np.maximum(self.weight[:, at] + out / groups, LEAST_PROBABILITY)
-            share = out / groups / total
-            gap = self.mean[:, :periods] - self.mean[:, at]
-            arriving = self.covariance[:, :periods].copy()
+        n, groups = PERIODS.size, _LIVES.size - 1
+        out = self._settings.onset_probability * weight[:, :n]
+        weight[:, :n] -= out
+        for start in range(n, weight.shape[1], n):
+            at = slice(start, start + n)
+            total = np.maximum(weight[:, at] + out / groups, LEAST_PROBABILITY)
+            share = (out / groups / total)[..., None]
+            mixed = share[..., None]
+            gap = self.mean[:, :n] - self.mean[:, at]
+            arriving = self.covariance[:, :n].copy()
             arriving[..., 1, 1] += self._rate_variance[:, at]
-            mixed = share[..., None, None]
             self.covariance[:, at] += mixed * (arriving - self.covariance[:, at])
             self.covariance[:, at] += mixed * (1.0 - mixed) * gap[..., None] * gap[..., None, :]
-            self.mean[:, at] += share[..., None] * gap
-            self.weight[:, at] = total * (self.prior[:, at] > 0.0)
+            self.mean[:, at] += share * gap
+            weight[:, at] = total * (self.prior[:, at] > 0.0)
 
-    def samples(
-        self, number: NDArray[np.intp], of_it: NDArray[np.intp], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Return a sample of the state of some filters, each time it is named, ``(m, d)``.
-
-        Parameters
-        ----------
-        number, of_it
-            Numbers of component and filter, ``(m,)`` each.
-        rng
-            Random numbers.
-        """
-        k = self.weight.shape[1]
-        pairs, which = np.unique(number * k + of_it, return_inverse=True)
-        owner, one = np.divmod(pairs, k)
-        values, vectors = np.linalg.eigh(self.covariance[owner, one])
-        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        normal = rng.standard_normal((number.size, self._seen.size))
-        return self.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
-
-    def _growth_noise(
-        self, squared_rate: NDArray[np.float64], hours: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the covariance of the noise of level and rate, ``(7, k, d, d)``; 0 of the others.
-
-        Parameters
-        ----------
-        squared_rate
-            Square of the rate that each filter has over the hours [1/h^2], ``(7, k)``.
-        hours
-            Hours of growth [h], in a form that broadcasts to ``(7, k)``.
-        """
-        walk = squared_rate * _RATE_WALK**2 * hours
-        noise = np.zeros_like(self.covariance)
-        noise[..., 0, 0] = squared_rate * self._settings.noise_hours * hours
-        noise[..., 0, 0] += walk * hours**2 / 3.0
-        noise[..., 0, 1] = noise[..., 1, 0] = walk * hours / 2.0
-        noise[..., 1, 1] = walk
-        return noise
-
-    def _go_on(self, step: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-        """Multiply the states by a matrix, ``(7, k, d, d)``, and add noise of a covariance."""
-        self._before, self._step = (self.mean, self.covariance), (step, noise)
-        self.mean = np.einsum("nkij,nkj->nki", step, self.mean)
-        self.covariance = step @ self.covariance @ np.swapaxes(step, 2, 3) + noise
-
-    def measure(
-        self,
-        plain: NDArray[np.intp],
-        value: NDArray[np.float64],
-        fresh: NDArray[np.float64],
-        carried: NDArray[np.float64],
-        value_before: NDArray[np.float64],
-        log_likelihood: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Update the filters of some components by values with occasional errors.
-
-        Parameters
-        ----------
-        plain
-            Numbers of the components, ``(m,)``.
-        value, fresh, carried, value_before
-            As of ``measure_cells``.
-        log_likelihood
-            Of each filter, ``(7, k)``; written for those components.
+    def measure(self, test: Observation) -> tuple[Array, Array]:
+        """Update the filters by a test.
 
         Returns
         -------
-        numpy.ndarray
-            Probabilities of a smaller value by each filter, ``(7, k)``; 0 of other components.
+        tuple
+            Logarithms of the likelihoods of the filters and the probabilities of a smaller value
+            by them, ``(7, k)`` each; 0 of components not shown.
         """
-        settings, c = self._settings, carried[plain, None]
-        mean, covariance = (part[plain] for part in self._before)
-        step, noise = (part[plain] for part in self._step)
-        seen = self._seen @ step - c[..., None] * self._seen
-        innovation = value[plain, None] - self.mean[plain] @ self._seen
-        innovation = innovation - c * (value_before[plain, None] - mean @ self._seen)
-        from_noise = self._seen @ noise
-        spread = np.einsum("mkij,mkj->mki", covariance, seen)
-        shared = np.einsum("mkij,mkj->mki", step, spread) + from_noise
-        usual = np.einsum("mki,mki->mk", seen, spread) + from_noise @ self._seen
-        usual = usual + fresh[plain, None]
-        wide, rare = usual + settings.occasional_error**2, settings.occasional_probability
-        squared = innovation**2
-        log_usual = np.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
-        log_wide = np.log(max(rare, LEAST_PROBABILITY)) - 0.5 * (squared / wide + np.log(wide))
-        log_likelihood[plain] = log_p = np.logaddexp(log_usual, log_wide)
-        share = np.exp(log_wide - log_p)
-        gain = 1.0 / usual + share * (1.0 / wide - 1.0 / usual)
-        self.mean[plain] += shared * (gain * innovation)[..., None]
-        both = share * (1.0 - share) * (1.0 / usual - 1.0 / wide) ** 2 * squared
-        outer = shared[..., None] * shared[..., None, :]
-        self.covariance[plain] -= outer * (gain - both)[..., None, None]
-        below = np.zeros_like(self.weight)
-        own = np.empty(innovation.size)
-        probabilities_below(innovation.ravel(), usual.ravel(), wide.ravel(), rare, own)
-        below[plain] = own.reshape(innovation.shape)
-        return below
-
-    def measure_near(
-        self,
-        near: NDArray[np.intp],
-        noise: NDArray[np.float64],
-        two_sided: NDArray[np.bool_],
-        log_likelihood: NDArray[np.float64],
-    ) -> None:
-        """Update the filters of components that were set to healthy.
-
-        Parameters
-        ----------
-        near
-            Numbers of the components, ``(m,)``.
-        noise
-            Variances of the errors, ``(7,)``.
-        two_sided
-            Whether each component may lie on either side of healthy, ``(7,)``.
-        log_likelihood
-            Of each filter, ``(7, k)``; written for those components.
-        """
-        if not near.size:
-            return
-        k = self.weight.shape[1]
-        mean, variance = (part[near].ravel() for part in self.moments())
-        was, before = mean.copy(), variance.copy()
-        of_each = np.repeat(near, k)
-        log_p = np.empty(mean.size)
-        near_healthy_update(
-            mean, variance, noise[of_each], REACH[of_each], two_sided[of_each], log_p
+        log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
+        at, (mean, variance) = test.plain, self.moments()
+        self.mean[at], self.covariance[at], told = measured(
+            (self._before[0][at], self._before[1][at]),
+            (self._by[0][at], self._by[1][at]),
+            _SEEN,
+            test.value[at, None],
+            test.value_before[at, None],
+            test.carried[at, None],
+            test.fresh[at, None],
+            self._settings,
         )
-        log_likelihood[near] = log_p.reshape(-1, k)
-        gain = self.covariance[near] @ self._seen / before.reshape(-1, k)[..., None]
-        self.mean[near] += gain * (mean - was).reshape(-1, k)[..., None]
-        change = (variance - before).reshape(-1, k)[..., None, None]
-        self.covariance[near] += gain[..., None] * gain[..., None, :] * change
+        log_likelihood[at], below[at] = told.log_likelihood, told.below
+        at = np.flatnonzero(test.near)
+        k, (was, before) = np.repeat(at, self.omega.size), (mean[at], variance[at])
+        level, left, log_p = was.ravel().copy(), before.ravel().copy(), np.empty(k.size)
+        near_healthy_update(level, left, test.noise[k], REACH[k], self.two_sided[k], log_p)
+        log_likelihood[at] = log_p.reshape(was.shape)
+        gain = self.covariance[at] @ _SEEN / before[..., None]
+        self.mean[at] += gain * (level.reshape(was.shape) - was)[..., None]
+        change = (left.reshape(was.shape) - before)[..., None, None]
+        self.covariance[at] += gain[..., None] * gain[..., None, :] * change
+        return log_likelihood, below
+
+    def drawn(
+        self, number: NDArray[np.intp], of_it: NDArray[np.intp], rng: np.random.Generator
+    ) -> "WaveDraw":
+        """Return a sample of each filter that is named by numbers of component and filter."""
+        pairs, which = np.unique(number * self.omega.size + of_it, return_inverse=True)
+        covariance = self.covariance.reshape(-1, 4, 4)[pairs]
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        normal = rng.standard_normal((number.size, 4))
+        state = self.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
+        spread = np.exp(RATE_SPREAD * rng.standard_normal(number.size))
+        state[:, 1] *= np.where(self.grows[of_it], spread, 0.0)
+        # Towards the side to which it grows; a component of one side does not shrink to its limit.
+        side = np.where(self.two_sided[number] & (state[:, 1] < 0.0), -1.0, 1.0)
+        return WaveDraw(state, self.omega[of_it], side / self._limit[number])
+
+
+@dataclass(frozen=True, eq=False)
+class WaveDraw:
+    """Samples under a wave.
+
+    Attributes
+    ----------
+    state
+        Signed level, rate [1/h] and the parts of the wave, ``(m, 4)``.
+    omega
+        Turn of the wave [rad/h], ``(m,)``.
+    scale
+        One over the limit to which it grows, signed, ``(m,)``.
+    """
+
+    state: Array
+    omega: Array
+    scale: Array
+
+    def lives(self) -> Array:
+        """Return hours until each sample first reaches its limit [h], ``(m,)``."""
+        return _first_passages(self.state * self.scale[:, None], self.omega)
+
+    def values(self, hours: Array) -> Array:
+        """Return signed distances from healthy after hours of each [h], ``(k, m)``."""
+        x, rate, c, s = self.state.T
+        turn = hours * self.omega
+        return x + rate * hours + c * np.cos(turn) + s * np.sin(turn)
+
+
+@kernel()
+def _first_passages(state: Array, omega: Array) -> Array:
+    """Return hours until level and wave first reach 1 [h], ``(m,)``."""
+    result = np.empty(omega.size)
+    for i in range(omega.size):
+        x, rate, c, s = state[i]
+        if x + c >= 1.0:
+            result[i] = 0.0
+            continue
+        result[i] = np.inf
+        if rate < _LEAST_RATE:
+            continue
+        # Before the level is within the wave of the limit nothing can happen.
+        size = math.hypot(c, s)
+        first = max((1.0 - size - x) / rate, 0.0)
+        last = max((1.0 + size - x) / rate, first)
+        steps = min(int((last - first) * omega[i] / (2.0 * math.pi) * _STEPS_A_PERIOD) + 2, 2000)
+        for k in range(steps + 1):
+            u = first + (last - first) * k / steps
+            if x + rate * u + c * math.cos(omega[i] * u) + s * math.sin(omega[i] * u) >= 1.0:
+                result[i] = u
+                break
+    return result

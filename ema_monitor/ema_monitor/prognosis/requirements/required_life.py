@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, healthy_faults
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
-from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
+from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, TrackedFault
 from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.waiting import NOT_SHOWN
 from ema_monitor.prognosis.requirements.requirements import (

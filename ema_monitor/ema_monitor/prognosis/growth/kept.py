@@ -1,0 +1,60 @@
+"""What is learnt of growth, by name: copied, written, and taken up again."""
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Kept:
+    """Base of what learns from tests: all that it learns is in some of its attributes.
+
+    Attributes
+    ----------
+    kept
+        Names of the attributes that tests change, arrays and numbers.
+    parts
+        Names of the attributes that are of this class themselves.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ()
+    parts: ClassVar[tuple[str, ...]] = ()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return all that is known, for ``restore``."""
+        known = {name: np.asarray(getattr(self, name)) for name in self.kept}
+        for part in self.parts:
+            of_it: Mapping[str, NDArray[Any]] = getattr(self, part).state()
+            known |= {f"{part}.{name}": value for name, value in of_it.items()}
+        return known
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` of one of the same limits and settings returned.
+
+        Raises
+        ------
+        KeyError
+            When something is missing.
+        """
+        for name in self.kept:
+            value = state[name]
+            setattr(self, name, value if value.ndim else value.item())
+        for part in self.parts:
+            start = f"{part}."
+            of_it = {
+                name.removeprefix(start): value
+                for name, value in state.items()
+                if name.startswith(start)
+            }
+            getattr(self, part).restore(of_it)
+
+    def frozen(self) -> Self:
+        """Return a copy that does not change with this one."""
+        twin = copy(self)
+        for name in self.kept:
+            setattr(twin, name, copy(getattr(self, name)))
+        for part in self.parts:
+            setattr(twin, part, getattr(self, part).frozen())
+        return twin
