@@ -31,8 +31,7 @@ from ema_core.faults import TYPICAL
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet import Fleet, FleetUnit
 from ema_monitor.prognosis.growth.fleet import grid_digest
-from ema_monitor.prognosis.growth.settings import FleetPrior
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 
 WITHOUT, SAME, OTHER = "no fleet", "fleet", "fleet of another kind"

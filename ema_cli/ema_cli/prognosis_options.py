@@ -16,8 +16,7 @@ from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.scenario import Scenario, read_scenarios
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.growth.settings import FORM as FORM_OF_LAW
-from ema_monitor.prognosis.growth.settings import known_law
-from ema_monitor.prognosis.growth.settings import KnownLaw
+from ema_monitor.prognosis.growth.settings import KnownLaw, known_law
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
