@@ -9,7 +9,7 @@ foreign actuators (`foreign`, effects for development), which the design knows n
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -32,7 +32,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, estimation_error, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.design.certifying import certify
+from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import FINEST, design_command
 from ema_monitor.design.information import Information
 from ema_monitor.design.limits import MotionLimits
@@ -100,7 +100,7 @@ def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:
         "reached": found.reached,
         "ratio": found.command.duration / THESIS_CHIRP.duration,
         "verdict": found.verdict,
-        "demands": found.demands._asdict(),
+        "demands": asdict(found.demands),
         "wanted": dict(found.wanted),
         "sigma": {one.name: one.sigma for one in found.rehearsed.faults},
         "error": {one.name: one.error for one in found.rehearsed.faults},
@@ -113,7 +113,7 @@ def chirp_demands(_: None = None) -> dict[str, float]:
     record = Condition("chirp", THESIS_CHIRP).recorder()
     windows = record(THESIS_CHIRP, healthy_faults(), _CALIBRATION_WINDOWS, {})
     information = Information(calibrate_model(windows))
-    demands = information.demands(information.windows(THESIS_CHIRP))._asdict()
+    demands = asdict(information.demands(information.windows(THESIS_CHIRP)))
     return {name: demands[name] for name in ("travel", "current", "torque", "speed")}
 
 
@@ -262,19 +262,17 @@ def rows(figures: dict[str, Any]) -> list[Row]:
         ),
         Row("  within the chirp's own demands", "", f"{own['ratio']:.2f}", None),
     ]
-    # The scatter of twenty tests is itself known to a sixth only.
-    for what in ("sigma", "scatter"):
-        shares = _predictions(figures, what)
-        inside = sum(abs(ratio - 1.0) <= WITHIN for ratio in shares.values())
-        name = max(shares, key=lambda key: abs(np.log(shares[key])))
-        result.append(
-            Row(
-                f"predicted {what} within 25 % of simulated tests",
-                f"{len(shares)}",
-                f"{inside}; {shares[name]:.2f} ({name})",
-                inside == len(shares),
-            )
+    shares = _predictions(figures)
+    inside = sum(abs(ratio - 1.0) <= WITHIN for ratio in shares.values())
+    name = max(shares, key=lambda key: abs(np.log(shares[key])))
+    result.append(
+        Row(
+            "predicted sigma within 25 % of simulated tests",
+            f"{len(shares)}",
+            f"{inside}; {shares[name]:.2f} ({name})",
+            inside == len(shares),
         )
+    )
     for name, one in figures["foreign"].items():
         result.append(
             Row(
@@ -292,14 +290,14 @@ def _of_chirp(design: dict[str, Any], name: str) -> float:
     return design["sigma"][name] / max(design["wanted"][name] / 1.1, FINEST)
 
 
-def _predictions(figures: dict[str, Any], what: str) -> dict[str, float]:
-    """Return predicted over measured, by condition and component."""
+def _predictions(figures: dict[str, Any]) -> dict[str, float]:
+    """Return predicted over stated sigma, by condition and component."""
     return {
-        f"{certificate['name']}, {one['name'].replace('_', ' ')}": one[f"predicted_{what}"]
-        / one[what]
+        f"{certificate['name']}, {one['name'].replace('_', ' ')}": one["predicted_sigma"]
+        / one["sigma"]
         for certificate in figures["certificates"]
         for one in certificate["repeated"]
-        if one[what] and one[f"predicted_{what}"]
+        if one["sigma"] and one["predicted_sigma"]
     }
 
 
@@ -322,18 +320,14 @@ def show(console: Console, figures: dict[str, Any]) -> None:
         ]
         table.add_row(one["name"], *cells, f"{one['command']['duration']:.3f}")
     console.print(table)
-    for what, title in (
-        ("sigma", "predicted over stated sigma"),
-        ("scatter", "predicted over measured scatter"),
-    ):
-        table = Table(title, *map(_label, COMPONENTS))
-        for certificate in figures["certificates"]:
-            ratios = [
-                f"{one[f'predicted_{what}'] / one[what]:.2f}" if one[what] else "-"
-                for one in certificate["repeated"]
-            ]
-            table.add_row(certificate["name"], *ratios)
-        console.print(table)
+    table = Table("predicted over stated sigma", *map(_label, COMPONENTS))
+    for certificate in figures["certificates"]:
+        ratios = [
+            f"{one['predicted_sigma'] / one['sigma']:.2f}" if one["sigma"] else "-"
+            for one in certificate["repeated"]
+        ]
+        table.add_row(certificate["name"], *ratios)
+    console.print(table)
     table = Table("90 % interval covers %, error", *map(_label, COMPONENTS))
     for certificate in figures["certificates"]:
         cells = [

@@ -17,7 +17,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.design.states import Recorder
+from ema_monitor.design.rehearsal import Recorder
 from ema_monitor.model.monitor_model import compile_kernels, form_of
 from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.finder import Segment, WindowFinder

@@ -8,8 +8,7 @@ from ema_core.faults import FAULTS, FaultVector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import calibrate, load_calibration
-from ema_monitor.design.certificate import Certificate
-from ema_monitor.design.certifying import certify
+from ema_monitor.design.certificate import Certificate, certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import MotionLimits
 from ema_monitor.diagnosis import Diagnosed, Diagnosis

@@ -6,6 +6,7 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.current_balance.identifying import identify_by_current
@@ -61,16 +62,11 @@ class Identification:
                     self._window, calibration, self._settings, self._window.reason
                 )
             return
-        run = ModelIdentification(
-            self._window,
-            self._description,
-            calibration,
-            self._settings,
-            force=self._force,
-            previous=self._previous,
-        )
-        yield from run
-        self.estimate = run.estimate
+        previous = None if self._previous is None else fault_vector(self._previous)
+        found = yield from ModelIdentification(
+            self._window, self._description, calibration, self._settings, self._force, previous
+        ).run()
+        self.estimate = found.estimate
 
 
 def identify(

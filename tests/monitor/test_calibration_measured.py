@@ -66,8 +66,8 @@ def test_windows_without_measurement_give_the_calibration_that_they_gave(healthy
 def test_what_was_taken_for_known_is_said_with_its_range(loaded):
     windows = [*measured(loaded, 0.3), *measured(loaded, 0.1)]
     expected = "load torque +0.1 ± 0.01 N.m to load torque +0.3 ± 0.01 N.m in 4 windows"
-    assert taken_for_known(windows) == expected
-    assert taken_for_known(loaded) == ""
+    assert taken_for_known(one.measured for one in windows) == expected
+    assert taken_for_known(one.measured for one in loaded) == ""
 
 
 def test_calibration_says_what_its_windows_did_not_show():

@@ -1,64 +1,24 @@
 """What a test will show is told before it is made: predictions hold for windows of known noise."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP
-from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, COMPONENTS, FAULTS, SHORT_CIRCUITS, healthy_faults
-from ema_core.telemetry import Telemetry
-from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.certificate import (
     CauseProspect,
     Certificate,
     Repeated,
 )
-from ema_monitor.design.prediction import prospect
-from ema_monitor.design.rehearsal import HALF_WIDTH, FaultProspect
-from ema_monitor.design.states import N_COMBINED, combined_faults, present, single_faults
-from ema_monitor.identifying import identify
-from ema_monitor.windows.window import Window
-
-H = 1e-4
-CURRENT_NOISE, SPEED_NOISE = 0.3, 0.6
-
-
-def modelled(faults, rng, noise=1.0) -> Window:
-    """A window as the calibrated model of the built-in unit makes it, with white noise."""
-    command = np.concatenate([[0.0], THESIS_CHIRP.sample(H)])
-    zeros = np.zeros_like(command)
-    window = Window(Telemetry(0, H, 1, command, zeros, zeros, zeros), play=1.0)
-    calibration = Calibration.builtin()
-    response = calibration.model().respond(
-        window, faults, 1.0, calibration.reference(window).corrections
-    )
-    current, speed = (np.concatenate([[0.0], row[0]]) for row in response)
-    current[1:] += noise * CURRENT_NOISE * rng.standard_normal(len(window))
-    speed[1:] += noise * SPEED_NOISE * rng.standard_normal(len(window))
-    return replace(window, telemetry=replace(window.telemetry, current=current, speed=speed))
-
-
-@pytest.mark.long
-def test_predicted_scatter_is_that_of_repeated_estimates():
-    faults, rng = combined_faults(0), np.random.default_rng(1)
-    description, calibration = ActuatorDescription(), Calibration.builtin()
-    predicted = prospect(
-        [modelled(faults, rng) for _ in range(6)], faults, description, calibration
-    )
-    found = [
-        identify(modelled(faults, rng), description, calibration, previous=faults)
-        for _ in range(40)
-    ]
-    measured = np.std([np.array(one.faults) for one in found], axis=0, ddof=1)
-    shown = present(faults)
-    # The standard deviation of 40 values is known to 11 %, the prediction to about 8 %.
-    np.testing.assert_allclose(predicted.scatter[shown], measured[shown], rtol=0.4)
-    stated = np.median([np.array(one.sigma) for one in found], axis=0)
-    np.testing.assert_allclose(predicted.sigma[shown], stated[shown], rtol=0.1)
-    assert np.all(np.isnan(predicted.scatter[~predicted.shown]))
+from ema_monitor.design.rehearsal import (
+    HALF_WIDTH,
+    N_COMBINED,
+    FaultProspect,
+    combined_faults,
+    present,
+    single_faults,
+)
 
 
 def test_single_faults_are_half_way_to_their_limits():
@@ -81,17 +41,15 @@ def test_every_fault_is_among_several_in_some_actuator_and_one_phase_is_shorted(
 
 @pytest.fixture
 def certificate() -> Certificate:
-    faults = [FaultProspect(name, True, 0.004, 0.001, 0.002, 0.01, ()) for name in COMPONENTS]
+    faults = [FaultProspect(name, True, 0.004, 0.002, 0.01, ()) for name in COMPONENTS]
     nan = math.nan
-    faults[BACKLASH] = FaultProspect("backlash", False, nan, nan, nan, nan, ("load torque",))
+    faults[BACKLASH] = FaultProspect("backlash", False, nan, nan, nan, ("load torque",))
     faults[0] = faults[0]._replace(error=0.02)
     causes = (
         CauseProspect("torque_constant", 0.05, "named"),
         CauseProspect("load_torque", 0.3, "does not show"),
     )
-    repeated = tuple(
-        Repeated(name, 9, 0.004, 0.005, 0.001, 0.001, 0.002, 0.9) for name in COMPONENTS
-    )
+    repeated = tuple(Repeated(name, 9, 0.004, 0.005, 0.001, 0.002, 0.9) for name in COMPONENTS)
     return Certificate("flap", "1", 0.01, 0.5, 1e-4, 0.02, nan, tuple(faults), causes, repeated)
 
 

@@ -15,13 +15,15 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.knowledge import Before, Knowledge, information
-from ema_monitor.identification.objective import Coordinates, Objective
-from ema_monitor.identification.preview import NUISANCES, StretchMotion
+from ema_monitor.identification.knowledge import NUISANCE, Knowledge, information
+from ema_monitor.identification.objective import PLAIN, Objective
+from ema_monitor.identification.preview import StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import sandwich_covariance, shifts_of
+from ema_monitor.model.deviations import Prior
+from ema_monitor.model.measured import expected_causes
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -64,14 +66,12 @@ def known_of(objective: Objective, point: NDArray[np.float64]) -> Knowledge:
     """What a stretch tells with the noise of a healthy window, without anything known before."""
     at = objective.linearise(point)
     covariance = np.array(np.linalg.inv(information(at.jacobian, objective.noise)), dtype=float)
-    nothing = np.zeros((N_FAULTS, 0))
-    return Knowledge(
-        point[:N_FAULTS],
-        (covariance + covariance.T) / 2.0,
-        nothing,
-        1.0,
-        np.zeros((N_FAULTS, N_FAULTS)),
-    )
+    return Knowledge(point[:N_FAULTS], (covariance + covariance.T) / 2.0)
+
+
+def load_of(stretch: Window) -> tuple[Prior, ...]:
+    suspects = expected_causes(FLAP.parameters, stretch)
+    return tuple(one for one in suspects if one.name == NUISANCE)
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +79,7 @@ def objectives(stretches) -> list[Objective]:
     calibration = Calibration.builtin().of_any_motion()
     result = []
     for stretch in stretches[:2]:
-        causes = Before(None, NUISANCES).causes(calibration.parameters, stretch)
-        result.append(Objective(stretch, calibration, causes=causes))
+        result.append(Objective(stretch, calibration, causes=load_of(stretch)))
     return result
 
 
@@ -139,7 +138,7 @@ def test_what_is_not_known_of_the_unit_does_not_average_out(stretches):
     """The same stretch again: noise would fall, but the unit has shifted the estimate as before."""
     calibration = Calibration.builtin().of_any_motion()
     stretch = stretches[0]
-    causes = Before(None, NUISANCES).causes(calibration.parameters, stretch)
+    causes = load_of(stretch)
     alone = Objective(stretch, calibration, causes=causes)
     point = alone.encode(fault_vector(FAULTS))
     at = alone.linearise(point)
@@ -337,10 +336,9 @@ def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_alre
     """Where the search begins at what is known, it begins without a distance from it."""
     faults = fault_vector(FAULTS | {"eccentricity": 0.15, "eccentricity_phase": 0.9})
     calibration = Calibration.builtin().of_any_motion()
-    before = Knowledge.of_range(Coordinates(play=0.0, cartesian=True).encode(faults))
+    before = Knowledge.of_range(PLAIN.encode(faults))
     known = before._replace(covariance=1e-4 * np.eye(N_FAULTS))
-    causes = Before(known, NUISANCES).causes(calibration.parameters, stretches[0])
-    alone = Objective(stretches[0], calibration, causes=causes)
+    alone = Objective(stretches[0], calibration, causes=load_of(stretches[0]))
     [at_start] = alone.residuals(alone.encode(faults)[None])
     run = ModelIdentification(
         stretches[0],
@@ -348,9 +346,9 @@ def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_alre
         calibration,
         SearchSettings(algorithm="pso"),
         previous=faults,
-        before=Before(known, NUISANCES),
+        known=known,
     )
-    assert next(iter(run)).fitness <= at_start @ at_start * (1.0 + 1e-9)
+    assert next(run.run()).fitness <= at_start @ at_start * (1.0 + 1e-9)
 
 
 @pytest.mark.slow

@@ -8,8 +8,9 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
-from ema_monitor.identification.combined import Part, combined_estimate
+from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.verdict import Misfit
@@ -18,6 +19,7 @@ from ema_monitor.windows.trigger import Refusal
 SHORTS = slice(2, 5)
 EQUAL_SHORTS = "equal short circuits of all phases"
 SIGMA = 0.01
+KNOWN = Knowledge(np.zeros(N_FAULTS), 1e-6 * np.eye(N_FAULTS))
 
 
 def estimate(number: int, *kept: str, sigma: float = SIGMA, **values) -> Estimate:
@@ -38,20 +40,13 @@ def estimate(number: int, *kept: str, sigma: float = SIGMA, **values) -> Estimat
     )
 
 
-def part(one: Estimate, *, power: float = 1.0, departure: float = 100.0, **more) -> Part:
-    known = Knowledge(
-        np.zeros(N_FAULTS),
-        1e-6 * np.eye(N_FAULTS),
-        np.zeros((N_FAULTS, 0)),
-        1.0,
-        np.zeros((N_FAULTS, N_FAULTS)),
-    )
+def part(one: Estimate, *, power: float = 1.0, departure: float = 100.0, **more) -> Finding:
     misfit = Misfit(np.array([[power, departure], [1.0, departure]]))
-    return Part(replace(one, goodness_of_fit=misfit.goodness), known, misfit, **more)
+    return Finding(replace(one, goodness_of_fit=misfit.goodness), misfit, **more)
 
 
-def combined(*parts: Part, wanted_sigma: float = 0.05) -> Estimate:
-    found = combined_estimate(parts, wanted_sigma)
+def combined(*parts: Finding, wanted_sigma: float = 0.05) -> Estimate:
+    found = combined_estimate(parts, KNOWN, wanted_sigma)
     assert found is not None
     return found
 

@@ -348,12 +348,14 @@ def test_healthy_window_costs_its_effective_residuals(windows_of, calibration):
     objective = Objective(window, calibration)
     cost = np.sum(objective.residuals(objective.healthy[None]) ** 2)
     # Measured 0.65; of some hundred values, and the loss is less than quadratic.
-    assert 0.4 < cost / (objective.noise * objective.effective) < 1.3
+    assert 0.4 < cost / (objective.noise * objective.fitness.effective) < 1.3
 
 
 def test_fair_cost_is_a_share_of_the_departure_from_healthy(windows_of, calibration):
     for faults, departs in (({}, False), ({"friction": 0.75}, True)):
         objective = Objective(windows_of(faults, 1)[0], calibration)
         healthy = float(np.sum(objective.residuals(objective.healthy[None]) ** 2))
-        assert objective.fair_cost() == pytest.approx(max(objective.good_cost, 0.05 * healthy))
-        assert (objective.fair_cost() > objective.good_cost) == departs
+        assert objective.fair_cost() == pytest.approx(
+            max(objective.fitness.good_cost, 0.05 * healthy)
+        )
+        assert (objective.fair_cost() > objective.fitness.good_cost) == departs

@@ -14,7 +14,7 @@ from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.identification import combination
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.search import Generation, ModelIdentification
+from ema_monitor.identification.search import Generation, ModelIdentification, Search
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node import worker as identification_worker
@@ -264,7 +264,7 @@ class _Endless(ModelIdentification):
 
     begun = threading.Event()
 
-    def __iter__(self) -> Iterator[Generation]:
+    def run(self) -> Search:
         while True:
             self.begun.set()
             yield Generation(1, 1, 0.0, np.zeros(8))

@@ -139,7 +139,7 @@ def test_estimate_without_measurement_is_the_same_to_the_bit(windows_of, calibra
     assert one.measured == other.measured == ()
     np.testing.assert_array_equal(one.faults, other.faults)
     np.testing.assert_array_equal(one.covariance, other.covariance)
-    usual = expected_causes(PARAMETERS, 0.01, ())
+    usual = expected_causes(PARAMETERS, window)
     assert all(prior.expected == 0.0 for prior in usual)
 
 

@@ -11,7 +11,7 @@ from ema_monitor.identification.objective import Objective
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 
-from .windows import answered, changed, fitness_for
+from .windows import answered, changed
 
 TRUTH = {
     "friction": 0.3,
@@ -151,13 +151,3 @@ def test_linearisation_evaluates_as_often_as_it_says(made, calibration, monkeypa
     monkeypatch.setattr(MonitorModel, "respond", counting)
     objective.linearise(objective.healthy)
     assert sum(counted) == objective.linearisation_evaluations
-
-
-@pytest.mark.parametrize("fitness", FITNESS)
-def test_belief_and_spacing_are_those_of_the_fitness(made, calibration, fitness):
-    window = made(TRUTH)
-    own, objective = (
-        fitness_for(fitness, window, calibration),
-        Objective(window, calibration, fitness),
-    )
-    assert (objective.good_cost, objective.spacing) == (own.good_cost, own.spacing)

@@ -432,7 +432,7 @@ def test_wolf_of_the_thesis_has_leaders_of_its_own():
 
 def test_component_of_zeros_stays_zero_in_the_pack_of_the_thesis():
     optimizer = make(ThesisGreyWolf)
-    optimizer._x[:, 2] = 0.0
+    optimizer._asked[:, 2] = 0.0
     rng = np.random.default_rng(10)
     for _ in range(50):
         assert not np.any(tell(optimizer, rng.random(50))[:, 2])

@@ -10,6 +10,7 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_SIGMAS,
+    Linearisation,
     refitted,
     sandwich_covariance,
     significant_components,
@@ -51,10 +52,8 @@ def estimate(model, offsets):
 def significant(point, healthy, residuals, jacobian, lags, floor):
     """What is left of all components, each tested by the covariance that the residuals tell."""
     return significant_components(
-        point,
+        Linearisation(point, residuals, jacobian),
         healthy,
-        residuals,
-        jacobian,
         lambda columns, left: sandwich_covariance(columns, left, lags),
         floor,
         np.ones(len(point), dtype=bool),
@@ -202,7 +201,7 @@ def test_refit_is_constrained_least_squares(seed):
     """Of what is shown, within the unit box, with the others held healthy."""
     point, healthy, residuals, jacobian = problem(seed, 8 + seed % 2, 0.3)
     fitted = np.random.default_rng(100 + seed).random(len(point)) < 0.6
-    found = refitted(point, healthy, residuals, jacobian, fitted)
+    found = refitted(Linearisation(point, residuals, jacobian), healthy, fitted)
     right = jacobian @ point - residuals - jacobian[:, ~fitted] @ healthy[~fitted]
     best = bounded_minimum(jacobian[:, fitted], right, found[fitted])
     assert np.array_equal(found[~fitted], healthy[~fitted])
@@ -215,7 +214,9 @@ def test_refit_meets_the_walls_in_some_of_these_problems():
     at_walls = 0
     for seed in range(20):
         point, healthy, residuals, jacobian = problem(seed, 8 + seed % 2, 0.3)
-        found = refitted(point, healthy, residuals, jacobian, np.ones(len(point), dtype=bool))
+        found = refitted(
+            Linearisation(point, residuals, jacobian), healthy, np.ones(len(point), dtype=bool)
+        )
         at_walls += bool(np.any((found == 0.0) | (found == 1.0)))
     assert at_walls > 5
 
@@ -223,7 +224,9 @@ def test_refit_meets_the_walls_in_some_of_these_problems():
 def test_refit_of_nothing_is_healthy():
     point, healthy, residuals, jacobian = problem(3)
     none = np.zeros(8, dtype=bool)
-    assert np.array_equal(refitted(point, healthy, residuals, jacobian, none), healthy)
+    assert np.array_equal(
+        refitted(Linearisation(point, residuals, jacobian), healthy, none), healthy
+    )
 
 
 def test_arguments_are_not_changed(model):

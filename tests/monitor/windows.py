@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.fitness import FITNESS, Fitness
+from ema_monitor.identification.fitness import FITNESS, LeastSquares
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -52,7 +52,7 @@ def refused(reason: str) -> Estimate:
     return refusal(Refusal(0, 1, reason), "", SearchSettings(), reason)
 
 
-def fitness_for(name: str, window: Window, calibration: Calibration) -> Fitness:
+def fitness_for(name: str, window: Window, calibration: Calibration) -> LeastSquares:
     """Return a distance from a window with the scatter of a calibration."""
     scatter = calibration.reference(window).scatter
     return FITNESS[name](window, calibration.parameters, scatter, calibration.acquisition)

@@ -68,7 +68,8 @@ def calibrate(
             progress.add_task("calibrating", total=None)
             calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
         calibration.save(output)
-    if known := taken_for_known(item for item in windows if not isinstance(item.place, Refusal)):
+    used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
+    if known := taken_for_known(used):
         click.echo(f"taken for known: {known}")
     windows = counted(calibration.windows, "window")
     if calibration.windows < _ENOUGH_WINDOWS:

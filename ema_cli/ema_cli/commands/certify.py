@@ -24,8 +24,8 @@ from ema_cli.rehearsal import Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier, unknown_name
-from ema_monitor.design.certifying import CERTIFIED_WINDOWS
-from ema_monitor.design.certifying import certify as certify_test
+from ema_monitor.design.certificate import CERTIFIED_WINDOWS
+from ema_monitor.design.certificate import certify as certify_test
 
 
 @click.command()

@@ -27,7 +27,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier
-from ema_monitor.design.certifying import certificate_of
+from ema_monitor.design.certificate import certificate_of
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import UNITS, MotionLimits
 
@@ -173,7 +173,7 @@ def _record(found: Design) -> dict:
         "command": command,
         "wanted": dict(found.wanted),
         "limits": asdict(found.limits),
-        "demands": found.demands._asdict(),
+        "demands": asdict(found.demands),
         "binding": found.binding,
     }
 
@@ -182,7 +182,7 @@ def _in_words(found: Design) -> str:
     command = found.command
     demands = ", ".join(
         f"{name} {demand:.4g} of {getattr(found.limits, name):.4g} {UNITS[name]}"
-        for name, demand in found.demands._asdict().items()
+        for name, demand in asdict(found.demands).items()
         if name != "longest"
     )
     beside = f", the chirp takes {found.reference_s:g} s" if found.reference_s else ""

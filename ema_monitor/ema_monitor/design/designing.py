@@ -12,10 +12,9 @@ from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import unknown_name
-from ema_monitor.design.information import Demands, Information
-from ema_monitor.design.limits import SHORTEST_S, SMALLEST_TRAVEL, UNITS, MotionLimits
-from ema_monitor.design.rehearsal import Rehearsed, rehearse
-from ema_monitor.design.states import Recorder
+from ema_monitor.design.information import Information
+from ema_monitor.design.limits import SHORTEST_S, SMALLEST_TRAVEL, UNITS, Demands, MotionLimits
+from ema_monitor.design.rehearsal import Recorder, Rehearsed, rehearse
 from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
 from ema_monitor.optimizers.driver import Termination, minimise
 
@@ -111,11 +110,8 @@ class Design:
     @property
     def binding(self) -> list[str]:
         """Names of the limits that the command exhausts."""
-        return [
-            name
-            for name, demand in self.demands._asdict().items()
-            if demand >= _BINDING * getattr(self.limits, name)
-        ]
+        shares = self.demands.shares(self.limits)
+        return [name for name, share in shares.items() if share >= _BINDING]
 
     @property
     def verdict(self) -> str:
@@ -265,13 +261,7 @@ class _Search:
         self._wanted = _MARGIN * np.array(list(wanted.values()))
 
     def run(self, start: NDArray[np.float64]):
-        """Yield the best point, ``(5,)``, and its cost after each generation.
-
-        Parameters
-        ----------
-        start
-            Point where one individual starts, ``(5,)``.
-        """
+        """Yield the best point, ``(5,)``, and its cost after each generation."""
         rng = np.random.default_rng(self._seed)
         optimizer = DifferentialEvolution(start, rng, population=_POPULATION, F=0.6, CR=0.9)
         for progress in minimise(self._residuals, optimizer, _SEARCH):
@@ -327,7 +317,7 @@ class _Search:
         demands = self._information.demands(windows)
         excess = max(
             command.end_frequency / (_TOLERANCE * _END_FREQUENCIES[1]),
-            *(demand / getattr(self._limits, name) for name, demand in demands._asdict().items()),
+            *demands.shares(self._limits).values(),
         )
         # Rounding may take a share of the travel and the duration beyond their limits.
         if excess > 1.0 + 1e-3:

@@ -1,25 +1,22 @@
 """What a command tells of the faults, by the model alone (M31)."""
 
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.commands import Command
-from ema_core.faults import (
-    ECCENTRICITY,
-    ECCENTRICITY_PHASE,
-    eccentricity_angle,
-    healthy_faults,
-)
+from ema_core.faults import ECCENTRICITY_PHASE, eccentricity_angle, healthy_faults
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.design.states import N_COMBINED, combined_faults, present
+from ema_monitor.design.limits import Demands
+from ema_monitor.design.rehearsal import N_COMBINED, combined_faults, present
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
+    PLANE,
     SPANS,
     covariance_of_effects,
     sandwich_covariance,
@@ -28,19 +25,6 @@ from ema_monitor.identification.uncertainty import (
 from ema_monitor.windows.window import Window
 
 _PLAY: Final = 1.0
-
-
-class Demands(NamedTuple):
-    """What a command demands of the actuator: the largest values [rad, A, N.m, rad/s, s].
-
-    The names are those of ``MotionLimits``.
-    """
-
-    travel: float
-    current: float
-    torque: float
-    speed: float
-    longest: float
 
 
 class Information:
@@ -81,13 +65,7 @@ class Information:
         ]
 
     def demands(self, windows: list[Window]) -> Demands:
-        """Return what a command demands at most.
-
-        Parameters
-        ----------
-        windows
-            As `windows` returns them.
-        """
+        """Return what a command demands, from its `windows`."""
         first = windows[0]
         current = max(float(np.max(np.abs(window.current))) for window in windows)
         return Demands(
@@ -101,13 +79,8 @@ class Information:
     def sigma(self, windows: list[Window], *, noise: float = 1.0) -> NDArray[np.float64]:
         """Return the standard deviation of each fault, the largest over actuators, ``(8,)``.
 
-        Parameters
-        ----------
-        windows
-            As `windows` returns them.
-        noise
-            Share of the healthy scatter that counts; without any, what is left is the mismatch of
-            the model and what is not known of the unit.
+        ``noise`` is the share of the healthy scatter that counts; without any, what is left is the
+        mismatch of the model and what is not known of the unit.
         """
         first = windows[0]
         still = np.zeros(len(first))
@@ -131,7 +104,6 @@ class Information:
             # Of the eccentricity along its own direction; the direction is no fault.
             phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
             along = np.array([np.cos(phi), np.sin(phi)])
-            plane = [ECCENTRICITY, ECCENTRICITY_PHASE]
-            variance[plane] = along @ known[np.ix_(plane, plane)] @ along, 0.0
+            variance[PLANE] = along @ known[np.ix_(PLANE, PLANE)] @ along, 0.0
             rows.append(np.where(present(faults), variance, 0.0))
         return np.sqrt(np.max(rows, axis=0))

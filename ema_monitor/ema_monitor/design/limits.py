@@ -1,6 +1,6 @@
-"""What a test may demand of an actuator."""
+"""What a test demands of an actuator, and what it may demand."""
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Final, Self
 
 from ema_core.parameters import ActuatorParameters
@@ -12,12 +12,21 @@ SHORTEST_S: Final = 0.05
 SMALLEST_TRAVEL: Final = 1.5 * MIN_TRAVEL
 """Smallest travel of a test, somewhat more than a window needs [rad]."""
 
+UNITS: Final = {
+    "travel": "rad",
+    "current": "A",
+    "torque": "N.m",
+    "speed": "rad/s",
+    "longest": "s",
+}
+"""Unit of each limit."""
+
 _SHARE: Final = 0.9
 
 
 @dataclass(frozen=True)
-class MotionLimits:
-    """Limits of a test; of current and torque, of their mean without the ripple of the inverter.
+class Demands:
+    """What a test demands at most; current and torque without the ripple of the inverter.
 
     Attributes
     ----------
@@ -31,11 +40,6 @@ class MotionLimits:
         Of the motor shaft, magnitude [rad/s].
     longest
         Duration of the command [s].
-
-    Raises
-    ------
-    ValueError
-        When one is not above 0, or travel or duration are below those of any test.
     """
 
     travel: float
@@ -44,11 +48,25 @@ class MotionLimits:
     speed: float
     longest: float
 
+    def shares(self, of: "Demands") -> dict[str, float]:
+        """Return which share of others each is, by name."""
+        return {name: value / getattr(of, name) for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class MotionLimits(Demands):
+    """What a test may demand at most.
+
+    Raises
+    ------
+    ValueError
+        When one is not above 0, or travel or duration are below those of any test.
+    """
+
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
+        for name, value in asdict(self).items():
             if not 0.0 < value < float("inf"):
-                raise ValueError(f"{item.name} = {value:g} {UNITS[item.name]}: expected above 0")
+                raise ValueError(f"{name} = {value:g} {UNITS[name]}: expected above 0")
         if self.travel < SMALLEST_TRAVEL:
             raise ValueError(
                 f"travel = {self.travel:g} rad: a test travels at least {SMALLEST_TRAVEL:g} rad"
@@ -71,13 +89,6 @@ class MotionLimits:
     ) -> Self:
         """Return limits, where none is given nine tenths of the actuator's own.
 
-        Parameters
-        ----------
-        parameters
-            The actuator.
-        travel, current, torque, speed, longest
-            As of the class.
-
         Raises
         ------
         ValueError
@@ -90,23 +101,12 @@ class MotionLimits:
             "speed": parameters.omega_max,
         }
         given = {"travel": travel, "current": current, "torque": torque, "speed": speed}
+        chosen = {}
         for name, value in given.items():
             if value is not None and value > own[name]:
                 raise ValueError(
                     f"{name} = {value:g} {UNITS[name]} is beyond the actuator's own limit "
                     f"{own[name]:g} {UNITS[name]}"
                 )
-        chosen = {
-            name: _SHARE * own[name] if value is None else value for name, value in given.items()
-        }
+            chosen[name] = _SHARE * own[name] if value is None else value
         return cls(**chosen, longest=longest)
-
-
-UNITS: Final = {
-    "travel": "rad",
-    "current": "A",
-    "torque": "N.m",
-    "speed": "rad/s",
-    "longest": "s",
-}
-"""Unit of each limit."""

@@ -1,8 +1,8 @@
 """A test rehearsed: windows of actuators with known faults, and what is made of them (M30)."""
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,30 +10,127 @@ from numpy.typing import NDArray
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
-from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS, N_FAULTS, healthy_faults
+from ema_core.faults import (
+    COMPONENTS,
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    FAULT_NAMES,
+    FAULTS,
+    SHORT_CIRCUITS,
+    healthy_faults,
+)
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.design.prediction import Prospect, prospect
-from ema_monitor.design.states import (
-    N_COMBINED,
-    Recorder,
-    combined_faults,
-    present,
-    single_faults,
-)
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, STRONG_CORRELATION
+from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
-
-_HEALTHY: Final = 12
-_SINGLE: Final = 2
-_COMBINED: Final = 6
 
 HALF_WIDTH: Final = 1.645
 """Half-width of a 90 % interval [standard deviations]."""
 
+N_COMBINED: Final = len(SHORT_CIRCUITS)
+"""How many actuators have several faults at once."""
+
+_SHARE: Final = 0.5
+_SHARES: Final = (0.25, 0.6)
+_PHASE: Final = 0.7
+_SEED: Final = 2018
+_HEALTHY: Final = 12
+_SINGLE: Final = 2
+_COMBINED: Final = 6
+
 REHEARSED_WINDOWS: Final = _HEALTHY + len(COMPONENTS) * _SINGLE + N_COMBINED * _COMBINED
 """How many windows a rehearsal takes."""
+
+
+class Recorder(Protocol):
+    """Records windows of an actuator, a simulated one as a rule."""
+
+    def __call__(
+        self,
+        command: Command,
+        faults: NDArray[np.float64],
+        cycles: int,
+        causes: Mapping[str, float],
+    ) -> list[Window]:
+        """Return a window from each of some test cycles.
+
+        Parameters
+        ----------
+        command
+            Command of a cycle.
+        faults
+            Fault vector, ``(8,)``.
+        cycles
+            How many windows.
+        causes
+            Hidden causes by name, in the units of the registry.
+
+        Raises
+        ------
+        ValueError
+            When a cycle has no window.
+        """
+        ...
+
+
+def single_faults() -> dict[str, NDArray[np.float64]]:
+    """Return an actuator with each fault alone, half-way to its limit, by the fault's name."""
+    result = {}
+    for i, fault in enumerate(FAULTS):
+        if fault.limit is not None:
+            k = healthy_faults()
+            k[i] += _SHARE * fault.limit
+            k[ECCENTRICITY_PHASE] = _PHASE
+            result[fault.name] = k
+    return result
+
+
+def combined_faults(number: int) -> NDArray[np.float64]:
+    """Return one of ``N_COMBINED`` actuators with several faults at once.
+
+    They are a quarter to six tenths of their limits each. One phase is shorted: short circuits of
+    all phases cannot be told from a weak magnet. The gain of every other one is too low.
+    """
+    rng = np.random.default_rng([_SEED, number])
+    k = healthy_faults()
+    for i, fault in enumerate(FAULTS):
+        share = rng.uniform(*_SHARES)
+        if fault.limit is not None and (i not in SHORT_CIRCUITS or i == SHORT_CIRCUITS[number]):
+            k[i] += (-1.0 if fault.is_two_sided and number % 2 else 1.0) * share * fault.limit
+    k[ECCENTRICITY_PHASE] = rng.random()
+    return k
+
+
+def present(faults: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which components differ from healthy, ``(8,)``; the direction with the amount."""
+    differs = faults != healthy_faults()
+    differs[ECCENTRICITY_PHASE] = differs[ECCENTRICITY]
+    return differs
+
+
+class Prospect(NamedTuple):
+    """A fault vector, ``(8,)``, and the estimates of windows of an actuator that has it."""
+
+    faults: NDArray[np.float64]
+    estimates: list[Estimate]
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Standard deviation that the estimates state, rms, ``(8,)``; NaN where not shown."""
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(np.mean([np.square(one.sigma) for one in self.estimates], axis=0))
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Components that every estimate gives as different from healthy, ``(8,)``."""
+        return np.all([_claims(one) for one in self.estimates], axis=0)
+
+    def error(self, number: int) -> float:
+        """Return the rms error of the estimates of one component, a phase excepted [-]."""
+        errors = [one.faults[number] - self.faults[number] for one in self.estimates]
+        return float(np.sqrt(np.mean(np.square(errors))))
 
 
 class FaultProspect(NamedTuple):
@@ -48,8 +145,6 @@ class FaultProspect(NamedTuple):
     sigma
         Standard deviation that an estimate states, in the least favourable actuator; NaN where the
         fault is not shown.
-    scatter
-        Standard deviation over repeated tests of one actuator [-].
     error
         Rms error of the estimates of the rehearsed windows [-].
     smallest
@@ -61,7 +156,6 @@ class FaultProspect(NamedTuple):
     name: str
     shown: bool
     sigma: float
-    scatter: float
     error: float
     smallest: float
     not_told_from: tuple[str, ...]
@@ -70,6 +164,11 @@ class FaultProspect(NamedTuple):
     def effective(self) -> float:
         """Standard deviation with which 90 % intervals would hold the rehearsed errors, too [-]."""
         return max(self.sigma, self.error / HALF_WIDTH) if self.shown else math.nan
+
+    @property
+    def label(self) -> str:
+        """The fault in words."""
+        return FAULTS[FAULT_NAMES.index(self.name)].label
 
     @property
     def meaning(self) -> str:
@@ -106,8 +205,26 @@ class Rehearsed(NamedTuple):
     @property
     def faults(self) -> tuple[FaultProspect, ...]:
         """What the test shows of each fault."""
-        return tuple(
-            _fault(name, self.healthy, self.singles[name], self.combined) for name in COMPONENTS
+        return tuple(self._fault(name) for name in COMPONENTS)
+
+    def _fault(self, name: str) -> FaultProspect:
+        i, single = FAULT_NAMES.index(name), self.singles[name]
+        having = [single, *(one for one in self.combined if present(one.faults)[i])]
+        having = [one for one in having if single.shown[i] and one.shown[i]]
+        others = set()
+        for one in single.estimates:
+            others |= confused_with(one, FAULTS[i].label)
+            others |= {FAULTS[j].label for j in claimed(one) if j != i}
+            others |= {CAUSE_BY_NAME[cause.name].label for cause in one.causes}
+        for one in self.combined:
+            others |= {FAULTS[j].label for j in _correlated(one, i)}
+        return FaultProspect(
+            name,
+            bool(single.shown[i]),
+            max((float(one.sigma[i]) for one in having), default=math.nan),
+            max((one.error(i) for one in having), default=math.nan),
+            float(SIGNIFICANT_SIGMAS[i] * self.healthy.sigma[i]),
+            fewest(others),
         )
 
 
@@ -117,69 +234,30 @@ def rehearse(
     description: ActuatorDescription,
     calibration: Calibration | None = None,
 ) -> Rehearsed:
-    """Rehearse a test.
-
-    Parameters
-    ----------
-    record
-        Records the windows, by simulation as a rule.
-    command
-        Command of the test.
-    description
-        The actuator.
-    calibration
-        That of the unit; one is made of healthy windows when None.
-
-    Raises
-    ------
-    ValueError
-        When the motion makes no window, or does not allow a calibration.
-    """
+    """Rehearse a test; parameters and errors are those of `certify`."""
     healthy = record(command, healthy_faults(), _HEALTHY, {})
     known = calibration or calibrate_model(healthy, description)
 
+    def judged(windows: list[Window], faults: NDArray[np.float64]) -> Prospect:
+        found = [identify(window, description, known, previous=faults) for window in windows]
+        return Prospect(faults, found)
+
     def of(faults: NDArray[np.float64], count: int) -> Prospect:
-        return prospect(record(command, faults, count, {}), faults, description, known)
+        return judged(record(command, faults, count, {}), faults)
 
     return Rehearsed(
         known,
         healthy[0],
-        prospect(healthy[:_SINGLE], healthy_faults(), description, known),
+        judged(healthy[:_SINGLE], healthy_faults()),
         {name: of(faults, _SINGLE) for name, faults in single_faults().items()},
         [of(combined_faults(number), _COMBINED) for number in range(N_COMBINED)],
     )
 
 
-def _fault(
-    name: str, healthy: Prospect, single: Prospect, combined: Sequence[Prospect]
-) -> FaultProspect:
-    i = FAULT_NAMES.index(name)
-    having = [single, *(one for one in combined if present(one.faults)[i])]
-    shown = bool(single.shown[i])
-    sigma = max((float(one.sigma[i]) for one in having if one.shown[i]), default=math.nan)
-    scatter = max((float(one.scatter[i]) for one in having if one.shown[i]), default=math.nan)
-    error = max((one.error(i) for one in having if one.shown[i]), default=math.nan)
-    others = {
-        other
-        for estimate in single.estimates
-        for pair in estimate.alternatives
-        for one, other in (pair, pair[::-1])
-        if FAULTS[i].label in one
-    }
-    for estimate in single.estimates:
-        others |= {f"{FAULTS[j].label}" for j in claimed(estimate) if j != i}
-        others |= {CAUSE_BY_NAME[cause.name].label for cause in estimate.causes}
-    for one in combined:
-        others |= {FAULTS[j].label for j in _correlated(one, i)}
-    return FaultProspect(
-        name,
-        shown,
-        sigma if shown else math.nan,
-        scatter if shown else math.nan,
-        error if shown else math.nan,
-        float(SIGNIFICANT_SIGMAS[i] * healthy.sigma[i]),
-        fewest(others),
-    )
+def confused_with(estimate: Estimate, label: str) -> set[str]:
+    """Return what an estimate does not tell from something, in words."""
+    pairs = [pair for one in estimate.alternatives for pair in (one, one[::-1])]
+    return {other for one, other in pairs if label in one}
 
 
 def fewest(others: Iterable[str]) -> tuple[str, ...]:
@@ -195,19 +273,17 @@ def fewest(others: Iterable[str]) -> tuple[str, ...]:
 
 def claimed(estimate: Estimate) -> list[int]:
     """Return the faults that a usable estimate gives as present."""
-    claimed = estimate.valid & ~estimate.insignificant & ~estimate.unobservable
-    return [int(i) for i in np.flatnonzero(claimed) if FAULT_NAMES[i] in COMPONENTS]
+    return [int(i) for i in np.flatnonzero(_claims(estimate)) if FAULT_NAMES[i] in COMPONENTS]
+
+
+def _claims(estimate: Estimate) -> NDArray[np.bool_]:
+    return estimate.valid & ~estimate.insignificant & ~estimate.unobservable
 
 
 def _correlated(one: Prospect, i: int) -> list[int]:
     """Return the faults whose estimates are strongly correlated with one."""
-    found = []
-    for j in range(N_FAULTS):
-        if j == i or FAULT_NAMES[j] not in COMPONENTS:
-            continue
-        for estimate in one.estimates:
-            sigma = np.sqrt(np.diag(estimate.covariance))
-            if abs(estimate.covariance[i, j]) > STRONG_CORRELATION * sigma[i] * sigma[j]:
-                found.append(j)
-                break
-    return found
+    found = np.zeros(len(FAULTS), dtype=bool)
+    for estimate in one.estimates:
+        sigma = np.sqrt(np.diag(estimate.covariance))
+        found |= np.abs(estimate.covariance[i]) > STRONG_CORRELATION * sigma[i] * sigma
+    return [j for j in np.flatnonzero(found).tolist() if j != i and FAULT_NAMES[j] in COMPONENTS]

@@ -10,14 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combined import Part, combined_estimate
+from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
-from ema_monitor.identification.knowledge import Before, Knowledge
-from ema_monitor.identification.objective import Coordinates
-from ema_monitor.identification.preview import NUISANCES, Preview, StretchMotion
-from ema_monitor.identification.search import Generation, ModelIdentification
+from ema_monitor.identification.inference import Finding
+from ema_monitor.identification.knowledge import Knowledge
+from ema_monitor.identification.objective import PLAIN
+from ema_monitor.identification.preview import Preview, StretchMotion
+from ema_monitor.identification.search import Generation, ModelIdentification, Search
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
@@ -30,7 +31,6 @@ WORTHWHILE: Final = 0.97
 MOST_SURPRISE: Final = 60.0
 """Squared distance from what is known beyond which a stretch does not belong to it [-]."""
 
-_CARTESIAN: Final = Coordinates(play=0.0, cartesian=True)
 _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
 _REFUSED_IN_A_ROW: Final = 3
@@ -110,49 +110,42 @@ class Combination:
         stretch
             The next stretch, or why there is none.
         """
-        self._count(stretches=1)
+        self.tally = self.tally.plus(stretches=1)
         if isinstance(stretch, Refusal):
-            self._count(**{"dropped" if stretch.is_dropped else "refused": 1})
-            self.tally = self.tally._replace(reason=stretch.reason)
+            self.tally = self.tally.plus_refusal(stretch)
             return
         if self._is_complete(stretch):
             yield from self._conclude("")
         # A clock that has gone back must not lengthen the pause.
         begin_ns, end_ns = self._pause_ns
         if begin_ns <= stretch.start_ns < end_ns and not self._is_defective(stretch):
-            self._count(skipped=1)
+            self.tally = self.tally.plus(skipped=1)
             return
         self._looked_at += 1
         if not isinstance(self._calibration, str) and not self._is_worthwhile(
             stretch, self._calibration
         ):
-            self._count(skipped=1)
+            self.tally = self.tally.plus(skipped=1)
             return
-        run = self._identification(stretch, self._known)
-        yield from run
-        if self._parts and not self._belongs(run):
-            alone = self._identification(stretch, self._nothing)
-            yield from alone
-            if self._is_valid(alone):
+        found = yield from self._identify(stretch, self._known)
+        if self._parts and not (_is_valid(found) and found.surprise <= MOST_SURPRISE):
+            alone = yield from self._identify(stretch, self._nothing)
+            if _is_valid(alone):
                 preview = self._preview
                 yield from self._conclude("the motion that followed does not agree with it")
-                run, self._preview = alone, preview
-        yield from self._accept(run) if self._is_valid(run) else self._refuse(run)
+                found, self._preview = alone, preview
+        yield from self._accept(found) if _is_valid(found) else self._refuse(found)
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of what was combined so far, if there is one."""
         return self._conclude("the motion ended")
 
     def _begin(self) -> None:
-        self._parts: list[Part] = []
+        self._parts: list[Finding] = []
         self._motions: list[StretchMotion] = []
         self._looked_at = 0
         self._known = self._nothing
         self._preview: Preview | None = None
-
-    def _count(self, **more: int) -> None:
-        counts = {name: getattr(self.tally, name) + number for name, number in more.items()}
-        self.tally = self.tally._replace(**counts)
 
     def _is_complete(self, stretch: Window) -> bool:
         """Return whether the limit of number or time is reached before a stretch.
@@ -200,15 +193,14 @@ class Combination:
     @property
     def _nothing(self) -> Knowledge:
         """What is known of the faults where nothing is: they are about those before."""
-        return Knowledge.of_range(_CARTESIAN.encode(self._previous))
+        return Knowledge.of_range(PLAIN.encode(self._previous))
 
     @property
     def _start(self) -> NDArray[np.float64]:
         """Faults at which the next search begins, ``(8,)``."""
         return np.array(self._parts[-1].estimate.faults) if self._parts else self._previous
 
-    def _identification(self, stretch: Window, known: Knowledge) -> ModelIdentification:
-        """Return the identification of a stretch."""
+    def _identify(self, stretch: Window, known: Knowledge) -> Search:
         return ModelIdentification(
             stretch,
             self._description,
@@ -216,54 +208,44 @@ class Combination:
             self._search,
             force=self._force,
             previous=self._start,
-            before=Before(known, NUISANCES, self._preview.start if self._preview else ()),
-        )
+            known=known,
+            load=self._preview.load if self._preview else None,
+        ).run()
 
-    @staticmethod
-    def _is_valid(run: ModelIdentification) -> bool:
-        return run.estimate is not None and run.estimate.valid and run.knowledge is not None
-
-    def _belongs(self, run: ModelIdentification) -> bool:
-        return self._is_valid(run) and run.surprise <= MOST_SURPRISE
-
-    def _refuse(self, run: ModelIdentification) -> list[Estimate]:
+    def _refuse(self, found: Finding) -> list[Estimate]:
         """Count a stretch that is refused; several in a row without any estimate are said once."""
-        if run.estimate is None:
-            raise RuntimeError("the identification ended without an estimate")
-        self._count(refused=1)
-        self.tally = self.tally._replace(reason=run.estimate.reason)
+        self.tally = self.tally.plus(found.estimate.reason, refused=1)
         # One that has an estimate may be more than the model can follow: the status counts these.
-        self._refused_in_a_row += run.knowledge is None
-        if run.knowledge is not None or self._refused_in_a_row != _REFUSED_IN_A_ROW:
+        self._refused_in_a_row += found.knowledge is None
+        if found.knowledge is not None or self._refused_in_a_row != _REFUSED_IN_A_ROW:
             return []
-        return [self._signed(replace(run.estimate, stretches=1))]
+        return [self._signed(replace(found.estimate, stretches=1))]
 
-    def _accept(self, run: ModelIdentification) -> list[Estimate]:
-        part = Part.of(run)
+    def _accept(self, found: Finding) -> list[Estimate]:
+        known = found.knowledge or self._nothing
         self._refused_in_a_row = 0
         if not self._parts:
             self._looked_at = 1  # those refused before it are none of this estimate
-        self._count(combined=1)
-        self._known = part.knowledge
-        self._parts.append(part)
+        self.tally = self.tally.plus(combined=1)
+        self._known = known
+        self._parts.append(found)
         if self._preview is not None:
             self._motions.append(self._preview.motion)
         # As well as wanted, or as further motion can tell.
-        systematic = _REACHED * part.knowledge.systematic_sigma
-        enough = np.maximum(self._settings.wanted_sigma, systematic)
-        return self._conclude("") if np.all(part.knowledge.sigma <= enough) else []
+        enough = np.maximum(self._settings.wanted_sigma, _REACHED * known.systematic_sigma)
+        return self._conclude("") if np.all(known.sigma <= enough) else []
 
     def _conclude(self, remark: str) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
-        parts = self._parts
+        parts, known = self._parts, self._known
         if parts:
             self._previous = np.array(parts[-1].estimate.faults)
         self._begin()
         if not parts:
             return []
-        combined = combined_estimate(parts, self._settings.wanted_sigma, remark)
+        combined = combined_estimate(parts, known, self._settings.wanted_sigma, remark)
         if combined is None:
-            self._count(fruitless=1)
+            self.tally = self.tally.plus(fruitless=1)
             return []
         self.tally = self.tally._replace(reason="")
         pause_ns = round(self._settings.pause_s * 1e9)
@@ -272,3 +254,7 @@ class Combination:
 
     def _signed(self, estimate: Estimate) -> Estimate:
         return replace(estimate, calibration_id=self._calibration_id)
+
+
+def _is_valid(found: Finding) -> bool:
+    return found.estimate.valid and found.knowledge is not None

@@ -5,26 +5,19 @@ an estimate is of one stretch alone, and is put together here.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Final, Self
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
-from ema_core.faults import (
-    ECCENTRICITY,
-    ECCENTRICITY_PHASE,
-    FAULTS,
-    N_FAULTS,
-    SHORT_CIRCUITS,
-)
+from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.evidence import EQUAL_SHORTS
+from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
-from ema_monitor.identification.search import ModelIdentification
-from ema_monitor.identification.uncertainty import widening
+from ema_monitor.identification.uncertainty import PLANE, widening
 from ema_monitor.identification.verdict import (
     Misfit,
     assumed_goodness,
@@ -33,68 +26,26 @@ from ema_monitor.identification.verdict import (
     judged,
 )
 
-_PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """What a stretch adds to a combination.
-
-    Attributes
-    ----------
-    estimate
-        Its estimate, on all that is known after it.
-    knowledge
-        What is known of the faults after it.
-    misfit
-        What the estimate misses of it.
-    contradicted
-        What was measured and not used, as the stretch contradicts it.
-    caveats
-        Further reservations about the search.
-    unlearned
-        Which faults are uncertain for what the calibration could not learn, in words.
-    """
-
-    estimate: Estimate
-    knowledge: Knowledge
-    misfit: Misfit
-    contradicted: tuple[CauseEstimate, ...] = ()
-    caveats: tuple[str, ...] = ()
-    unlearned: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, run: ModelIdentification) -> Self:
-        """Return that of a stretch that was identified."""
-        if run.estimate is None or run.knowledge is None or run.misfit is None:
-            raise RuntimeError("the identification ended without an estimate")
-        return cls(
-            run.estimate,
-            run.knowledge,
-            run.misfit,
-            tuple(run.contradicted),
-            tuple(run.caveats),
-            tuple(run.unlearned),
-        )
-
 
 def combined_estimate(
-    parts: Sequence[Part], wanted_sigma: float, remark: str = ""
+    parts: Sequence[Finding], known: Knowledge, wanted_sigma: float, remark: str = ""
 ) -> Estimate | None:
     """Return the one estimate of several stretches; None when they show no fault as wanted.
 
     Parameters
     ----------
     parts
-        The stretches, in their order, at least one.
+        What was found in the stretches, in their order, at least one.
+    known
+        What is known of the faults after them.
     wanted_sigma
         Standard deviation from which on a fault counts as not shown.
     remark
         Why there are no more of them; empty for no reason to mention.
     """
-    last, known = parts[-1].estimate, parts[-1].knowledge
+    last = parts[-1].estimate
     estimates = [part.estimate for part in parts]
-    misfit = Misfit.of_all(part.misfit for part in parts)
+    misfit = Misfit.of_all(part.misfit for part in parts if part.misfit is not None)
     found = _most_significant([one.causes for one in estimates])
     kept = ~last.insignificant
     alternatives = _not_told_apart(estimates, kept)
@@ -105,7 +56,7 @@ def combined_estimate(
         last, scale**2 * last.covariance, estimates, alternatives
     )
     unknown |= known.sigma > wanted_sigma
-    unknown[_PLANE] |= np.any(known.sigma[_PLANE] > wanted_sigma)
+    unknown[PLANE] |= np.any(known.sigma[PLANE] > wanted_sigma)
     with np.errstate(invalid="ignore"):
         confused = _faults_of(word for pair in alternatives for word in pair)
         unknown[confused] |= np.sqrt(np.diag(covariance))[confused] > wanted_sigma
@@ -159,9 +110,7 @@ def combined_estimate(
     )
 
 
-def _by_name(
-    of_stretches: Iterable[Iterable[CauseEstimate]],
-) -> dict[str, list[CauseEstimate]]:
+def _by_name(of_stretches: Iterable[Iterable[CauseEstimate]]) -> dict[str, list[CauseEstimate]]:
     """Return causes of stretches by name, in the order in which they came up."""
     by_name: dict[str, list[CauseEstimate]] = {}
     for causes in of_stretches:
@@ -198,7 +147,7 @@ def _share(number: int, of: int) -> str:
     return f"in {number} of {counted(of, 'stretch')}"
 
 
-def _contradictions(parts: Sequence[Part]) -> list[str]:
+def _contradictions(parts: Sequence[Finding]) -> list[str]:
     """Return in words what was measured and not used, and in how many of the stretches."""
     by_name = _by_name(part.contradicted for part in parts)
     return contradicted_by(
@@ -230,14 +179,8 @@ def _not_told_apart(
 
     A later stretch that names no alternative has not told them apart: what was known before it
     weighs more in it than what it shows itself, and a cause may last as long as the faults do. A
-    pair is none any more when its faults have proved healthy and its causes were rarely there.
-
-    Parameters
-    ----------
-    estimates
-        Those of the stretches.
-    kept
-        Faults that differ from healthy after all of them, ``(8,)``.
+    pair is none any more when its faults are not ``kept``, they have proved healthy, and its causes
+    were rarely there.
     """
     by_name = _by_name(one.causes for one in estimates)
     lasting = {

@@ -1,8 +1,14 @@
-"""Defects of drive or shaft beside which no fault can be estimated: they are named instead."""
+"""What no fault explains: a defect of drive or shaft, or a column in another unit than it is said.
 
-from typing import Final
+The one is named, as no fault can be estimated beside it. The other is told by how the columns
+agree: a position follows its command, a speed is the change of the position, and a current moves
+the known inertia. Where one of these is off by a factor, no fault is the reason.
+"""
+
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
@@ -15,6 +21,31 @@ _STANDING: Final = 0.1
 _AT_LIMIT: Final = 0.8
 _FLOWS: Final = 0.5
 
+_SMOOTH_S: Final = 4e-3
+_KNEE: Final = 5.0
+_LEAST_FACTOR: Final = 1.25
+_LEAST_TRACKING: Final = 1.6
+_SURE: Final = 0.03
+_ROUGH: Final = 0.3
+_NEAR: Final = 0.1
+_ALIKE: Final = 0.7
+_ROOT: Final = 2.0**0.5
+_TURN: Final = 180.0 / np.pi
+_RPM: Final = 30.0 / np.pi
+
+_ANY: Final = {
+    -1.0: "is its sign the other one?",
+    1e3: "are these thousandths read as whole units?",
+    1e-3: "are whole units read as thousandths?",
+}
+_MISTAKES: Final = {
+    "command": {1.0 / _TURN: "is it in radians, and the position in degrees?"},
+    "current": {_ROOT: "is a peak given for RMS?", 1.0 / _ROOT: "is RMS given for a peak?"},
+    "position": {_TURN: "is it in degrees?", 25.4: "is it in mm for inches?"},
+    "speed": {_RPM: "is it in rpm?", _TURN: "is it in degrees a second?"},
+}
+"""The usual mistakes by column: what the column is multiplied by, and what to ask."""
+
 
 def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     """Return which defect of drive or shaft a window shows; empty when it shows none.
@@ -24,13 +55,6 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     the current limit (M1), even at half their gain. Where that current flows the shaft is blocked;
     where it does not, a phase is open or a switch dead; where the current is not measured, it is
     any of these. A speed loop with other than a proportional gain is not judged.
-
-    Parameters
-    ----------
-    window
-        The window.
-    parameters
-        The actuator.
     """
     p, t = parameters, window.telemetry
     if dead := _dead_sensor(window):
@@ -85,3 +109,96 @@ def _dead_sensor(window: Window) -> str:
         f"dead {still[0]} sensor: it says {columns[still[0]][0]:.3g} throughout, although the "
         f"{moves[0]} changes"
     )
+
+
+class Scale(NamedTuple):
+    """A column that is off by a factor.
+
+    Attributes
+    ----------
+    column
+        "command", "position", "position and command", "speed" or "current".
+    factor
+        What it is multiplied by.
+    reason
+        What it was judged by.
+    """
+
+    column: str
+    factor: float
+    reason: str
+
+    def in_words(self, parameters: ActuatorParameters) -> str:
+        """Return the factor, and the usual mistake that it is."""
+        known = _ANY | _MISTAKES.get(self.column.partition(" ")[0], {})
+        known |= {parameters.tau: "is the gear ratio in it twice, or missing?"}
+        known |= {1.0 / parameters.tau: "is it that of the other side of the gear?"}
+        words = f"the {self.column} is {self.factor:.3g} times what {self.reason} asks for"
+        asked = [text for factor, text in known.items() if abs(self.factor / factor - 1.0) < _NEAR]
+        return f"{words}: {asked[0] if asked else 'is its unit, or its scale, right?'}"
+
+
+def wrong_scale(window: Window, parameters: ActuatorParameters) -> Scale | None:
+    """Return the column of a window that is off by a factor; None when none plainly is."""
+    t, h = window.telemetry, window.sample_period
+    count = max(3, round(_SMOOTH_S / h))
+    if t.missing or len(t) < 4 * count:
+        return None
+    kernel = np.full(count, 1.0 / count)
+    command, position, speed, current = (
+        np.convolve(column, kernel, "valid")
+        for column in (t.command, t.position, t.speed, t.current)
+    )
+    moves = np.gradient(position, h) / parameters.tau
+    # What the speed is, over the change of the position.
+    speed_scale = _slope(moves, speed)
+    tracking = _slope(command - command.mean(), position - position.mean())
+    if speed_scale is None or tracking is None:
+        return None
+    inertia = (parameters.J_m + parameters.J_u) / parameters.k_t
+    pull = _inertia_of(speed, current, position, h)
+    if _is_off(speed_scale, _LEAST_FACTOR):
+        follows = not _is_off(tracking, _LEAST_TRACKING)
+        if not follows:
+            return Scale("position", 1.0 / speed_scale, "the speed")
+        # A wrong speed makes the inertia another one, by the inverse factor.
+        if pull is not None and abs(pull / inertia * speed_scale - 1.0) < _ROUGH:
+            return Scale("speed", speed_scale, "the position")
+        return Scale("position and command", 1.0 / speed_scale, "the speed")
+    if _is_off(tracking, _LEAST_TRACKING):
+        return Scale("command", 1.0 / tracking, "the position")
+    if pull and _is_off(pull / inertia, _LEAST_FACTOR):
+        return Scale("current", pull / inertia, "the inertia")
+    return None
+
+
+def _is_off(factor: float, least: float) -> bool:
+    return not 1.0 / least < factor < least
+
+
+def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
+    """Return how many times ``x`` is in ``y``; None where they are no multiples of each other."""
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    return xy / xx if xy**2 > _ALIKE * xx * yy > 0.0 else None
+
+
+def _inertia_of(
+    speed: NDArray[np.float64],
+    current: NDArray[np.float64],
+    position: NDArray[np.float64],
+    h: float,
+) -> float | None:
+    """Return the current that an acceleration takes [A.s^2]; None when that is not determined."""
+    rows = np.stack(
+        [np.gradient(speed, h), speed, np.tanh(speed / _KNEE), position, np.ones_like(speed)], 1
+    )
+    scale = np.maximum(np.abs(rows).max(axis=0), 1e-300)
+    rows = rows / scale
+    found, *_ = np.linalg.lstsq(rows, current, rcond=None)
+    left = current - rows @ found
+    # Neighbours are alike: as if one in ten were a reading of its own.
+    variance = 10.0 * float(left @ left) / max(len(left) - rows.shape[1], 1)
+    covariance = variance * np.linalg.pinv(rows.T @ rows)
+    if np.sqrt(covariance[0, 0]) > _SURE * abs(found[0]):
+        return None
+    return float(found[0] / scale[0])

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Final, NamedTuple, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
-from ema_monitor.identification.objective import Linearisation, Objective
-from ema_monitor.identification.uncertainty import GROUPS, ridge_of
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
 ADDED_EVIDENCE: Final = 14.0
@@ -27,34 +27,8 @@ AMBIGUOUS_EVIDENCE: Final = 8.0
 EQUAL_SHORTS: Final = "equal short circuits of all phases"
 """What three of them are called, where they stand for something else."""
 
-
-class Quadratic(NamedTuple):
-    """The cost of a linearised model as a quadratic: cheap to minimise for many sets."""
-
-    at: Linearisation
-    cost: float
-    gradient: NDArray[np.float64]
-    normal: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, at: Linearisation) -> Self:
-        """Return that of a linearisation."""
-        normal = at.jacobian.T @ at.jacobian
-        normal += ridge_of(normal) * np.eye(len(normal))
-        return cls(at, at.cost, at.jacobian.T @ at.residuals, normal)
-
-    def lowest(
-        self, healthy: NDArray[np.float64], shown: NDArray[np.bool_]
-    ) -> tuple[float, NDArray[np.float64]]:
-        """Return the lowest cost with some components, others being healthy, and where it is."""
-        point = np.where(shown, self.at.point, healthy)
-        gradient = self.gradient + self.normal @ (point - self.at.point)
-        point[shown] = lowest_in_box(
-            self.normal[np.ix_(shown, shown)], gradient[shown], point[shown]
-        )
-        move = point - self.at.point
-        cost = self.cost + 2.0 * self.gradient @ move + move @ self.normal @ move
-        return max(float(cost), 1e-12 * self.cost), point
+Components = NDArray[np.bool_]
+"""A set of components, ``(d,)``."""
 
 
 class Evidence:
@@ -75,14 +49,15 @@ class Evidence:
     def __init__(self, objective: Objective, suspects: Sequence[int]) -> None:
         self._objective = objective
         self._suspects = suspects
-        self._first_cause = objective.dimension - len(objective.hidden_causes)
-        self._quadratic: Quadratic | None = None
+        # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
+        self._quadratic: tuple[Linearisation, NDArray[np.float64], NDArray[np.float64]] | None
+        self._quadratic = None
 
     def against(self, one: Linearisation, other: Linearisation) -> float:
         """Return by how much the first is worse."""
         return self._value(one.cost, one.point) - self._value(other.cost, other.point)
 
-    def worse(self, at: Linearisation, shown: NDArray[np.bool_]) -> float:
+    def worse(self, at: Linearisation, shown: Components) -> float:
         """Return by how much the linear model's optimum with only some components is worse."""
         return self._value(*self.predicted(at, shown)) - self._value(at.cost, at.point)
 
@@ -92,29 +67,29 @@ class Evidence:
         None leaves less than all components together, and none is less than usual.
         """
         lowest, _ = self.predicted(at, np.ones(len(at.point), dtype=bool))
-        return self._value(at.cost, at.point) - self._objective.effective * float(np.log(lowest))
+        effective = self._objective.fitness.effective
+        return self._value(at.cost, at.point) - effective * float(np.log(lowest))
 
-    def predicted(
-        self, at: Linearisation, shown: NDArray[np.bool_]
-    ) -> tuple[float, NDArray[np.float64]]:
+    def predicted(self, at: Linearisation, shown: Components) -> tuple[float, NDArray[np.float64]]:
         """Return cost and point of the linear model's optimum with only some components."""
-        if self._quadratic is None or self._quadratic.at is not at:
-            self._quadratic = Quadratic.of(at)
-        return self._quadratic.lowest(self._objective.healthy, shown)
+        if self._quadratic is None or self._quadratic[0] is not at:
+            normal = at.jacobian.T @ at.jacobian
+            normal += ridge_of(normal) * np.eye(len(normal))
+            self._quadratic = at, at.jacobian.T @ at.residuals, normal
+        _, gradient, normal = self._quadratic
+        point = np.where(shown, at.point, self._objective.healthy)
+        slope = gradient + normal @ (point - at.point)
+        point[shown] = lowest_in_box(normal[np.ix_(shown, shown)], slope[shown], point[shown])
+        move = point - at.point
+        cost = at.cost + 2.0 * gradient @ move + move @ normal @ move
+        return max(float(cost), 1e-12 * at.cost), point
 
     def alternatives(
-        self, at: Linearisation, kept: NDArray[np.bool_], tried: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
+        self, at: Linearisation, kept: Components, tried: Components
+    ) -> tuple[Components, list[tuple[str, str]]]:
         """Return which components could stand in for what is kept, and what could for what.
 
-        Parameters
-        ----------
-        at
-            Linearisation at the explanation.
-        kept
-            What it consists of, ``(d,)``.
-        tried
-            Components whose derivatives are known, ``(d,)``.
+        Only components whose derivatives are known, ``tried``, are looked at.
         """
         confused = np.zeros_like(kept)
         found = []
@@ -132,10 +107,9 @@ class Evidence:
                     confused[other] = True
         return confused, found
 
-    def groups(self, kept: NDArray[np.bool_]) -> list[list[int]]:
+    def groups(self, kept: Components) -> list[list[int]]:
         """Return what may be replaced: each component kept, and short circuits together."""
-        groups = [group for group in GROUPS if kept[group[0]]]
-        groups += [[cause] for cause in self._suspects if kept[cause]]
+        groups = self.singles(kept)
         shorted = [phase for phase in SHORT_CIRCUITS if kept[phase]]
         if len(shorted) == len(SHORT_CIRCUITS):
             groups += [list(pair) for pair in combinations(shorted, 2)]
@@ -143,9 +117,12 @@ class Evidence:
             groups.append(shorted)
         return groups
 
-    def _stand_ins(
-        self, group: list[int], kept: NDArray[np.bool_], tried: NDArray[np.bool_]
-    ) -> list[list[int]]:
+    def singles(self, kept: Components) -> list[list[int]]:
+        """Return each fault and each suspect that is kept; the vector of eccentricity is one."""
+        groups = [group for group in GROUPS if kept[group[0]]]
+        return groups + [[cause] for cause in self._suspects if kept[cause]]
+
+    def _stand_ins(self, group: list[int], kept: Components, tried: Components) -> list[list[int]]:
         """Return what could take the place of a part of an explanation."""
         others = [[cause] for cause in self._suspects if tried[cause] and not kept[cause]]
         if group[0] in self._suspects:
@@ -155,9 +132,10 @@ class Evidence:
         return others
 
     def _value(self, cost: float, point: NDArray[np.float64]) -> float:
-        surprise = self._objective.surprise(point)
-        of_window = max(cost - self._objective.noise * surprise, 1e-12 * cost)
-        return self._objective.effective * float(np.log(of_window)) + surprise
+        objective = self._objective
+        surprise = objective.surprise(point)
+        of_window = max(cost - objective.noise * surprise, 1e-12 * cost)
+        return objective.fitness.effective * float(np.log(of_window)) + surprise
 
     def named(self, group: list[int], other: list[int]) -> tuple[str, str]:
         """Return what is kept, and what could stand in for it, in words."""
@@ -171,17 +149,17 @@ class Evidence:
         first = group[0]
         if first < N_FAULTS:
             return FAULTS[first].label
-        return self._objective.hidden_causes[first - self._first_cause].cause.label
+        return self._objective.hidden_causes[first - self._objective.first_cause].cause.label
 
 
-def including(kept: NDArray[np.bool_], group: list[int]) -> NDArray[np.bool_]:
+def including(kept: Components, group: list[int]) -> Components:
     """Return a set with some components more."""
     more = kept.copy()
     more[group] = True
     return more
 
 
-def excluding(kept: NDArray[np.bool_], group: list[int]) -> NDArray[np.bool_]:
+def excluding(kept: Components, group: list[int]) -> Components:
     """Return a set without some components."""
     rest = kept.copy()
     rest[group] = False
@@ -193,6 +171,6 @@ def price(more: int) -> float:
     return COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
 
 
-def components(kept: NDArray[np.bool_]) -> int:
+def components(kept: Components) -> int:
     """Return the number of components, the vector of eccentricity as one."""
     return int(np.sum(kept)) - int(kept[ECCENTRICITY] and kept[ECCENTRICITY_PHASE])

@@ -8,28 +8,29 @@ other places too.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import SHORT_CIRCUITS
+from ema_core.faults import N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.evidence import (
     ADDED_EVIDENCE,
     AMBIGUOUS_EVIDENCE,
     COMPONENT_EVIDENCE,
+    Components,
     Evidence,
     components,
     excluding,
     including,
     price,
 )
-from ema_monitor.identification.explained import Explanation, Precision
-from ema_monitor.identification.objective import Linearisation, Objective
-from ema_monitor.identification.uncertainty import GROUPS, refitted, significant_components
+from ema_monitor.identification.knowledge import FLOOR
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.uncertainty import Linearisation, refitted, significant_components
 
 MOST_CAUSES: Final = 3
 """Largest number of hidden causes in an explanation."""
@@ -54,6 +55,36 @@ _STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 _CONVERGED = 2e-3
 
 
+Fitted = tuple[Linearisation, Components]
+"""An explanation: a linearisation at its optimum, and the components that it consists of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Faults and causes that explain a window.
+
+    Attributes
+    ----------
+    at
+        Linearisation at the estimate, of all components.
+    kept
+        Components that differ from healthy, ``(d,)``.
+    confused
+        Components that could stand in for what is kept, ``(d,)``: they widen the covariance.
+    alternatives
+        Pairs of what is kept and what could stand in for it, both in words.
+    spread
+        Second moment of the explanations elsewhere that the window does not tell from this one,
+        about the estimate, ``(d, d)``.
+    """
+
+    at: Linearisation
+    kept: Components
+    confused: Components
+    alternatives: list[tuple[str, str]]
+    spread: NDArray[np.float64]
+
+
 class Explainer:
     """Finds what explains a window.
 
@@ -61,60 +92,37 @@ class Explainer:
     ----------
     objective
         Of the window, with hidden causes as components.
-    lags
-        Number of residuals over which they are correlated.
-    floor
-        Standard deviation that the mismatch of the model adds to each component, ``(d,)``.
+    always
+        Components that need no evidence: all but hidden causes under suspicion, ``(d,)``.
     parsimonious
         Whether components that are not significant are set to healthy.
     most_evaluations
         Number of model evaluations after which no further cause is tried.
-    nuisances
-        Names of hidden causes that always take part, without evidence, and stand for nothing else.
     seeds
         Where to look for hidden causes besides, by name, in their units.
-
-    Attributes
-    ----------
-    precision
-        How well the window determines what explains it.
     """
 
     def __init__(
         self,
         objective: Objective,
-        lags: int,
-        floor: NDArray[np.float64],
+        always: Components,
         *,
         parsimonious: bool,
         most_evaluations: int,
-        nuisances: Collection[str] = (),
-        seeds: Mapping[str, Sequence[float]] | None = None,
+        seeds: Mapping[str, Sequence[float]],
     ) -> None:
         self._objective = objective
-        self._floor = floor
+        self._always = always
         self._parsimonious = parsimonious
         self._most_evaluations = most_evaluations
-        d = objective.dimension
-        self._causes = range(d - len(objective.hidden_causes), d)
-        # Components that need no evidence: all but hidden causes under suspicion.
-        self._always = np.arange(d) < self._causes.start
-        for number, one in zip(self._causes, objective.hidden_causes, strict=True):
-            self._always[number] = one.name in nuisances
-        self._suspects = [cause for cause in self._causes if not self._always[cause]]
+        self._causes = range(objective.first_cause, objective.dimension)
+        self._suspects = [cause for cause in self._causes if not always[cause]]
         self._evidence = Evidence(objective, self._suspects)
-        self._tried = np.ones(d, dtype=bool)
-        self._seeds = {} if seeds is None else seeds
-        self.precision = Precision(objective, lags, self._always)
+        self._tried = np.ones_like(always)
+        self._seeds = seeds
 
     def explain(self, point: NDArray[np.float64]) -> Explanation:
-        """Return what explains the window.
-
-        Parameters
-        ----------
-        point
-            Optimum of the faults alone, ``(d,)``.
-        """
+        """Return what explains the window, from the optimum of the faults alone, ``(d,)``."""
         fitted = self._always
         at, kept = self._reduced(self._objective.linearise(point, fitted), fitted)
         if self._causes:
@@ -187,19 +195,17 @@ class Explainer:
                 start[cause] = np.clip(0.5 - least / (2.0 * one.reach), 0.0, 1.0)
                 yield [SHORT_CIRCUITS[int(np.argmin(shorts))]], [cause], start[None]
 
-    def _worth_trying(self, at: Linearisation) -> NDArray[np.bool_]:
+    def _worth_trying(self, at: Linearisation) -> Components:
         """Return the components whose derivatives are worth their runs of the model, ``(d,)``.
 
         A wrong position at the start leaves a window unexplained, or disagrees with the speed.
         """
         objective = self._objective
-        if at.cost > objective.good_cost or not objective.columns_agree:
+        if at.cost > objective.fitness.good_cost or not objective.columns_agree:
             return np.ones_like(self._always)
         return self._always | ~objective.moves_start
 
-    def _with_causes(
-        self, at: Linearisation, kept: NDArray[np.bool_]
-    ) -> tuple[Linearisation, NDArray[np.bool_]]:
+    def _with_causes(self, at: Linearisation, kept: Components) -> Fitted:
         """Return an explanation with further hidden causes, as far as they are worth it."""
         for _ in range(MOST_CAUSES - int(np.sum(kept[self._suspects]))):
             if not self._can_afford_more:
@@ -221,18 +227,18 @@ class Explainer:
         left = self._most_evaluations - self._objective.evaluations
         return left >= _MOST_STEPS * self._objective.linearisation_evaluations
 
-    def _is_doubtful(self, at: Linearisation, kept: NDArray[np.bool_]) -> bool:
+    def _is_doubtful(self, at: Linearisation, kept: Components) -> bool:
         """Return whether a window is not explained, or only by a cause that is unusual."""
         if not self._suspects or not self._parsimonious:
             return False
         away = np.abs(self._objective.cause_sigmas(at.point))
         if np.any(away[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
             return True
-        return at.cost > self._objective.good_cost and at.cost > self._objective.fair_cost()
+        return at.cost > self._objective.fitness.good_cost and at.cost > self._objective.fair_cost()
 
     def _elsewhere(
-        self, at: Linearisation, kept: NDArray[np.bool_]
-    ) -> list[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
+        self, at: Linearisation, kept: Components
+    ) -> list[tuple[NDArray[np.float64], Components]]:
         """Return where else an explanation may be found: points, ``(d,)``, and their components.
 
         Each begins at a value of a cause that is not part of the explanation, with it or without
@@ -263,9 +269,7 @@ class Explainer:
             best.setdefault(numbers[place], place)
         return [(points[place], trials[place]) for place in list(best.values())[:_MOST_SEEDS]]
 
-    def _without_what_cancels(
-        self, at: Linearisation, kept: NDArray[np.bool_]
-    ) -> tuple[Linearisation, NDArray[np.bool_]]:
+    def _without_what_cancels(self, at: Linearisation, kept: Components) -> Fitted:
         """Return an explanation without two causes that cancel, or itself.
 
         Torque constant, or equal short circuits, and inertia hardly change a motion in which load
@@ -286,10 +290,10 @@ class Explainer:
     def _better(
         self,
         starts: NDArray[np.float64],
-        trial: NDArray[np.bool_],
+        trial: Components,
         at: Linearisation,
-        kept: NDArray[np.bool_],
-    ) -> tuple[Linearisation, NDArray[np.bool_]] | None:
+        kept: Components,
+    ) -> Fitted | None:
         """Return the explanation with the components of a trial, None where that is no better."""
         point = self._descended(starts, trial)
         there = self._objective.linearise(point, trial)
@@ -301,7 +305,7 @@ class Explainer:
             return None
         return self._objective.linearise(found.point, self._tried), shown
 
-    def _promising(self, at: Linearisation, kept: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    def _promising(self, at: Linearisation, kept: Components) -> Components | None:
         """Return the components of the best explanation with another cause; None without any.
 
         The linear model is no judge over far steps: an explanation with fewer components is worth
@@ -328,9 +332,7 @@ class Explainer:
                     best, chosen = gain, trial
         return chosen
 
-    def _descended(
-        self, starts: NDArray[np.float64], free: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
+    def _descended(self, starts: NDArray[np.float64], free: Components) -> NDArray[np.float64]:
         """Return the optimum of some components, downhill from the lowest start, ``(m, d)``."""
         objective = self._objective
         cost, point, trials = np.inf, starts[0], starts
@@ -344,39 +346,30 @@ class Explainer:
             at = self._objective.linearise(point, free)
             if not np.all(np.isfinite(at.jacobian)):
                 break
-            target = refitted(point, point, at.residuals, at.jacobian, free)
+            target = refitted(at, point, free)
             trials = point + _STEPS[:, None] * (target - point)
         return point
 
-    def _reduced(
-        self, at: Linearisation, fitted: NDArray[np.bool_]
-    ) -> tuple[Linearisation, NDArray[np.bool_]]:
+    def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
         """Set components that are not significant to healthy and fit the others anew."""
         objective = self._objective
         if not self._parsimonious:
             return at, fitted
-        groups = [group for group in GROUPS if fitted[group[0]]]
-        groups += [[cause] for cause in self._suspects if fitted[cause]]
+        floor = np.pad(FLOOR, (0, objective.dimension - N_FAULTS))
+        groups = self._evidence.singles(fitted)
         kept, point = significant_components(
-            at.point,
-            objective.healthy,
-            at.residuals,
-            at.jacobian,
-            self.precision.covariance,
-            self._floor,
-            fitted,
-            groups,
+            at, objective.healthy, objective.covariance, floor, fitted, groups
         )
         if np.all(kept == fitted):
             return at, kept
         optimum, at = at, self._objective.linearise(point, fitted)
-        loss = math.log(MOST_LOSS) * objective.effective
+        loss = math.log(MOST_LOSS) * objective.fitness.effective
         if np.any(fitted[self._suspects]):
             loss = max(loss, COMPONENT_EVIDENCE * (components(fitted) - components(kept)))
         if self._evidence.against(at, optimum) > loss:
             at = self._objective.linearise(self._descended(point[None], kept), fitted)
         if self._evidence.against(at, optimum) > loss:
             return optimum, fitted
-        point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, kept)
+        point = refitted(at, objective.healthy, kept)
         again = self._objective.linearise(point, fitted)
         return (again if again.cost < at.cost else at), kept

@@ -4,7 +4,7 @@ The cost is the sum of the squares of the row, so that one row serves algorithms
 and algorithms that want residuals.
 """
 
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,60 +23,10 @@ _MEAN_SCATTER = 0.08
 _GOOD_COST = 3.0
 
 
-class Fitness(Protocol):
-    """A measure of distance, made for one window.
+class LeastSquares:
+    """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period).
 
-    Attributes
-    ----------
-    spacing
-        Time between two residuals [s].
-    good_cost
-        Highest cost at which an optimum is accepted as the lowest [A^2.s]; 0 where none is
-        known.
-    noise
-        Cost that the noise of a healthy window adds per effective residual [A^2.s]; 0 where it is
-        not known.
-    effective
-        Effective number of residuals: the cost of a healthy window over ``noise``; 0 where it is
-        not known.
-    weights
-        What a value of a row counts [-].
-    """
-
-    spacing: float
-    good_cost: float
-    noise: float
-    effective: float
-    weights: NDArray[np.float64]
-
-    def __init__(
-        self,
-        window: Window,
-        parameters: ActuatorParameters,
-        scatter: tuple[float, float],
-        acquisition: Acquisition,
-    ) -> None: ...
-
-    def residuals(self, expected: Response) -> NDArray[np.float64]:
-        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
-
-        Parameters
-        ----------
-        expected
-            Calibrated response of the individuals.
-        """
-        ...
-
-
-class BandLimited:
-    """Current and speed in the band that carries information, robust against outliers.
-
-    The residuals of current and speed are low-passed at some 1 kHz. That of the speed counts as
-    half the current that the speed loop makes of it, or less where the speed of a healthy actuator
-    scatters more than its current. Where the motor is slow, the model of the mean current is at
-    its worst, so each value is weighted with ``|omega| / hypot(|omega|, omega_slow)``, with half
-    the rms of the speed for ``omega_slow``. What passes twice the healthy scatter counts less
-    (pseudo-Huber), since the mismatch of the model has heavy tails (M15).
+    The other measures of distance are made in the same way.
 
     Parameters
     ----------
@@ -87,9 +37,76 @@ class BandLimited:
     scatter
         Rms of the residual of current and speed when healthy [A, rad/s]: they set the scale.
     acquisition
-        How the telemetry is acquired. A current that is not measured does not count, and an
-        instantaneous one, of which the ripple of the PWM is the most part, only as much as its mean
-        would: what the model misses is then weighed as where it is seen better, in the speed.
+        How the telemetry is acquired.
+
+    Attributes
+    ----------
+    spacing
+        Time between two residuals [s].
+    weights
+        What a value of a row counts [-].
+    good_cost
+        Highest cost at which an optimum is accepted as the lowest [A^2.s].
+    noise, effective
+        Cost that the noise of a healthy window adds per effective residual [A^2.s], and the number
+        of these: the cost of a healthy window over ``noise``. All three are 0 where not known.
+    """
+
+    good_cost = 0.0
+    noise = 0.0
+    effective = 0.0
+
+    def __init__(
+        self,
+        window: Window,
+        parameters: ActuatorParameters,
+        scatter: tuple[float, float],
+        acquisition: Acquisition,
+    ) -> None:
+        self.spacing = window.sample_period
+        self._measured = window.current
+        self.weights = np.full(len(window), np.sqrt(self.spacing))
+
+    def residuals(self, expected: Response) -> NDArray[np.float64]:
+        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
+        return (self._measured - expected.current) * self.weights
+
+
+class TotalLeastSquares(LeastSquares):
+    """Distance of the current normal to the measured curve, sample by sample.
+
+    Notes
+    -----
+    Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
+    """
+
+    def __init__(
+        self,
+        window: Window,
+        parameters: ActuatorParameters,
+        scatter: tuple[float, float],
+        acquisition: Acquisition,
+    ) -> None:
+        super().__init__(window, parameters, scatter, acquisition)
+        h = self.spacing
+        slope = np.gradient(self._measured, h)
+        typical = rms(slope)
+        relative = slope / typical if typical > 0.0 else slope
+        self.weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
+
+
+class BandLimited(LeastSquares):
+    """Current and speed in the band that carries information, robust against outliers.
+
+    The residuals of current and speed are low-passed at some 1 kHz. That of the speed counts as
+    half the current that the speed loop makes of it, or less where the speed of a healthy actuator
+    scatters more than its current. Where the motor is slow, the model of the mean current is at
+    its worst, so each value is weighted with ``|omega| / hypot(|omega|, omega_slow)``, with half
+    the rms of the speed for ``omega_slow``. What passes twice the healthy scatter counts less
+    (pseudo-Huber), since the mismatch of the model has heavy tails (M15). A current that is not
+    measured does not count, and an instantaneous one, of which the ripple of the PWM is the most
+    part, only as much as its mean would: what the model misses is then weighed as where it is seen
+    better, in the speed.
     """
 
     def __init__(
@@ -130,13 +147,7 @@ class BandLimited:
         self.effective = both * float(np.sum(self.weights**2)) / BAND_CORRELATION
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
-        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
-
-        Parameters
-        ----------
-        expected
-            Calibrated response of the individuals.
-        """
+        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
         current, speed = self._measured
         distance = np.concatenate(
             [
@@ -152,69 +163,16 @@ class BandLimited:
 def pseudo_huber(distance: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     """Return numbers whose squares are the pseudo-Huber loss of distances.
 
-    Parameters
-    ----------
-    distance
-        Any shape.
-    scale
-        Below it the loss is quadratic, beyond it linear; unit of the distance.
+    Below ``scale`` the loss is quadratic, beyond it linear.
     """
     ratio = np.square(distance / scale)
     # 2 (sqrt(1 + x) - 1) without the cancellation at small x.
     return distance * np.sqrt(2.0 / (1.0 + np.sqrt(1.0 + ratio)))
 
 
-class TotalLeastSquares:
-    """Distance of the current normal to the measured curve, sample by sample.
-
-    Notes
-    -----
-    Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
-    """
-
-    def __init__(
-        self,
-        window: Window,
-        parameters: ActuatorParameters,
-        scatter: tuple[float, float],
-        acquisition: Acquisition,
-    ) -> None:
-        h = window.sample_period
-        self._measured = window.current
-        slope = np.gradient(self._measured, h)
-        typical = rms(slope)
-        relative = slope / typical if typical > 0.0 else slope
-        self.weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
-        self.spacing, self.good_cost, self.noise, self.effective = h, 0.0, 0.0, 0.0
-
-    def residuals(self, expected: Response) -> NDArray[np.float64]:
-        """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
-        return (self._measured - expected.current) * self.weights
-
-
-class LeastSquares:
-    """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period)."""
-
-    def __init__(
-        self,
-        window: Window,
-        parameters: ActuatorParameters,
-        scatter: tuple[float, float],
-        acquisition: Acquisition,
-    ) -> None:
-        self._measured = window.current
-        self.spacing, self.good_cost = window.sample_period, 0.0
-        self.weights = np.ones(len(window))
-        self.noise, self.effective = 0.0, 0.0
-
-    def residuals(self, expected: Response) -> NDArray[np.float64]:
-        """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
-        return (self._measured - expected.current) * np.sqrt(self.spacing)
-
-
 DEFAULT_FITNESS: Final = "band_limited"
 
-FITNESS: Final[dict[str, type[Fitness]]] = {
+FITNESS: Final[dict[str, type[LeastSquares]]] = {
     "band_limited": BandLimited,
     "total_least_squares": TotalLeastSquares,
     "least_squares": LeastSquares,

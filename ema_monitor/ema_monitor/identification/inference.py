@@ -1,7 +1,8 @@
-"""From the optimum of a search to the estimate: significance, uncertainty, goodness of fit."""
+"""From the optimum of a search to the estimate: what explains it, and how well it is known."""
 
 import math
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,26 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.explained import Explanation, Precision
-from ema_monitor.identification.explanation import Explainer
+from ema_monitor.identification.evidence import Components, including
+from ema_monitor.identification.explanation import Explainer, Explanation
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
-from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge, surprise
+from ema_monitor.identification.knowledge import (
+    NUISANCE,
+    Knowledge,
+    information,
+    needs_no_evidence,
+    surprise,
+)
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import (
-    CORRELATION_S,
+    GROUPS,
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_CAUSE,
     SPANS,
+    Linearisation,
+    covariance_of_effects,
     shifts_of,
     uncertainty_of_faults,
     with_mismatch,
@@ -34,15 +43,47 @@ from ema_monitor.identification.uncertainty import (
 from ema_monitor.identification.verdict import (
     Misfit,
     assumed_goodness,
+    contradicted_by,
     correlated,
     goodness_limit,
     judged,
     resting_on_unit,
 )
 from ema_monitor.model.measured import expected_causes
-from ema_monitor.model.monitor_model import LEARNS_UNIT, Response
+from ema_monitor.model.monitor_model import LEARNS_UNIT
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What an identification has found in a window.
+
+    Attributes
+    ----------
+    estimate
+        The estimate, or the refusal of one; then there is nothing else.
+    misfit
+        What the estimate misses of the window.
+    knowledge
+        What is known of the faults after a stretch of motion; None of a test window.
+    surprise
+        Squared distance of a stretch from what was known before it.
+    contradicted
+        What was measured and not used, as the window contradicts it.
+    caveats
+        Further reservations about the search.
+    unlearned
+        Which faults are uncertain for what the calibration could not learn, in words.
+    """
+
+    estimate: Estimate
+    misfit: Misfit | None = None
+    knowledge: Knowledge | None = None
+    surprise: float = 0.0
+    contradicted: tuple[CauseEstimate, ...] = ()
+    caveats: tuple[str, ...] = ()
+    unlearned: tuple[str, ...] = ()
 
 
 class Inference:
@@ -50,14 +91,8 @@ class Inference:
 
     Parameters
     ----------
-    window
-        The window.
-    calibration
-        Calibration of the model.
-    settings
-        How it was identified.
-    before
-        What is known before the window; nothing by default.
+    window, calibration, settings, known
+        As of ``ModelIdentification``.
     """
 
     def __init__(
@@ -65,44 +100,32 @@ class Inference:
         window: Window,
         calibration: Calibration,
         settings: SearchSettings,
-        before: Before = NOTHING_KNOWN,
+        known: Knowledge | None = None,
     ) -> None:
         self._window = window
         self._calibration = calibration
         self._settings = settings
+        self._known = known
+        fitted = needs_no_evidence(window, known)
+        causes = expected_causes(calibration.parameters, window)
         # The other measures of distance know no noise that priors could be weighed against; and
         # what is never put back to healthy leaves nothing for causes to stand in for.
-        causes = ()
-        if settings.fitness == DEFAULT_FITNESS:
-            causes = before.causes(calibration.parameters, window)
-            if calibration.form in LEARNS_UNIT and settings.parsimonious:
-                causes = expected_causes(
-                    calibration.parameters,
-                    window.excitation,
-                    window.measured,
-                    window.telemetry.missing,
-                )
-        self._before = before
-        self._fitted = before.fitted(window)
-        self._measured = {one.name: one for one in window.measured}
-        self._objective = Objective(
-            window,
-            calibration,
-            settings.fitness,
-            cartesian=True,
-            causes=causes,
-            known=before.known,
+        if settings.fitness != DEFAULT_FITNESS:
+            causes = ()
+        elif calibration.form not in LEARNS_UNIT or not settings.parsimonious:
+            causes = tuple(one for one in causes if one.name in fitted)
+        self._objective = objective = Objective(
+            window, calibration, settings.fitness, causes=causes, known=known
         )
-        self.knowledge: Knowledge | None = None
-        self.misfit: Misfit | None = None
-        self.unlearned: list[str] = []
-        self.surprise = 0.0
-        self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
+        first = objective.first_cause
+        self._always = np.arange(objective.dimension) < first
+        self._always[first:] = [one.name in fitted for one in causes]
         # Of one unit of a point: the play changes by 2.
-        self._span = np.ones(len(self._objective.healthy))
+        self._span = np.ones(objective.dimension)
         self._span[:N_FAULTS] = SPANS
         if window.play is None:
             self._span[N_FAULTS] = 2.0
+        self._unit_effects: NDArray[np.float64] | None = None
 
     @property
     def most_evaluations(self) -> int:
@@ -110,94 +133,96 @@ class Inference:
         objective = self._objective
         return 3 * objective.linearisation_evaluations + objective.unit_evaluations + 2
 
-    def estimate(
+    def finding(
         self,
         faults: NDArray[np.float64],
         play: float,
-        evaluations: int,
-        caveats: list[str],
-        started: float,
-        *,
-        warm_start: bool,
         fitted: NDArray[np.float64],
-    ) -> Estimate:
-        """Return the estimate; ``knowledge`` is then what is known after the window.
+        *,
+        evaluations: int,
+        started: float,
+        warm_start: bool,
+        contradicted: tuple[CauseEstimate, ...],
+        caveats: tuple[str, ...],
+    ) -> Finding:
+        """Return what is found at an optimum.
 
         Parameters
         ----------
         faults, play
             The optimum, ``(8,)``, and the motor's place in its play there [half-widths].
+        fitted
+            The causes that need no evidence there, in the unit box.
         evaluations
             Number of model evaluations of the search.
-        caveats
-            Reservations about the estimate so far.
         started
             When the identification began, by ``time.perf_counter`` [s].
         warm_start
             Whether the search began at earlier faults.
-        fitted
-            The causes that always are components at the optimum, in the unit box.
+        contradicted, caveats
+            As of `Finding`.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             When the covariance cannot be computed.
         """
-        objective, window = self._objective, self._window
-        floor = np.zeros(objective.dimension)
-        floor[:N_FAULTS] = MISMATCH_SIGMA
+        objective, window, settings = self._objective, self._window, self._settings
+        left = settings.termination.budget - evaluations - objective.unit_evaluations - 2
         explainer = Explainer(
             objective,
-            self._lags,
-            floor / self._span,
-            parsimonious=self._settings.parsimonious,
-            most_evaluations=(
-                self._settings.termination.budget - evaluations - objective.unit_evaluations - 2
-            ),
-            nuisances=self._fitted,
-            seeds={} if self._before.nuisances else {"position_offset": (window.start_offset,)},
+            self._always,
+            parsimonious=settings.parsimonious,
+            most_evaluations=left,
+            seeds={} if self._known is not None else {"position_offset": (window.start_offset,)},
         )
         optimum = objective.encode(faults, play)
-        optimum[self._always] = fitted
+        first = objective.first_cause
+        optimum[first:][self._always[first:]] = fitted
         explanation = explainer.explain(optimum)
         at, kept = explanation.at, explanation.kept
-        optimum, plays = objective.decode(at.point[None])
-        faults = optimum[0]
-        self.misfit = self._misfit(objective.expect(np.stack([at.point, objective.healthy])))
-        goodness = self.misfit.goodness
-        known = explainer.precision.uncertainty(explanation) * np.outer(self._span, self._span)
-        if self._before.nuisances:
-            self.knowledge, gained = explainer.precision.knowledge(explanation)
-            if self._before.known is not None:
-                self.surprise = surprise(self._before.known, self.knowledge, gained)
-        covariance, unobservable = uncertainty_of_faults(
-            faults, known, assumed_goodness(faults, goodness)
+        [faults], [play] = objective.decode(at.point[None])
+        misfit = self._misfit(at)
+        covariance = self._uncertainty(explanation) * np.outer(self._span, self._span)
+        knowledge, surprised = None, 0.0
+        if self._known is not None:
+            knowledge, gained = self._knowledge(explanation, self._known)
+            surprised = surprise(self._known, knowledge, gained)
+        known, unobservable = uncertainty_of_faults(
+            faults, covariance, assumed_goodness(faults, misfit.goodness)
         )
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
-        causes = self._causes(explanation, known)
-        self.unlearned = self._unlearned(explainer.precision, explanation, known)
-        limit = goodness_limit(faults, self._settings.goodness_limit)
+        causes = self._causes(explanation, covariance)
+        unlearned = self._unlearned(explanation, covariance)
+        limit = goodness_limit(faults, settings.goodness_limit)
+        subject = "window" if self._known is None else "stretch"
         verdict = judged(
-            self._before.subject,
-            self.misfit,
+            subject,
+            misfit,
             limit,
             unobservable,
             explanation.alternatives,
-            [*caveats, *correlated(covariance, kept), *self.unlearned, *map(str, causes)],
+            [
+                *contradicted_by(subject, contradicted),
+                *caveats,
+                *correlated(known, kept),
+                *unlearned,
+                *map(str, causes),
+            ],
             self._calibration.windows,
         )
-        return Estimate(
+        estimate = Estimate(
             window.start_ns,
             window.end_ns,
-            self._settings.algorithm,
-            self._settings.seed,
+            settings.algorithm,
+            settings.seed,
             self._calibration.calibration_id,
             faults=FaultVector.of(np.where(phase_unknown, healthy_faults(), faults)),
-            covariance=covariance,
+            covariance=known,
             unobservable=unobservable,
-            play=float(plays[0]),
+            play=float(play),
             fitness=objective.window_cost(at.residuals),
-            goodness_of_fit=goodness,
+            goodness_of_fit=misfit.goodness,
             goodness_limit=limit,
             excitation=window.excitation,
             evaluations=evaluations + objective.evaluations,
@@ -208,18 +233,91 @@ class Inference:
             warm_start=warm_start,
             calibration_windows=self._calibration.windows,
             verdict=verdict.name,
-            unexplained_share=self.misfit.share,
+            unexplained_share=misfit.share,
             causes=causes,
             alternatives=tuple(explanation.alternatives),
             measured=window.measured,
         )
+        return Finding(
+            estimate, misfit, knowledge, surprised, contradicted, caveats, tuple(unlearned)
+        )
+
+    def _uncertainty(self, explanation: Explanation) -> NDArray[np.float64]:
+        """Return the covariance of all components in the unit box, ``(d, d)``.
+
+        Where causes take part, that of what is kept holds for the explanation as it is, with what
+        it could be confused with; that of each other fault, for the explanation with it. What is
+        not known of the unit is part of it (M18, M27).
+        """
+        at, kept = explanation.at, explanation.kept | explanation.confused
+        always, is_cause = self._always, np.arange(len(kept)) >= self._objective.first_cause
+        effects = np.zeros((len(at.residuals), 0))
+        # At the healthy point under a calibrated command there is no effect: it was measured.
+        departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
+        if departs or self._window.measured:
+            effects = self._effects(at)
+        if not np.any(kept & ~always):
+            return self._covariance(at, always, effects) + explanation.spread
+        if np.any(is_cause & always):
+            kept = kept | always
+        result = self._covariance(at, kept, effects)
+        for group in GROUPS:
+            if not kept[group[0]]:
+                wider = self._covariance(at, including(kept, group), effects)
+                result[np.ix_(group, group)] = wider[np.ix_(group, group)]
+        return result + explanation.spread
+
+    def _covariance(
+        self, at: Linearisation, shown: Components, effects: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the covariance with only some components fitted, ``(d, d)``."""
+        jacobian = at.jacobian[:, shown]
+        result = np.zeros((len(shown), len(shown)))
+        result[np.ix_(shown, shown)] = self._objective.covariance(
+            jacobian, at.residuals
+        ) + covariance_of_effects(jacobian, effects)
+        return result
+
+    def _effects(self, at: Linearisation) -> NDArray[np.float64]:
+        """Return what is not known of the unit does to the residuals, ``(r, k)``.
+
+        It does not follow the faults, as the mismatch does that widens the whole later.
+        """
+        if self._unit_effects is None:
+            self._unit_effects = self._objective.unit_effects(at.point) / MISMATCH_FACTOR
+        return self._unit_effects
+
+    def _knowledge(
+        self, explanation: Explanation, before: Knowledge
+    ) -> tuple[Knowledge, NDArray[np.float64]]:
+        """Return what is known of the faults after the window, and its own information, ``(8, 8)``.
+
+        None of the faults is set to healthy, and none held at the bounds of the box (M29).
+        """
+        objective, at = self._objective, explanation.at
+        shown = explanation.kept | explanation.confused | self._always
+        jacobian = at.jacobian[:, shown]
+        step, effects = (
+            -shifts_of(jacobian, rows) for rows in (at.residuals[:, None], self._effects(at))
+        )
+        covariance = objective.covariance(jacobian, at.residuals + jacobian @ step[:, 0])
+        faults = slice(0, N_FAULTS)
+        gained = information(np.delete(jacobian, objective.known_rows, axis=0), objective.noise)
+        known = Knowledge(
+            at.point[faults] + step[faults, 0],
+            covariance[faults, faults] + explanation.spread[faults, faults],
+            effects[faults],
+            max(1.0, objective.misfit(at.residuals)),
+            before.gained + before.misfit**2 * gained,
+        )
+        return known, gained
 
     def _causes(
         self, explanation: Explanation, covariance: NDArray[np.float64]
     ) -> tuple[CauseEstimate, ...]:
         """Return the hidden causes that are part of the explanation."""
-        objective, at = self._objective, explanation.at
-        first = objective.dimension - len(objective.hidden_causes)
+        objective = self._objective
+        first = objective.first_cause
         found = [
             CauseEstimate(
                 one.cause.name,
@@ -228,56 +326,43 @@ class Inference:
                 MISMATCH_FACTOR * 2.0 * one.reach * math.sqrt(covariance[first + i, first + i]),
             )
             for i, (one, value) in enumerate(
-                zip(objective.hidden_causes, objective.causes(at.point), strict=True)
+                zip(objective.hidden_causes, objective.causes(explanation.at.point), strict=True)
             )
             if explanation.kept[first + i]
         ]
         return tuple(cause for cause in found if self._is_news(cause))
 
-    def _unlearned(
-        self, precision: Precision, explanation: Explanation, covariance: NDArray[np.float64]
-    ) -> list[str]:
+    def _is_news(self, cause: CauseEstimate) -> bool:
+        """Return whether a cause differs significantly from what was expected of it."""
+        for measured in self._window.measured:
+            if measured.name == cause.name:
+                # Of both, the window and the measurement, it is not known less well than of one.
+                return abs(cause.value - measured.value) > SIGNIFICANT_CAUSE * measured.sigma
+        if self._known is not None and cause.name == NUISANCE:
+            return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
+        return True
+
+    def _unlearned(self, explanation: Explanation, covariance: NDArray[np.float64]) -> list[str]:
         """Return in words which faults are uncertain for what the calibration could not learn."""
         at, kept = explanation.at, explanation.kept
         # At the healthy point it does not matter.
         if not np.any(kept[:N_FAULTS]) or not self._calibration.not_learned:
             return []
         steps = self._objective.unit_steps
-        shown = kept | precision.alone
+        shown = kept | self._always
         shifts = np.zeros((len(kept), len(steps)))
-        shifts[shown] = shifts_of(at.jacobian[:, shown], precision.effects(at)[:, : len(steps)])
+        shifts[shown] = shifts_of(at.jacobian[:, shown], self._effects(at)[:, : len(steps)])
         shifts = MISMATCH_FACTOR * self._span[:, None] * shifts
         sigma = np.sqrt(np.diag(with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)))
         return resting_on_unit(sigma, shifts[:N_FAULTS], steps, self._calibration.not_learned)
 
-    def _is_news(self, cause: CauseEstimate) -> bool:
-        """Return whether a cause differs significantly from what was expected of it."""
-        if measured := self._measured.get(cause.name):
-            # Of both, the window and the measurement, it cannot be known less well than of one.
-            return abs(cause.value - measured.value) > SIGNIFICANT_CAUSE * measured.sigma
-        if cause.name in self._before.nuisances:
-            return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
-        return True
-
-    @property
-    def _always(self) -> list[int]:
-        """Numbers of the components that are causes which always take part, in their order."""
-        names = [one.name for one in self._objective.hidden_causes]
-        first = self._objective.dimension - len(names)
-        return [first + i for i, name in enumerate(names) if name in self._fitted]
-
-    def _misfit(self, expected: Response) -> Misfit:
-        """Return what is missed at the estimate and at the healthy point.
-
-        Parameters
-        ----------
-        expected
-            Response at the two, ``(2, n)`` each.
-        """
-        window = self._window
+    def _misfit(self, at: Linearisation) -> Misfit:
+        """Return what is missed at the estimate and at the healthy point."""
+        window, objective = self._window, self._objective
+        expected = objective.expect(np.stack([at.point, objective.healthy]))
         missed = window.missed(*expected, self._calibration.parameters.tau)
         squares = band_limited(missed, window.sample_period) ** 2
         # Ordinary motion dwells, where neither model nor fit says what current flows.
-        weights = self._objective.weights**2 if self._before.nuisances else None
+        weights = None if self._known is None else objective.fitness.weights**2
         in_band = np.average(squares, axis=-1, weights=weights)
-        return Misfit(in_band / np.square(self._objective.scatter)[:, None])
+        return Misfit(in_band / np.square(objective.scatter)[:, None])

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import N_FAULTS
-from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
@@ -15,12 +14,17 @@ from ema_monitor.identification.uncertainty import (
     ridge_of,
     with_mismatch,
 )
-from ema_monitor.model.deviations import Prior
-from ema_monitor.model.measured import expected_causes
 from ema_monitor.windows.window import Window
+
+NUISANCE: Final = "load_torque"
+"""The hidden cause that is usual in ordinary motion: fitted to every stretch, without evidence."""
+
+FLOOR: Final = MISMATCH_SIGMA / SPANS
+"""What the mismatch of the model adds to each fault at least, in the unit box, ``(8,)``."""
 
 _LEAST_VARIANCE = 1e-12
 _FAULTS = slice(0, N_FAULTS)
+_NOTHING = np.zeros((N_FAULTS, N_FAULTS))
 
 
 class Knowledge(NamedTuple):
@@ -44,9 +48,9 @@ class Knowledge(NamedTuple):
 
     point: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    shifts: NDArray[np.float64]
-    misfit: float
-    gained: NDArray[np.float64]
+    shifts: NDArray[np.float64] = _NOTHING[:, :0]
+    misfit: float = 1.0
+    gained: NDArray[np.float64] = _NOTHING
 
     def rows(self) -> NDArray[np.float64]:
         """Return the derivatives of eight independent residuals of unit variance, ``(8, 8)``."""
@@ -58,15 +62,9 @@ class Knowledge(NamedTuple):
     def of_range(cls, point: NDArray[np.float64]) -> Self:
         """Return that a fault is no better known than from its range.
 
-        Parameters
-        ----------
-        point
-            Where the faults are expected, ``(8,)``: of two explanations that fit as well, the one
-            near by is taken.
+        Of two explanations that fit as well, the one near ``point``, ``(8,)``, is taken.
         """
-        covariance = np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2)
-        nothing = np.zeros((N_FAULTS, N_FAULTS))
-        return cls(point, covariance, nothing[:, :0], 1.0, nothing)
+        return cls(point, np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2))
 
     @property
     def sigma(self) -> NDArray[np.float64]:
@@ -74,59 +72,23 @@ class Knowledge(NamedTuple):
 
         Those of the eccentricity are the two of its plane.
         """
-        total = with_mismatch(self.covariance + self.shifts @ self.shifts.T, _FLOOR)
+        total = with_mismatch(self.covariance + self.shifts @ self.shifts.T, FLOOR)
         return SPANS * np.sqrt(np.diag(total))
 
     @property
     def systematic_sigma(self) -> NDArray[np.float64]:
         """The part of `sigma` that further windows do not lower, ``(8,)``."""
         common = MISMATCH_FACTOR**2 * self.shifts @ self.shifts.T
-        return SPANS * np.sqrt(np.diag(common) + _FLOOR**2)
+        return SPANS * np.sqrt(np.diag(common) + FLOOR**2)
 
 
-_FLOOR: Final = MISMATCH_SIGMA / SPANS
+def needs_no_evidence(window: Window, known: Knowledge | None) -> set[str]:
+    """Return the names of the hidden causes that are components of any fit of a window.
 
-
-class Before(NamedTuple):
-    """What is known before a window.
-
-    Attributes
-    ----------
-    known
-        What is known of the faults; None where nothing is.
-    nuisances
-        Names of hidden causes that always are components of the fit, without evidence.
-    start
-        Where the search for them begins, in the unit box.
+    What was measured is one of them: its error is part of the uncertainty.
     """
-
-    known: Knowledge | None = None
-    nuisances: tuple[str, ...] = ()
-    start: tuple[float, ...] = ()
-
-    @property
-    def subject(self) -> str:
-        """What the window is, in words."""
-        return "stretch" if self.nuisances else "window"
-
-    def fitted(self, window: Window) -> set[str]:
-        """Return the names of the causes that always are components in a window.
-
-        What was measured is one of them: its error is part of the uncertainty.
-        """
-        return {*self.nuisances, *(one.name for one in window.measured)}
-
-    def causes(self, parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
-        """Return these with what may be expected of them in a window."""
-        suspects = expected_causes(
-            parameters, window.excitation, window.measured, window.telemetry.missing
-        )
-        names = self.fitted(window)
-        return tuple(one for one in suspects if one.name in names)
-
-
-NOTHING_KNOWN: Final = Before()
-"""Before a test cycle."""
+    names = {one.name for one in window.measured}
+    return names if known is None else names | {NUISANCE}
 
 
 def information(jacobian: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
@@ -150,15 +112,9 @@ def information(jacobian: NDArray[np.float64], noise: float) -> NDArray[np.float
 def surprise(known: Knowledge, after: Knowledge, gained: NDArray[np.float64]) -> float:
     """Return the squared distance of a window from what was known before it.
 
-    It is that of the faults that the window alone would give from those expected, over its
-    covariance with the mismatch of both; where it agrees, about the number of faults it shows.
-
-    Parameters
-    ----------
-    known, after
-        What was known before and after it.
-    gained
-        Information of the window alone, ``(8, 8)``.
+    It is that of the faults that the window alone, with its information ``gained``, would give from
+    those expected, over its covariance with the mismatch of both; where it agrees, about the number
+    of faults it shows.
     """
     strengths, axes = np.linalg.eigh(gained)
     alone = (axes / np.maximum(strengths, 1.0)) @ axes.T
@@ -169,5 +125,5 @@ def surprise(known: Knowledge, after: Knowledge, gained: NDArray[np.float64]) ->
     common = known.shifts if known.shifts.size else np.zeros_like(after.shifts)
     shifts = amplified @ (after.shifts - common)
     covariance = known.covariance + alone + shifts @ shifts.T
-    covariance = with_mismatch(covariance, np.sqrt(2.0) * _FLOOR)
+    covariance = with_mismatch(covariance, np.sqrt(2.0) * FLOOR)
     return float(offset @ np.linalg.solve(covariance, offset))

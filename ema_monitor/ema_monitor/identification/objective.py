@@ -3,14 +3,12 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import (
-    ECCENTRICITY,
-    ECCENTRICITY_PHASE,
     HIGHEST,
     N_FAULTS,
     SHORT_CIRCUITS,
@@ -21,13 +19,20 @@ from ema_core.faults import (
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.identification.knowledge import Knowledge
-from ema_monitor.identification.relations import Relations
+from ema_monitor.identification.uncertainty import (
+    CORRELATION_S,
+    PLANE,
+    Linearisation,
+    sandwich_covariance,
+)
 from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
 from ema_monitor.model.drives import lifts_of_pairs
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import Response
-from ema_monitor.model.readings import MOVES_START, read
+from ema_monitor.model.readings import MOVES_START, TRAVEL, law_slopes, read
 from ema_monitor.optimizers.least_squares import DIFFERENCE
+from ema_monitor.windows.control_law import law_offset
+from ema_monitor.windows.travel import travel_ratio
 from ema_monitor.windows.window import Window
 
 _UNEXPLAINED_POWER = 0.05
@@ -38,7 +43,8 @@ _CALIBRATED_SHARE = 0.3
 # from which on they are unlike: measured on the reference actuator and on drawn plants.
 _LIFT_UNCERTAINTY = 0.2
 _UNLIKE_PHASES = 0.1
-_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+# From so many sigma on the columns do not agree as when healthy.
+_ODD = 3.0
 
 
 @dataclass(frozen=True)
@@ -64,16 +70,13 @@ class Coordinates:
     def decode(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return fault vectors, ``(m, 8)``, and places in the play, ``(m,)``.
+        """Return fault vectors, ``(m, 8)``, and places in the play, ``(m,)``, of points.
 
-        Parameters
-        ----------
-        points
-            Points of the box, ``(m, d)``; an eccentricity beyond 1 is reduced to 1.
+        An eccentricity beyond 1 is reduced to 1.
         """
         faults = points[:, :N_FAULTS]
         if self.cartesian:
-            faults = with_eccentricity(faults, (2.0 * points[:, _PLANE] - 1.0).T)
+            faults = with_eccentricity(faults, (2.0 * points[:, PLANE] - 1.0).T)
         if self.play is None:
             play = 2.0 * points[:, N_FAULTS] - 1.0
         else:
@@ -95,22 +98,54 @@ class Coordinates:
         """
         point = faults.copy()
         if self.cartesian:
-            point[_PLANE] = (1.0 + eccentricity_vector(faults)) / 2.0
+            point[PLANE] = (1.0 + eccentricity_vector(faults)) / 2.0
         place = [] if self.play is not None else [(play + 1.0) / 2.0]
         return np.concatenate([point, place, np.full(len(self.hidden), 0.5)])
 
 
-class Linearisation(NamedTuple):
-    """Residuals, ``(r,)``, and their derivatives, ``(r, d)``, at a point, ``(d,)``."""
+PLAIN: Final = Coordinates(play=0.0, cartesian=True)
+"""Coordinates of the eight faults alone, as `Knowledge` has them."""
 
-    point: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
+
+class Relations(NamedTuple):
+    """What the columns of a window say of each other, whatever moves the actuator (M27).
+
+    Each relation is linear in readings; there may be none.
+
+    Attributes
+    ----------
+    slopes
+        Derivatives by deviations in the order of `COLUMNS`, ``(k, 28)``.
+    values, sigmas
+        By how much the window differs from a healthy one, and the standard deviations, ``(k,)``.
+    """
+
+    slopes: NDArray[np.float64] = np.zeros((0, len(COLUMNS)))
+    values: NDArray[np.float64] = np.zeros(0)
+    sigmas: NDArray[np.float64] = np.zeros(0)
+
+    @classmethod
+    def of(cls, window: Window, calibration: Calibration) -> Self:
+        """Return those of a window, as far as they can be judged against healthy ones."""
+        parameters = calibration.parameters
+        found = []
+        travel = travel_ratio(window, parameters)
+        if travel is not None and not math.isnan(calibration.travel_ratio):
+            found.append((TRAVEL, travel.value / calibration.travel_ratio - 1.0, travel.sigma))
+        law = law_offset(window, parameters)
+        if law is not None and not math.isnan(calibration.law_offset):
+            slopes = law_slopes(parameters)
+            found.append((slopes, law.value - calibration.law_offset, law.sigma))
+        return cls(*map(np.array, zip(*found, strict=True)))
+
+    def left(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what deviations, ``(m, 28)``, leave of them, ``(m, k)``, in sigma of each."""
+        return (columns @ self.slopes.T - self.values) / self.sigmas
 
     @property
-    def cost(self) -> float:
-        """Sum of squares of the residuals [A^2.s]."""
-        return float(self.residuals @ self.residuals)
+    def are_healthy(self) -> bool:
+        """Whether the columns agree as when healthy."""
+        return bool(np.all(np.abs(self.values) < _ODD * self.sigmas))
 
 
 class Objective:
@@ -125,7 +160,7 @@ class Objective:
     fitness
         Name of the distance that is minimised.
     cartesian
-        Whether eccentricity and phase are searched for as ``zeta cos(phi)``, ``zeta sin(phi)``.
+        As of `Coordinates`.
     causes
         Hidden causes that are further components; their priors are further residuals.
     known
@@ -133,10 +168,12 @@ class Objective:
 
     Attributes
     ----------
+    fitness
+        The distance that is minimised.
     healthy
         The healthy point, ``(d,)``.
-    good_cost
-        Highest cost at which an optimum is accepted as the lowest [A^2.s].
+    encode, decode
+        Of its `Coordinates`.
     scatter
         Rms of the residual of current and speed in a healthy window of this command [A, rad/s].
     hidden_causes
@@ -162,10 +199,11 @@ class Objective:
         # Laying one command over another takes time: once an objective.
         self._knows, self._corrections, self.scatter = calibration.reference(window)
         self._model = calibration.model()
-        self._fitness = FITNESS[fitness](
+        self.fitness = FITNESS[fitness](
             window, calibration.parameters, self.scatter, calibration.acquisition
         )
         self._coordinates = Coordinates(window.play, cartesian, causes)
+        self.encode, self.decode = self._coordinates.encode, self._coordinates.decode
         self.hidden_causes = causes
         self._columns = [COLUMNS.index(one.name) for one in causes]
         self._measured = measured_columns(window.measured)
@@ -177,11 +215,10 @@ class Objective:
         if known is not None:
             self._known_rows = math.sqrt(self.noise) * known.rows()
         # Where readings of the position compete, so does what the columns say of each other.
-        self._relations = Relations.none()
+        self._relations = Relations()
         if {one.name for one in causes} >= set(MOVES_START):
             self._relations = Relations.of(window, calibration)
-        self.healthy = self._coordinates.encode(healthy_faults())
-        self.good_cost = self._fitness.good_cost
+        self.healthy = self.encode(healthy_faults())
         # They are linear in a point, and are asked for at many.
         relations, reaches = self._relations, np.array([2.0 * one.reach for one in causes])
         self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
@@ -193,7 +230,7 @@ class Objective:
         Where the model does not match the unit, no optimum is a good one.
         """
         [at_healthy] = self.residuals(self.healthy[None])
-        return max(self.good_cost, _UNEXPLAINED_POWER * float(at_healthy @ at_healthy))
+        return max(self.fitness.good_cost, _UNEXPLAINED_POWER * float(at_healthy @ at_healthy))
 
     @property
     def dimension(self) -> int:
@@ -201,28 +238,18 @@ class Objective:
         return len(self.healthy)
 
     @property
-    def spacing(self) -> float:
-        """Time between two residuals [s]."""
-        return self._fitness.spacing
-
-    @property
     def linearisation_evaluations(self) -> int:
         """Number of model evaluations that `linearise` takes."""
-        return 2 * (self.dimension - len(self._columns) + sum(self._take_runs)) + 1
-
-    @property
-    def _take_runs(self) -> list[bool]:
-        """Which hidden causes take runs of the model of their own."""
+        # Those of sensors take no run of the model of their own.
         free = (*NAMES[-N_SENSOR:], "command_delay")
-        return [one.name not in free for one in self.hidden_causes]
+        return 2 * (self.dimension - sum(one.name in free for one in self.hidden_causes)) + 1
 
     @property
     def moves_start(self) -> NDArray[np.bool_]:
         """Which components are readings that change where the model begins, ``(d,)``."""
-        first = self.dimension - len(self.hidden_causes)
-        return np.concatenate(
-            [np.zeros(first, bool), [one.name in MOVES_START for one in self.hidden_causes]]
-        ).astype(bool)
+        moves = np.zeros(self.dimension, dtype=bool)
+        moves[self.first_cause :] = [one.name in MOVES_START for one in self.hidden_causes]
+        return moves
 
     @property
     def columns_agree(self) -> bool:
@@ -236,21 +263,6 @@ class Objective:
         bases = 2 if self._knows else 1
         return (bases * (1 + steps) if steps else 0) + 1
 
-    def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
-        """Return the point of a fault vector, ``(8,)``, and a place in the play."""
-        return self._coordinates.encode(faults, play)
-
-    def decode(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return fault vectors, ``(m, 8)``, and places in the play, ``(m,)``, of points."""
-        return self._coordinates.decode(points)
-
-    @property
-    def effective(self) -> float:
-        """Effective number of residuals: the cost of a healthy window over ``noise``."""
-        return self._fitness.effective
-
     @property
     def noise(self) -> float:
         """Cost that noise adds per effective residual [A^2.s], the variance of a prior's residual.
@@ -258,21 +270,30 @@ class Objective:
         It is that of a healthy window, times the square of the misfit of what is known already.
         """
         misfit = 1.0 if self.known is None else self.known.misfit
-        return misfit**2 * self._fitness.noise
-
-    @property
-    def weights(self) -> NDArray[np.float64]:
-        """What a value of the band-limited rows counts, ``(n_band,)`` [-]."""
-        return self._fitness.weights
+        return misfit**2 * self.fitness.noise
 
     def misfit(self, residuals: NDArray[np.float64]) -> float:
         """Return how many times larger than when healthy residuals, ``(r,)``, are."""
-        return math.sqrt(self.window_cost(residuals) / (self._fitness.noise * self.effective))
+        return math.sqrt(
+            self.window_cost(residuals) / (self.fitness.noise * self.fitness.effective)
+        )
 
     def window_cost(self, residuals: NDArray[np.float64]) -> float:
         """Return the sum of squares of residuals, ``(r,)``, but for priors [A^2.s]."""
         of_window = residuals[: len(residuals) - self.priors]
         return float(of_window @ of_window)
+
+    def covariance(
+        self, jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the covariance of the components whose derivatives the Jacobian has."""
+        lags = max(1, round(CORRELATION_S / self.fitness.spacing))
+        return sandwich_covariance(jacobian, residuals, lags, self.priors, self.noise)
+
+    @property
+    def first_cause(self) -> int:
+        """Number of the first component that is a hidden cause."""
+        return self.dimension - len(self.hidden_causes)
 
     @property
     def priors(self) -> int:
@@ -280,31 +301,26 @@ class Objective:
         return len(self._relations.values) + len(self._known_rows) + len(self._priors)
 
     def surprise(self, point: NDArray[np.float64]) -> float:
-        """Return how unusual hidden causes are: the sum of squares of what has a sigma of its own.
+        """Return how unusual the hidden causes of a point, ``(d,)``, are.
 
         It is what their priors, and the relations of the columns, have in the cost over ``noise``.
-
-        Parameters
-        ----------
-        point
-            Where, ``(d,)``.
         """
         away = self.cause_sigmas(point)
         total = float(away @ away)
         if len(self._relations.values):
-            left = self._related @ (point[len(point) - len(away) :] - 0.5) + self._unrelated
+            left = self._related @ (point[self.first_cause :] - 0.5) + self._unrelated
             total += float(left @ left)
         return total
 
     def cause_sigmas(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how many sigma hidden causes are from what is expected, ``(n_causes,)``."""
-        return self._sigmas * (point[len(point) - len(self._sigmas) :] - 0.5)
+        return self._sigmas * (point[self.first_cause :] - 0.5)
 
     @property
     def known_rows(self) -> slice:
         """Which residuals, counted from the last one, are those of what is known already."""
         last = len(self._priors)
-        return slice(-(len(self._known_rows) + last) or None, -last or None)
+        return slice(-(len(self._known_rows) + last), -last or None)
 
     def causes(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the hidden causes of a point in their units, ``(n_causes,)``."""
@@ -315,11 +331,6 @@ class Objective:
         deviations = np.tile(self._measured, (len(points), 1))
         deviations[:, self._columns] = self._coordinates.causes(points)
         return deviations
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether hidden causes were measured, so that the healthy point is not as calibrated."""
-        return bool(self._window.measured)
 
     def expect(self, points: NDArray[np.float64]) -> Response:
         """Return the calibrated response at points of the unit box, ``(m, d)``."""
@@ -354,11 +365,6 @@ class Objective:
         its deviations. Under the calibrated command, a deviation does not change the healthy
         response, which is measured: its effect there is taken off. With six steps, three more
         columns are those of the idle phases' lift, not known once the phases differ.
-
-        Parameters
-        ----------
-        point
-            Where, ``(d,)``.
         """
         # A drive without idle phases has no lift.
         has_lift = self._calibration.drive == "six_step"
@@ -382,7 +388,7 @@ class Objective:
         current = expected.current + sigma * np.concatenate(
             [np.zeros((1, len(self._window))), lifts]
         )
-        rows = self._fitness.residuals(Response(current, np.tile(expected.speed, (4, 1))))
+        rows = self.fitness.residuals(Response(current, np.tile(expected.speed, (4, 1))))
         return (rows[1:] - rows[0]).T
 
     def _deviation_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -395,7 +401,7 @@ class Objective:
         for k, place in zip(faults, play, strict=True):
             m = 1 + len(steps)
             varied = np.concatenate([np.zeros((1, N_DEVIATIONS)), steps])
-            rows = self._fitness.residuals(
+            rows = self.fitness.residuals(
                 self._model.respond(
                     self._window,
                     np.tile(k, (m, 1)),
@@ -426,21 +432,15 @@ class Objective:
         return steps
 
     def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the residuals at points, ``(m, r)`` [A.s^(1/2)]; the cost is the sum of squares.
-
-        Parameters
-        ----------
-        points
-            Points of the unit box, ``(m, d)``.
-        """
-        rows = [self._fitness.residuals(self.expect(points))]
+        """Return the residuals at points, ``(m, d)``: ``(m, r)`` [A.s^(1/2)]."""
+        rows = [self.fitness.residuals(self.expect(points))]
         if len(self._relations.values):
-            of_causes = points[:, -len(self._priors) :] - 0.5
+            of_causes = points[:, self.first_cause :] - 0.5
             rows.append(math.sqrt(self.noise) * (of_causes @ self._related.T + self._unrelated))
         if self.known is not None:
             rows.append((points[:, :N_FAULTS] - self.known.point) @ self._known_rows.T)
         if len(self._priors):
-            rows.append(self._priors * (points[:, -len(self._priors) :] - 0.5))
+            rows.append(self._priors * (points[:, self.first_cause :] - 0.5))
         return np.concatenate(rows, axis=1)
 
     def linearise(
@@ -448,22 +448,14 @@ class Objective:
     ) -> Linearisation:
         """Return residuals and their central differences at a point, ``(d,)``.
 
-        Parameters
-        ----------
-        point
-            The point.
-        free
-            Components whose derivatives are wanted, ``(d,)``; those of the others are 0.
+        The derivatives of components that are not ``free``, ``(d,)``, are 0.
         """
-        steps = DIFFERENCE * np.eye(len(point))
-        steps = steps if free is None else steps[free]
+        free = np.ones(len(point), dtype=bool) if free is None else free
+        steps = DIFFERENCE * np.eye(len(point))[free]
         below, above = np.maximum(point - steps, 0.0), np.minimum(point + steps, 1.0)
         rows = self.residuals(np.concatenate([point[None], below, above]))
         at_point, at_below, at_above = np.split(rows, [1, 1 + len(steps)])
         widths = np.sum(above - below, axis=1)
-        columns = (at_above - at_below).T / widths
-        if free is not None:
-            jacobian = np.zeros((len(columns), len(point)))
-            jacobian[:, free] = columns
-            columns = jacobian
-        return Linearisation(point, at_point[0], columns)
+        jacobian = np.zeros((rows.shape[1], len(point)))
+        jacobian[:, free] = (at_above - at_below).T / widths
+        return Linearisation(point, at_point[0], jacobian)

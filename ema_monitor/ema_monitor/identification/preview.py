@@ -7,16 +7,13 @@ from numpy.typing import NDArray
 
 from ema_core.faults import N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.knowledge import Knowledge, information
-from ema_monitor.identification.objective import Linearisation, Objective
-from ema_monitor.identification.uncertainty import ridge_of
+from ema_monitor.identification.knowledge import NUISANCE, Knowledge, information
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.uncertainty import Linearisation, ridge_of
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
-
-NUISANCES: Final = ("load_torque",)
-"""Hidden causes that are usual in ordinary motion: fitted to every stretch, without evidence."""
 
 _LOADS: Final = 17
 _REFINEMENTS: Final = 2
@@ -66,8 +63,8 @@ class Preview(NamedTuple):
 
     Attributes
     ----------
-    start
-        Where a search for the nuisances begins, in the unit box.
+    load
+        The load that explains the stretch best, in the unit box.
     misfit
         How many times larger than when healthy its residuals are, by the linear model, where what
         is known explains it best.
@@ -77,7 +74,7 @@ class Preview(NamedTuple):
         Where it went.
     """
 
-    start: tuple[float, ...]
+    load: float
     misfit: float
     gained: NDArray[np.float64]
     motion: StretchMotion
@@ -92,26 +89,12 @@ class Preview(NamedTuple):
     ) -> Self:
         """Return that of a stretch.
 
-        What moves the motor shows what a stretch can tell: it is judged under the load that
-        explains it best.
-
-        Parameters
-        ----------
-        stretch, calibration
-            The stretch, and the calibration of its unit.
-        known
-            What is known of the faults.
-        faults
-            Where they are judged, ``(8,)``.
+        What moves the motor shows what a stretch can tell: it is judged at ``faults``, ``(8,)``,
+        under the load that explains it best.
         """
-        suspects = expected_causes(
-            calibration.parameters,
-            stretch.excitation,
-            stretch.measured,
-            stretch.telemetry.missing,
-        )
-        [load] = causes = tuple(one for one in suspects if one.name in NUISANCES)
-        objective = Objective(stretch, calibration, causes=causes)
+        suspects = expected_causes(calibration.parameters, stretch)
+        [load] = [one for one in suspects if one.name == NUISANCE]
+        objective = Objective(stretch, calibration, causes=(load,))
         points = np.tile(objective.encode(faults), (_LOADS, 1))
         points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
         point, left = _lowest(objective, points)
@@ -121,7 +104,7 @@ class Preview(NamedTuple):
             point, left = _lowest(objective, at.point + _STEPS[:, None] * (target - at.point))
             at = objective.linearise(point)
         return cls(
-            (float(point[-1]),),
+            float(point[-1]),
             objective.misfit(left),
             information(at.jacobian, objective.noise),
             StretchMotion.of(stretch, float(objective.causes(point)[0]) / load.reach),
@@ -138,16 +121,9 @@ def _lowest(
 
 
 def _explained(at: Linearisation, known: Knowledge, noise: float) -> NDArray[np.float64]:
-    """Return the point, ``(d,)``, that explains a stretch best, by the linear model.
+    """Return the point, ``(d,)``, that explains a stretch best, by the linear model of it alone.
 
-    Parameters
-    ----------
-    at
-        Linearisation of the stretch alone.
-    known
-        What is known of the faults.
-    noise
-        Variance of an effective residual.
+    ``noise`` is the variance of an effective residual.
     """
     normal, gradient = at.jacobian.T @ at.jacobian / noise, at.jacobian.T @ at.residuals / noise
     normal += ridge_of(normal) * np.eye(len(normal))

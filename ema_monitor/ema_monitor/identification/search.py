@@ -1,26 +1,24 @@
-"""Identification: from a window, or its refusal, to the estimate of the faults."""
+"""Identification by a model: from a window, or its refusal, to the estimate of the faults."""
 
 import time
-from collections.abc import Iterator
-from copy import copy
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_core.faults import SHORT_CIRCUITS, fault_vector, healthy_faults
+from ema_core.faults import SHORT_CIRCUITS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.defects import drive_defect
+from ema_monitor.identification.defects import drive_defect, wrong_scale
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
-from ema_monitor.identification.inference import Inference
-from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge
+from ema_monitor.identification.inference import Finding, Inference
+from ema_monitor.identification.knowledge import NUISANCE, Knowledge, needs_no_evidence
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.scales import wrong_scale
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.verdict import Misfit, contradicted_by
+from ema_monitor.model.measured import expected_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
@@ -40,10 +38,15 @@ class Generation:
     faults: NDArray[np.float64]
 
 
-class ModelIdentification:
-    """One identification by a model: iterate over its generations, then read ``estimate``.
+Search = Generator[Generation, None, Finding]
+"""Yields the state after each generation of a search, and returns what it has found."""
 
-    Parameters
+
+@dataclass(frozen=True, eq=False)
+class ModelIdentification:
+    """One identification by a model.
+
+    Attributes
     ----------
     window
         The window, with what was measured beside it, or why there is none: then the estimate is a
@@ -60,215 +63,183 @@ class ModelIdentification:
     previous
         Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
         want a warm start.
-    before
-        What is known before the window; nothing by default.
-
-    Attributes
-    ----------
-    estimate
-        The estimate; None before the iteration has ended.
-    knowledge
-        What is known of the faults after the window, if there are nuisances and it has an estimate.
-    surprise
-        Squared distance of the window from what was known before it.
-    misfit
-        What the estimate misses of the window; None without an estimate.
-    contradicted
-        What was measured and not used, as the window contradicts it.
-    caveats
-        Further reservations about the search.
-    unlearned
-        Which faults are uncertain for what the calibration could not learn, in words.
+    known
+        What is known of the faults before a stretch of motion; None before a test window.
+    load
+        Where the search for the load of a stretch begins, in the unit box.
     """
 
-    def __init__(
-        self,
-        window: Window | Refusal,
-        description: ActuatorDescription,
-        calibration: Calibration | str,
-        settings: SearchSettings,
-        *,
-        force: bool = False,
-        previous: ArrayLike | None = None,
-        before: Before = NOTHING_KNOWN,
-    ) -> None:
-        self._window = window
-        self._description = description
-        self._force = force
-        self._calibration = calibration
-        self._settings = settings
-        faults = None if previous is None else fault_vector(previous)
-        self._previous = faults if settings.warm_start else None
-        self._before = before
-        self.estimate: Estimate | None = None
-        self.knowledge: Knowledge | None = None
-        self.misfit: Misfit | None = None
-        self.surprise = 0.0
-        self.contradicted: list[CauseEstimate] = []
-        self.caveats: list[str] = []
-        self.unlearned: list[str] = []
-        self._is_rescaled = False
+    window: Window | Refusal
+    description: ActuatorDescription
+    calibration: Calibration | str
+    settings: SearchSettings
+    force: bool = False
+    previous: NDArray[np.float64] | None = None
+    known: Knowledge | None = None
+    load: float | None = None
 
-    def __iter__(self) -> Iterator[Generation]:
+    def run(self) -> Search:
         """Yield the state after each generation; there is none where a window is refused."""
-        if isinstance(self._window, Refusal):
-            self.estimate = self._refuse(self._window.reason)
-        elif isinstance(self._calibration, str):
-            self.estimate = self._refuse(self._calibration)
-        elif self._description.drive == "unknown":
-            self.estimate = self._refuse(
+        if isinstance(self.window, Refusal):
+            return self._refused(self.window.reason)
+        if isinstance(self.calibration, str):
+            return self._refused(self.calibration)
+        if self.description.drive == "unknown":
+            return self._refused(
                 "drive = unknown, and the calibration is of a drive that is known; calibrate on "
                 "healthy motion of this unit"
             )
-        else:
-            yield from self._search(self._window, self._calibration)
+        found = yield from self._search(self.window, self.calibration)
+        return (yield from self._question_scale(found, self.window, self.calibration))
 
-    def _search(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
+    def estimate(self) -> Estimate:
+        """Return the estimate, without progress."""
+        search = self.run()
+        while True:
+            try:
+                next(search)
+            except StopIteration as end:
+                return end.value.estimate
+
+    def _search(self, window: Window, calibration: Calibration) -> Search:
         """Search, and again without what was measured and the window contradicts."""
         started, spent = time.perf_counter(), 0
+        contradicted: tuple[CauseEstimate, ...] = ()
         while True:
-            yield from self._search_once(window, calibration, started)
-            if self.estimate is None:
-                raise RuntimeError("the search ended without an estimate")
-            self.estimate = replace(self.estimate, evaluations=spent + self.estimate.evaluations)
-            spent = self.estimate.evaluations
-            named = {cause.name for cause in self.estimate.causes}
-            wrong = [one for one in self.estimate.measured if one.name in named]
+            found = yield from self._search_once(window, calibration, contradicted, started)
+            spent += found.estimate.evaluations
+            named = {cause.name for cause in found.estimate.causes}
+            wrong = tuple(one for one in found.estimate.measured if one.name in named)
             if not wrong:
-                yield from self._question_scale(window, calibration)
-                return
-            self.contradicted += wrong
-            left = tuple(one for one in window.measured if one not in wrong)
-            window = replace(window, measured=left)
+                return replace(found, estimate=replace(found.estimate, evaluations=spent))
+            contradicted += wrong
+            window = _without(window, wrong)
 
-    def _question_scale(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
+    def _question_scale(self, found: Finding, window: Window, calibration: Calibration) -> Search:
         """Refuse a window that the faults do not explain, where a column is off by a factor."""
-        found = self.estimate
-        if found is None or self._is_rescaled or not found.goodness_of_fit > found.goodness_limit:
-            return
+        estimate = found.estimate
+        if not estimate.goodness_of_fit > estimate.goodness_limit:
+            return found
+        window = _without(window, found.contradicted)
         scale = wrong_scale(window, calibration.parameters)
         if scale is None:
-            return
+            return found
         if scale.column == "current":
             # Faults take more current, too. A scale looks like turns lost in all three phases, and
             # explains the window by far better.
-            lost = float(np.min(np.array(found.faults)[SHORT_CIRCUITS]))
-            if found.valid and scale.factor > 1.0 and lost < 0.5 * (1.0 - 1.0 / scale.factor):
-                return
+            lost = float(np.min(np.array(estimate.faults)[SHORT_CIRCUITS]))
+            if estimate.valid and scale.factor > 1.0 and lost < 0.5 * (1.0 - 1.0 / scale.factor):
+                return found
             telemetry = window.telemetry
             telemetry = replace(telemetry, current=telemetry.current / scale.factor)
-            run = copy(self)
-            run._window, run._is_rescaled = replace(window, telemetry=telemetry), True
-            run.contradicted = []
-            yield from run
-            other = run.estimate
-            if other is None or not (
+            rescaled = yield from self._search(replace(window, telemetry=telemetry), calibration)
+            other = rescaled.estimate
+            if not (
                 other.goodness_of_fit <= other.goodness_limit
-                and other.goodness_of_fit < _FAR_BETTER * found.goodness_of_fit
+                and other.goodness_of_fit < _FAR_BETTER * estimate.goodness_of_fit
             ):
-                return
+                return found
             gains = [one.value for one in other.causes if one.name == "current_gain"]
             scale = scale._replace(factor=scale.factor * (1.0 + sum(gains)))
-        refused = self._refuse(scale.in_words(calibration.parameters))
-        self.estimate = replace(refused, evaluations=found.evaluations)
-        self.knowledge = self.misfit = None
+        refused = self._refused(scale.in_words(calibration.parameters)).estimate
+        return Finding(replace(refused, evaluations=estimate.evaluations))
 
     def _search_once(
-        self, window: Window, calibration: Calibration, started: float
-    ) -> Iterator[Generation]:
-        if failure := drive_defect(window, self._description.parameters):
+        self,
+        window: Window,
+        calibration: Calibration,
+        contradicted: tuple[CauseEstimate, ...],
+        started: float,
+    ) -> Search:
+        settings = self.settings
+        if failure := drive_defect(window, self.description.parameters):
             # A speed in another unit is none that stands still.
             scale = wrong_scale(window, calibration.parameters)
-            if scale is not None:
-                failure = scale.in_words(calibration.parameters)
-            self.estimate = self._refuse(failure, is_failure=scale is None)
-            return
-        refused, self.caveats = self._mismatches(window, calibration)
-        if refused:
-            self.estimate = self._refuse(refused)
-            return
-        settings = self._settings
+            if scale is None:
+                return self._refused(failure, is_failure=True)
+            return self._refused(scale.in_words(calibration.parameters))
+        if reason := self._mismatch(window, calibration):
+            return self._refused(reason)
+        caveats = _consequences(window)
+        if mismatch := calibration.unit_mismatch(self.description):
+            if not self.force:
+                return self._refused(f"the calibration does not fit: {mismatch}")
+            caveats.append(f"forced although {mismatch}")
         optimizer_class = ALGORITHMS[settings.algorithm]
         causes = ()
         if settings.fitness == DEFAULT_FITNESS:
-            causes = self._before.causes(calibration.parameters, window)
+            fitted = needs_no_evidence(window, self.known)
+            suspects = expected_causes(calibration.parameters, window)
+            causes = tuple(one for one in suspects if one.name in fitted)
         objective = Objective(
             window,
             calibration,
             settings.fitness,
             # What is known already is known in Cartesian coordinates.
-            cartesian=optimizer_class.uses_residuals or self._before.known is not None,
+            cartesian=optimizer_class.uses_residuals or self.known is not None,
             causes=causes,
-            known=self._before.known,
+            known=self.known,
         )
-        warm = self._previous is not None
-        start = objective.encode(healthy_faults() if self._previous is None else self._previous)
-        # The place where they begin is relative to what was measured of them.
-        begin = (
-            {}
-            if self.contradicted
-            else dict(zip(self._before.nuisances, self._before.start, strict=False))
-        )
-        for number, one in enumerate(causes, start=-len(causes)):
-            start[number] = begin.get(one.name, start[number])
-        inference = Inference(window, calibration, settings, self._before)
+        previous = self.previous if settings.warm_start else None
+        start = objective.encode(healthy_faults() if previous is None else previous)
+        # That place is relative to what was measured of the load.
+        if self.load is not None and not contradicted:
+            for number, one in enumerate(causes, start=objective.first_cause):
+                if one.name == NUISANCE:
+                    start[number] = self.load
+        inference = Inference(window, calibration, settings, self.known)
         termination = settings.termination
         fair_cost, before = objective.fair_cost(), objective.evaluations
         reserve = inference.most_evaluations + before
-        hints = Hints(objective.good_cost, fair_cost, termination.budget - reserve)
+        hints = Hints(objective.fitness.good_cost, fair_cost, termination.budget - reserve)
         optimizer = optimizer_class(start, np.random.default_rng(settings.seed), hints)
         progress = None
-        for progress in minimise(
-            objective.residuals,
-            optimizer,
-            termination,
-            reserve=reserve,
-        ):
-            faults, _ = objective.decode(progress.point[None])
+        for progress in minimise(objective.residuals, optimizer, termination, reserve=reserve):
+            [faults], _ = objective.decode(progress.point[None])
             yield Generation(
-                progress.generation, before + progress.evaluations, progress.cost, faults[0]
+                progress.generation, before + progress.evaluations, progress.cost, faults
             )
         if progress is None or not np.isfinite(progress.cost):
-            self.estimate = self._refuse("no fault vector gave a finite cost")
-            return
-        faults, play = objective.decode(progress.point[None])
+            return self._refused("no fault vector gave a finite cost")
         if optimizer_class.uses_residuals and not optimizer.converged:
-            self.caveats.append("the search was stopped before it converged")
-        contradictions = contradicted_by(self._before.subject, self.contradicted)
+            caveats.append("the search was stopped before it converged")
+        [faults], [play] = objective.decode(progress.point[None])
         try:
-            self.estimate = inference.estimate(
-                faults[0],
-                float(play[0]),
-                before + progress.evaluations,
-                [*contradictions, *self.caveats],
-                started,
-                warm_start=warm,
-                fitted=progress.point[objective.dimension - len(causes) :],
+            return inference.finding(
+                faults,
+                float(play),
+                progress.point[objective.first_cause :],
+                evaluations=before + progress.evaluations,
+                started=started,
+                warm_start=previous is not None,
+                contradicted=contradicted,
+                caveats=tuple(caveats),
             )
-            self.knowledge, self.surprise = inference.knowledge, inference.surprise
-            self.misfit, self.unlearned = inference.misfit, inference.unlearned
         except np.linalg.LinAlgError as error:
-            self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
+            return self._refused(f"the uncertainty cannot be computed: {error}")
 
-    def _mismatches(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
-        """Return why no estimate can be made, and reservations about one that can."""
+    def _mismatch(self, window: Window, calibration: Calibration) -> str:
+        """Return why no estimate can be made of any unit; empty when one can."""
+        fitness = self.settings.fitness
         if reason := calibration.shape_mismatch(window) or window.excitation_defect():
-            return reason, []
-        if not len(window.current) and self._settings.fitness != DEFAULT_FITNESS:
-            return (
-                f"the current is not measured: fitness {self._settings.fitness} compares currents "
-                f"only, use {DEFAULT_FITNESS}",
-                [],
-            )
-        mismatch = calibration.unit_mismatch(self._description)
-        if mismatch and not self._force:
-            return f"the calibration does not fit: {mismatch}", []
-        caveats = [f"forced although {mismatch}"] if mismatch else []
-        return "", [*_consequences(window), *caveats]
+            return reason
+        if len(window.current) or fitness == DEFAULT_FITNESS:
+            return ""
+        return (
+            f"the current is not measured: fitness {fitness} compares currents only, use "
+            f"{DEFAULT_FITNESS}"
+        )
 
-    def _refuse(self, reason: str, *, is_failure: bool = False) -> Estimate:
-        window, calibration = self._window, self._calibration
-        return refusal(window, calibration, self._settings, reason, is_failure=is_failure)
+    def _refused(self, reason: str, *, is_failure: bool = False) -> Finding:
+        estimate = refusal(
+            self.window, self.calibration, self.settings, reason, is_failure=is_failure
+        )
+        return Finding(estimate)
+
+
+def _without(window: Window, causes: tuple[CauseEstimate, ...]) -> Window:
+    """Return a window without some of what was measured beside it."""
+    return replace(window, measured=tuple(one for one in window.measured if one not in causes))
 
 
 def _consequences(window: Window) -> list[str]:

@@ -1,10 +1,11 @@
 """Until when stretches of ordinary motion are combined, and what became of them."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
+from ema_monitor.windows.trigger import Refusal
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,15 @@ class Tally(NamedTuple):
     dropped: int = 0
     fruitless: int = 0
     reason: str = ""
+
+    def plus(self, because: str | None = None, **more: int) -> Self:
+        """Return the tally with higher counts, and another reason if there is one."""
+        counts = {name: getattr(self, name) + number for name, number in more.items()}
+        return self._replace(reason=self.reason if because is None else because, **counts)
+
+    def plus_refusal(self, refused: Refusal) -> Self:
+        """Return the tally with a stretch that is no window."""
+        return self.plus(refused.reason, **{"dropped" if refused.is_dropped else "refused": 1})
 
     def __str__(self) -> str:
         words = (

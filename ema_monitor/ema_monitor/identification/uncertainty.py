@@ -18,7 +18,8 @@ from ema_core.faults import (
 )
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
-_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
+"""Components that are one vector, in Cartesian coordinates."""
 
 CORRELATION_S: Final = 5e-3
 """Span over which residuals are assumed to be correlated [s]."""
@@ -30,7 +31,7 @@ _LEVEL: Final = 1.0 - 0.95 ** (1.0 / len(COMPONENTS))
 
 
 def _significant_sigmas(number: int) -> float:
-    if number in _PLANE:
+    if number in PLANE:
         return math.sqrt(-2.0 * math.log(_LEVEL))
     level = _LEVEL / 2.0 if FAULTS[number].is_two_sided else _LEVEL
     return NormalDist().inv_cdf(1.0 - level)
@@ -62,7 +63,7 @@ the eccentricity in Cartesian form [-]."""
 STRONG_CORRELATION: Final = 0.95
 """Correlation from which on two components cannot be told apart [-]."""
 
-SPANS: Final = np.array([2.0 if i in _PLANE else 1.0 for i in range(N_FAULTS)])
+SPANS: Final = np.array([2.0 if i in PLANE else 1.0 for i in range(N_FAULTS)])
 """What one unit of a point in Cartesian coordinates of the unit box is in faults, ``(8,)`` [-]."""
 
 USUAL_MISFIT: Final = 2.5
@@ -83,6 +84,19 @@ class Uncertainty(NamedTuple):
     unobservable: NDArray[np.bool_]
 
 
+class Linearisation(NamedTuple):
+    """Residuals, ``(r,)``, and their derivatives, ``(r, d)``, at a point, ``(d,)``."""
+
+    point: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the residuals [A^2.s]."""
+        return float(self.residuals @ self.residuals)
+
+
 def sandwich_covariance(
     jacobian: NDArray[np.float64],
     residuals: NDArray[np.float64],
@@ -90,29 +104,19 @@ def sandwich_covariance(
     priors: int = 0,
     noise: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Return the covariance of a least-squares estimate under correlated residuals.
+    """Return the covariance of a least-squares estimate under correlated residuals, ``(d, d)``.
+
+    That is the estimator of Newey and West (1987), Econometrica 55(3), with Bartlett weights. A
+    direction that leaves no trace gets a very large variance.
 
     Parameters
     ----------
-    jacobian
-        Derivatives of the residuals at the estimate, ``(n, d)``.
-    residuals
-        The residuals there, ``(n,)``.
+    jacobian, residuals
+        Residuals at the estimate, ``(n,)``, and their derivatives, ``(n, d)``.
     lags
         Number of samples over which they are correlated.
-    priors
-        How many of the last rows are priors, which are independent.
-    noise
-        Variance of the residual of a prior.
-
-    Returns
-    -------
-    numpy.ndarray
-        Covariance, ``(d, d)``; a direction that leaves no trace gets a very large variance.
-
-    Notes
-    -----
-    Newey and West (1987), Econometrica 55(3), with Bartlett weights.
+    priors, noise
+        How many of the last rows are priors, which are independent, and the variance of each.
     """
     n = len(residuals) - priors
     prior = jacobian[n:]
@@ -129,32 +133,16 @@ def sandwich_covariance(
 def covariance_of_effects(
     jacobian: NDArray[np.float64], effects: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the covariance that effects on the residuals give to a least-squares estimate.
+    """Return the covariance, ``(d, d)``, that effects on the residuals give to an estimate.
 
-    Parameters
-    ----------
-    jacobian
-        Derivatives of the residuals at the estimate, ``(n, d)``.
-    effects
-        Changes of the residuals by independent causes, one standard deviation each, ``(n, k)``.
-
-    Returns
-    -------
-    numpy.ndarray
-        Covariance, ``(d, d)``.
+    Effects, ``(n, k)``, are changes of the residuals by independent causes, one sigma each.
     """
     shifts = shifts_of(jacobian, effects)
     return shifts @ shifts.T
 
 
 def shifts_of(jacobian: NDArray[np.float64], effects: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what a least-squares estimate loses by effects on the residuals, ``(d, k)``.
-
-    Parameters
-    ----------
-    jacobian, effects
-        As of `covariance_of_effects`.
-    """
+    """Return what a least-squares estimate loses by effects on the residuals, ``(d, k)``."""
     bread, _ = _inverse_normal(jacobian)
     return bread @ (jacobian.T @ effects)
 
@@ -180,24 +168,13 @@ def with_mismatch(
 ) -> NDArray[np.float64]:
     """Return a covariance widened by what the mismatch of the model hides from the residuals.
 
-    Parameters
-    ----------
-    covariance
-        Covariance from the residuals, ``(d, d)``.
-    floor
-        Standard deviation that each component has at least, ``(d,)``.
+    ``floor`` is the standard deviation that each component has at least, ``(d,)``.
     """
     return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
 
 
 def widening(goodness_of_fit: float) -> float:
-    """Return by how much a poor fit widens standard deviations [-].
-
-    Parameters
-    ----------
-    goodness_of_fit
-        What the model misses over what it misses of a healthy actuator.
-    """
+    """Return by how much a poor fit widens standard deviations [-]."""
     return max(1.0, goodness_of_fit / USUAL_MISFIT)
 
 
@@ -221,14 +198,14 @@ def uncertainty_of_faults(
     cosine, sine = np.cos(phi), np.sin(phi)
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
     covariance *= widening(goodness_of_fit) ** 2
-    plane = covariance[np.ix_(_PLANE, _PLANE)]
+    plane = covariance[np.ix_(PLANE, PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))
     detected = distance > SIGNIFICANT_SIGMAS[ECCENTRICITY] ** 2 and zeta > SMALLEST_ECCENTRICITY
 
     turn = np.eye(N_FAULTS)
     around = 2.0 * np.pi * max(zeta, SMALLEST_ECCENTRICITY)
-    turn[np.ix_(_PLANE, _PLANE)] = [[cosine, sine], [-sine / around, cosine / around]]
+    turn[np.ix_(PLANE, PLANE)] = [[cosine, sine], [-sine / around, cosine / around]]
     result = turn @ covariance @ turn.T
     unobservable = ~(np.sqrt(np.diag(result)) <= UNOBSERVABLE_SIGMA)
     unobservable[ECCENTRICITY_PHASE] |= not detected
@@ -238,10 +215,8 @@ def uncertainty_of_faults(
 
 
 def significant_components(
-    point: NDArray[np.float64],
+    at: Linearisation,
     healthy: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    jacobian: NDArray[np.float64],
     covariance_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
     floor: NDArray[np.float64],
     fitted: NDArray[np.bool_],
@@ -255,12 +230,8 @@ def significant_components(
 
     Parameters
     ----------
-    point, healthy
-        Estimate and healthy point in Cartesian coordinates of the unit box, ``(d,)``.
-    residuals
-        Residuals at the estimate, ``(n,)``.
-    jacobian
-        Their derivatives, ``(n, d)``.
+    at, healthy
+        Linearisation at the estimate, and healthy point, in Cartesian coordinates of the unit box.
     covariance_of
         Returns the covariance for some columns of the Jacobian and the residuals.
     floor
@@ -272,11 +243,11 @@ def significant_components(
     """
     shown = fitted.copy()
     groups = list(groups)
-    current = point.copy()
+    current = at.point.copy()
     while groups:
-        left = residuals + jacobian @ (current - point)
-        known = covariance_of(jacobian[:, shown], left)
-        covariance = np.zeros((len(point), len(point)))
+        left = at.residuals + at.jacobian @ (current - at.point)
+        known = covariance_of(at.jacobian[:, shown], left)
+        covariance = np.zeros((len(current), len(current)))
         covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown])
         least, group = min(
             ((_distance(current - healthy, covariance, group), group) for group in groups),
@@ -286,29 +257,17 @@ def significant_components(
             break
         groups.remove(group)
         shown[group] = False
-        current = refitted(point, healthy, residuals, jacobian, shown)
+        current = refitted(at, healthy, shown)
     return shown, current
 
 
 def refitted(
-    point: NDArray[np.float64],
-    healthy: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    jacobian: NDArray[np.float64],
-    shown: NDArray[np.bool_],
+    at: Linearisation, healthy: NDArray[np.float64], shown: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return the lowest point, ``(d,)``, of the linear model with the other components healthy.
-
-    Parameters
-    ----------
-    point, healthy, residuals, jacobian
-        As of `significant_components`.
-    shown
-        Components to fit, ``(d,)``.
-    """
-    start = np.where(shown, point, healthy)
-    left = residuals + jacobian @ (start - point)
-    columns = jacobian[:, shown]
+    """Return the lowest point, ``(d,)``, of the linear model with components not shown healthy."""
+    start = np.where(shown, at.point, healthy)
+    left = at.residuals + at.jacobian @ (start - at.point)
+    columns = at.jacobian[:, shown]
     normal = columns.T @ columns
     normal += ridge_of(normal) * np.eye(len(normal))
     start[shown] = lowest_in_box(normal, columns.T @ left, start[shown])

@@ -1,14 +1,20 @@
-"""What was measured in a window beside what the model expects, thinned for display."""
+"""What was measured in a window beside what the model expects, for display."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.knowledge import FLOOR, Knowledge
+from ema_monitor.identification.objective import PLAIN
+from ema_monitor.identification.preview import Preview
+from ema_monitor.identification.search import ModelIdentification
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.deviations import COLUMNS
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.model.readings import read
@@ -53,15 +59,7 @@ def expected_signals(window: Window, estimate: Estimate, calibration: Calibratio
 
     The first row is that at the estimate, the second that of the healthy actuator.
 
-    Parameters
-    ----------
-    window, estimate, calibration
-        As of `window_fit`; the estimate has faults.
-
-    Raises
-    ------
-    ValueError
-        When the sample period is no multiple of the model's step.
+    The arguments, and the error raised, are those of `window_fit`; the estimate has faults.
     """
     faults = np.array([estimate.faults, healthy_faults()])
     columns = np.zeros((2, len(COLUMNS)))
@@ -110,3 +108,37 @@ def window_fit(window: Window, estimate: Estimate, calibration: Calibration) -> 
     means = [row[: len(row) // each * each].reshape(-1, each).mean(axis=1) for row in rows]
     h = window.sample_period
     return WindowFit(each * h, 0.5 * (each + 1) * h, *means)
+
+
+def in_stretch(
+    estimate: Estimate,
+    stretch: Window,
+    description: ActuatorDescription,
+    calibration: Calibration,
+    search: SearchSettings,
+) -> Estimate:
+    """Return an estimate with the place in the play and the causes that one stretch has.
+
+    An estimate of several stretches has the causes of all. Load and play of one are fitted to it
+    with the faults of all taken for known.
+
+    Parameters
+    ----------
+    estimate
+        The estimate of all, valid.
+    stretch
+        The stretch.
+    description, calibration, search
+        The actuator, what holds for any motion of it, and how it was identified.
+    """
+    faults = np.array(estimate.faults)
+    known = Knowledge(PLAIN.encode(faults), np.diag(FLOOR**2))
+    load = Preview.of(stretch, calibration, known, faults).load
+    of_stretch = ModelIdentification(
+        stretch, description, calibration, search, True, faults, known, load
+    ).estimate()
+    if not np.isfinite(of_stretch.fitness):
+        raise ValueError("the stretch cannot be fitted with the faults of the motion")
+    return replace(
+        estimate, play=of_stretch.play, causes=of_stretch.causes, measured=of_stretch.measured
+    )

@@ -1,7 +1,7 @@
 """Hidden causes that are measured: what is known of them in a window, and with which sigma."""
 
-from collections.abc import Collection, Iterable, Mapping
-from typing import Final, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ema_monitor.model.deviations import (
     Prior,
     hidden_causes,
 )
+from ema_monitor.windows.window import Window
 
 GRAMMAR: Final = "NAME=VALUE:SIGMA"
 """Text of a measured cause: value and standard deviation in its unit."""
@@ -75,30 +76,18 @@ def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
     return checked_causes([_parsed(text) for text in texts])
 
 
-def expected_causes(
-    parameters: ActuatorParameters,
-    travel: float,
-    measured: tuple[CauseEstimate, ...],
-    missing: Collection[str] = (),
-) -> tuple[Prior, ...]:
-    """Return all hidden causes that the model knows, with what may be expected of them.
+def expected_causes(parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
+    """Return all hidden causes that may show in a window, with what may be expected of them.
 
     A measurement takes the place of what occurs on a healthy unit: it is expected, with its sigma.
-
-    Parameters
-    ----------
-    parameters, travel
-        As of `hidden_causes`.
-    measured
-        What was measured, checked.
-    missing
-        Columns that are not measured: their sensors can have no error.
+    The sensor of a column that is not measured can have no error.
     """
-    by_name = {one.name: one for one in measured}
+    by_name = {one.name: one for one in window.measured}
+    absent = [f"{column}_{error}" for column in window.telemetry.missing for error in SENSOR_ERRORS]
     return tuple(
         _around(by_name[one.name], one) if one.name in by_name else one
-        for one in hidden_causes(parameters, travel)
-        if one.name not in [f"{column}_{error}" for column in missing for error in SENSOR_ERRORS]
+        for one in hidden_causes(parameters, window.excitation)
+        if one.name not in absent
     )
 
 
@@ -151,16 +140,11 @@ def measured_columns(measured: Iterable[CauseEstimate]) -> NDArray[np.float64]:
     return values
 
 
-class _Measured(Protocol):
-    @property
-    def measured(self) -> tuple[CauseEstimate, ...]: ...
-
-
-def taken_for_known(windows: Iterable[_Measured]) -> str:
+def taken_for_known(measured: Iterable[Iterable[CauseEstimate]]) -> str:
     """Return in words what was measured beside windows, with its range; empty for nothing."""
     by_name: dict[str, list[CauseEstimate]] = {}
-    for window in windows:
-        for one in window.measured:
+    for of_window in measured:
+        for one in of_window:
             by_name.setdefault(one.name, []).append(one)
     words = []
     for found in by_name.values():

@@ -143,7 +143,8 @@ class MonitorCalls:
                 windows = list(self._healthy_windows(description.actuator_id, request.windows))
                 calibration = calibrate(windows, description)
                 self._store.keep(description, calibration, path)
-                known = "; taken for known: " if (taken := taken_for_known(windows)) else ""
+                taken = taken_for_known(window.measured for window in windows)
+                known = "; taken for known: " if taken else ""
                 response.message = (
                     f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path}"
                 )

@@ -10,21 +10,8 @@ def lowest_in_box(
     """Minimise ``g (x - start) + (x - start) H (x - start) / 2`` over the unit box.
 
     Primal active set: go to the minimum over the free components until a bound is in the way,
-    hold what is there, and let go of the held component that would descend most.
-
-    Parameters
-    ----------
-    hessian
-        Positive definite, ``(d, d)``.
-    gradient
-        Gradient at the start, ``(d,)``.
-    start
-        Where the quadratic is expanded, ``(d,)``, within [0, 1].
-
-    Returns
-    -------
-    numpy.ndarray
-        The lowest point, ``(d,)``, within [0, 1].
+    hold what is there, and let go of the held component that would descend most. The Hessian,
+    ``(d, d)``, is positive definite; the gradient is that at the start, ``(d,)``.
     """
     d = len(start)
     x = start.copy()

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
-from ema_monitor.optimizers.population import first_generation
+from ema_monitor.optimizers.population import Population
 
 _FEWEST_INDIVIDUALS: Final = 3
 
 
-class DifferentialEvolution:
+class DifferentialEvolution(Population):
     """DE/best/1/bin.
 
     For each individual, the target, a donor is made: the best individual plus F times the
@@ -22,12 +22,8 @@ class DifferentialEvolution:
 
     Parameters
     ----------
-    start
-        Where one individual starts, ``(d,)``; the others start anywhere.
-    rng
-        Source of random numbers.
-    hints
-        Not used.
+    start, rng, hints
+        As of `Population`.
     population
         Number of individuals, at least 3: a target and two partners.
     F
@@ -48,9 +44,6 @@ class DifferentialEvolution:
     4.3.1.
     """
 
-    uses_residuals = False
-    converged = False
-
     def __init__(
         self,
         start: NDArray[np.float64],
@@ -65,16 +58,11 @@ class DifferentialEvolution:
             raise ValueError(f"F = {F}: expected a number above 0")
         if not 0.0 <= CR <= 1.0:
             raise ValueError(f"CR = {CR}: expected a number in [0, 1]")
-        self._rng = rng
+        super().__init__(start, rng, population, _FEWEST_INDIVIDUALS)
         self._F = F
         self._CR = CR
-        self._x = first_generation(start, rng, population, _FEWEST_INDIVIDUALS)
+        self._x = self._asked
         self._costs = np.full(population, np.inf)
-        self._trials = self._x
-
-    def ask(self) -> NDArray[np.float64]:
-        """Return the first population, then the trials, ``(population, d)``."""
-        return self._trials.copy()
 
     def tell(
         self,
@@ -93,7 +81,7 @@ class DifferentialEvolution:
         donors = self._into_box(best + self._F * (self._x[one] - self._x[other]), best)
         from_donor = self._rng.random((n, d)) < self._CR
         from_donor[np.arange(n), self._rng.integers(d, size=n)] = True
-        self._trials = np.where(from_donor, donors, self._x)
+        self._asked = np.where(from_donor, donors, self._x)
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Draw two partners for each target: three different individuals."""

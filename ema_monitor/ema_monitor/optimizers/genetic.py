@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
-from ema_monitor.optimizers.population import first_generation
+from ema_monitor.optimizers.population import Population
 
 # One elite, two children by crossover and one by mutation.
 _FEWEST_INDIVIDUALS: Final = 4
@@ -18,7 +18,7 @@ _STEP_GROWTH: Final = 1.5
 _STEP_DECAY: Final = 1.0 / _STEP_GROWTH
 
 
-class GeneticAlgorithm:
+class GeneticAlgorithm(Population):
     """Genetic algorithm after the documentation of Matlab's ``ga`` (R2018a), as it is with bounds.
 
     The best 5 % of a population survive unchanged and are not evaluated again. Of the other
@@ -34,12 +34,8 @@ class GeneticAlgorithm:
 
     Parameters
     ----------
-    start
-        Where one individual starts, ``(d,)``; the others start anywhere.
-    rng
-        Source of random numbers.
-    hints
-        Not used.
+    start, rng, hints
+        As of `Population`.
     population
         Number of individuals, at least 4, so that there is a child of each kind.
 
@@ -54,9 +50,6 @@ class GeneticAlgorithm:
     https://www.mathworks.com/help/gads/genetic-algorithm-options.html.
     """
 
-    uses_residuals = False
-    converged = False
-
     def __init__(
         self,
         start: NDArray[np.float64],
@@ -65,18 +58,13 @@ class GeneticAlgorithm:
         *,
         population: int = 50,
     ) -> None:
-        self._rng = rng
-        self._asked = first_generation(start, rng, population, _FEWEST_INDIVIDUALS)
+        super().__init__(start, rng, population, _FEWEST_INDIVIDUALS)
         self._elites = int(np.ceil(_ELITE_FRACTION * population))
         self._crossed = round(_CROSSOVER_FRACTION * (population - self._elites))
         self._mutants = population - self._elites - self._crossed
         self._elite_x = np.empty((0, len(start)))
         self._elite_costs = np.empty(0)
         self._step = _INITIAL_STEP
-
-    def ask(self) -> NDArray[np.float64]:
-        """Return the first population, then children, ``(m, d)``, first those of two parents."""
-        return self._asked.copy()
 
     def tell(
         self,
@@ -107,19 +95,9 @@ class GeneticAlgorithm:
 
 
 def expected_children(population: int, parents: int) -> NDArray[np.float64]:
-    """Return how often individuals are to be parents by their ranks, the best first.
+    """Return how often individuals are to be parents by their ranks, ``(population,)``.
 
-    Parameters
-    ----------
-    population
-        Number of individuals.
-    parents
-        Sum of the expectations.
-
-    Returns
-    -------
-    numpy.ndarray
-        Expectations, ``(population,)``, as 1 / sqrt(rank).
+    That is as 1 / sqrt(rank), the best first, with ``parents`` for the sum.
     """
     share = 1.0 / np.sqrt(np.arange(1, population + 1))
     return parents * share / np.sum(share)
@@ -130,19 +108,7 @@ def stochastic_uniform(expected: NDArray[np.float64], rng: np.random.Generator) 
 
     The expectations are laid end to end; marks at a distance of 1, from a random place in the first
     on, determine who is drawn (Baker 1987, "Reducing bias and inefficiency in the selection
-    algorithm").
-
-    Parameters
-    ----------
-    expected
-        How often each is to be drawn, ``(n,)``; the sum is a whole number m.
-    rng
-        Source of random numbers.
-
-    Returns
-    -------
-    numpy.ndarray
-        Numbers of the individuals drawn, ``(m,)``, in ascending order.
+    algorithm"). The sum of the expectations is the number of draws, which are in ascending order.
     """
     marks = rng.random() + np.arange(round(np.sum(expected)))
     # The last expectation ends at the sum but for rounding.

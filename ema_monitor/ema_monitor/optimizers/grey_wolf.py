@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
-from ema_monitor.optimizers.population import first_generation
+from ema_monitor.optimizers.population import Population
 
 _LEADERS: Final = 3
 
 
-class GreyWolf:
+class GreyWolf(Population):
     """Grey wolf optimizer with alpha, beta and delta, the three best points of the pack so far.
 
     A wolf goes to the mean of three points, one about each leader: ``leader - A |C leader - x|``
@@ -21,10 +21,8 @@ class GreyWolf:
 
     Parameters
     ----------
-    start
-        Where one wolf starts, ``(d,)``; the others start anywhere.
-    rng
-        Source of random numbers.
+    start, rng
+        As of `Population`.
     hints
         The budget is what the fall of ``a`` is spread over.
     population
@@ -41,9 +39,6 @@ class GreyWolf:
     69, eq. 3.3 to 3.7.
     """
 
-    uses_residuals = False
-    converged = False
-
     def __init__(
         self,
         start: NDArray[np.float64],
@@ -52,16 +47,11 @@ class GreyWolf:
         *,
         population: int = 50,
     ) -> None:
-        self._rng = rng
-        self._x = first_generation(start, rng, population, _LEADERS)
+        super().__init__(start, rng, population, _LEADERS)
         self._generations = max(1, hints.budget // population)
         self._generation = 0
         self._leaders = np.empty((0, len(start)))
         self._leader_costs = np.empty(0)
-
-    def ask(self) -> NDArray[np.float64]:
-        """Return the wolves' positions, ``(population, d)``."""
-        return self._x.copy()
 
     def tell(
         self,
@@ -76,10 +66,10 @@ class GreyWolf:
         self._leaders, self._leader_costs = points[best], costs[best]
         a = shrinking(self._generation, self._generations)
         self._generation += 1
-        self._x = encircled(self._x, self._leaders[:, None], a, self._rng)
+        self._asked = encircled(self._asked, self._leaders[:, None], a, self._rng)
 
 
-class ThesisGreyWolf:
+class ThesisGreyWolf(Population):
     """Grey wolf optimizer as the thesis has it, appendix B: each wolf follows itself.
 
     A wolf has an alpha, a beta and a delta of its own, which begin at the zero vector with an
@@ -103,9 +93,6 @@ class ThesisGreyWolf:
         When there is no wolf.
     """
 
-    uses_residuals = False
-    converged = False
-
     def __init__(
         self,
         start: NDArray[np.float64],
@@ -114,16 +101,11 @@ class ThesisGreyWolf:
         *,
         population: int = 50,
     ) -> None:
-        self._rng = rng
-        self._x = first_generation(start, rng, population, 1)
+        super().__init__(start, rng, population, 1)
         self._generations = max(1, hints.budget // population)
         self._generation = 0
-        self._leaders = np.zeros((_LEADERS, *self._x.shape))
+        self._leaders = np.zeros((_LEADERS, *self._asked.shape))
         self._leader_costs = np.full((_LEADERS, population), np.inf)
-
-    def ask(self) -> NDArray[np.float64]:
-        """Return the wolves' positions, ``(population, d)``."""
-        return self._x.copy()
 
     def tell(
         self,
@@ -144,7 +126,7 @@ class ThesisGreyWolf:
         self._leader_costs = np.where(replaces, costs, self._leader_costs)
         self._generation += 1
         a = shrinking(self._generation, self._generations)
-        self._x = encircled(points, self._leaders, a, self._rng)
+        self._asked = encircled(points, self._leaders, a, self._rng)
 
 
 def shrinking(generation: int, generations: int) -> float:
@@ -158,23 +140,10 @@ def encircled(
     a: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Return where wolves go.
+    """Return where wolves at ``points``, ``(m, d)``, go, within [0, 1].
 
-    Parameters
-    ----------
-    points
-        Where they are, ``(m, d)``.
-    leaders
-        Leaders of all, ``(3, 1, d)``, or of each, ``(3, m, d)``.
-    a
-        How far beyond the leaders they may go, in distances from them [-].
-    rng
-        Source of random numbers.
-
-    Returns
-    -------
-    numpy.ndarray
-        The new positions, ``(m, d)``, within [0, 1].
+    ``leaders`` are those of all, ``(3, 1, d)``, or of each, ``(3, m, d)``; ``a`` is how far beyond
+    them a wolf may go, in distances from them [-].
     """
     r_1, r_2 = rng.random((2, _LEADERS, *points.shape))
     A, C = 2.0 * a * r_1 - a, 2.0 * r_2

@@ -177,23 +177,9 @@ def bounded_step(
     jacobian: NDArray[np.float64],
     damping: float,
 ) -> NDArray[np.float64]:
-    """Return where a damped Gauss-Newton step within the unit box leads.
+    """Return where a damped Gauss-Newton step from a point leads, ``(d,)``, within the unit box.
 
-    Parameters
-    ----------
-    point
-        Where the step starts, ``(d,)``.
-    residuals
-        Residuals there, ``(n,)``.
-    jacobian
-        Their derivatives, ``(n, d)``.
-    damping
-        Damping relative to the diagonal of the normal matrix [-].
-
-    Returns
-    -------
-    numpy.ndarray
-        The new point, ``(d,)``, within [0, 1].
+    The damping is relative to the diagonal of the normal matrix [-].
     """
     normal = jacobian.T @ jacobian
     scale = np.maximum(np.diag(normal), 1e-12 * max(np.max(np.diag(normal)), 1e-300))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
-from ema_monitor.optimizers.population import first_generation
+from ema_monitor.optimizers.population import Population
 
 _FEWEST_PARTICLES: Final = 3
 _FEWEST_NEIGHBOURS: Final = 2
@@ -16,7 +16,7 @@ _SELF_ADJUSTMENT: Final = 1.49
 _SOCIAL_ADJUSTMENT: Final = 1.49
 
 
-class ParticleSwarm:
+class ParticleSwarm(Population):
     """Particle swarm after the documentation of Matlab's ``particleswarm``, with its defaults.
 
     Each particle is drawn to the best point it has seen and to the best that its neighbours have
@@ -34,12 +34,8 @@ class ParticleSwarm:
 
     Parameters
     ----------
-    start
-        Where one particle starts, ``(d,)``; the others start anywhere.
-    rng
-        Source of random numbers.
-    hints
-        Not used.
+    start, rng, hints
+        As of `Population`.
     population
         Number of particles, at least 3: a particle and two neighbours.
 
@@ -57,9 +53,6 @@ class ParticleSwarm:
     Pedersen (2010), "Good parameters for particle swarm optimization", Hvass Laboratories HL1001.
     """
 
-    uses_residuals = False
-    converged = False
-
     def __init__(
         self,
         start: NDArray[np.float64],
@@ -68,20 +61,15 @@ class ParticleSwarm:
         *,
         population: int = 50,
     ) -> None:
-        self._rng = rng
-        self._x = first_generation(start, rng, population, _FEWEST_PARTICLES)
+        super().__init__(start, rng, population, _FEWEST_PARTICLES)
         # As far as the box is wide.
-        self._v = rng.uniform(-1.0, 1.0, self._x.shape)
-        self._best_x = self._x.copy()
+        self._v = rng.uniform(-1.0, 1.0, self._asked.shape)
+        self._best_x = self._asked.copy()
         self._best_costs = np.full(population, np.inf)
         self._fewest_neighbours = max(_FEWEST_NEIGHBOURS, int(population * _NEIGHBOUR_FRACTION))
         self._neighbours = self._fewest_neighbours
         self._inertia = _INERTIA_RANGE[1]
         self._stalls = 0
-
-    def ask(self) -> NDArray[np.float64]:
-        """Return the particles' positions, ``(population, d)``."""
-        return self._x.copy()
 
     def tell(
         self,
@@ -101,8 +89,8 @@ class ParticleSwarm:
             + _SOCIAL_ADJUSTMENT * to_leader * (self._best_x[self._leaders()] - points)
         )
         moved = points + self._v
-        self._x = np.clip(moved, 0.0, 1.0)
-        self._v[self._x != moved] = 0.0
+        self._asked = np.clip(moved, 0.0, 1.0)
+        self._v[self._asked != moved] = 0.0
 
     def _adapt(self, *, improved: bool) -> None:
         """Set neighbourhoods and inertia; a first generation changes nothing."""
@@ -112,7 +100,7 @@ class ParticleSwarm:
         else:
             self._stalls += 1
             grown = self._neighbours + self._fewest_neighbours
-            self._neighbours = min(grown, len(self._x) - 1)
+            self._neighbours = min(grown, len(self._best_x) - 1)
         lowest, highest = _INERTIA_RANGE
         if self._stalls < 2:
             self._inertia = min(2.0 * self._inertia, highest)
@@ -121,7 +109,7 @@ class ParticleSwarm:
 
     def _leaders(self) -> NDArray[np.intp]:
         """Return which neighbour has seen the best point, for each particle."""
-        n = len(self._x)
+        n = len(self._best_x)
         lots = self._rng.random((n, n))
         np.fill_diagonal(lots, np.inf)
         neighbours = np.argpartition(lots, self._neighbours - 1, axis=1)[:, : self._neighbours]

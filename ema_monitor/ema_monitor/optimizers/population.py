@@ -1,13 +1,11 @@
-"""The first generation of a population."""
+"""What optimizers with a population have in common."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-def first_generation(
-    start: NDArray[np.float64], rng: np.random.Generator, population: int, fewest: int
-) -> NDArray[np.float64]:
-    """Return a population spread uniformly over the unit box, but for its first individual.
+class Population:
+    """A population spread uniformly over the unit box, but for its first individual.
 
     Parameters
     ----------
@@ -20,18 +18,24 @@ def first_generation(
     fewest
         Smallest number with which the algorithm works.
 
-    Returns
-    -------
-    numpy.ndarray
-        The individuals, ``(population, d)``.
-
     Raises
     ------
     ValueError
         When the population is too small.
     """
-    if population < fewest:
-        raise ValueError(f"population = {population} individuals: expected at least {fewest}")
-    points = rng.random((population, len(start)))
-    points[0] = start
-    return points
+
+    uses_residuals = False
+    converged = False
+
+    def __init__(
+        self, start: NDArray[np.float64], rng: np.random.Generator, population: int, fewest: int
+    ) -> None:
+        if population < fewest:
+            raise ValueError(f"population = {population} individuals: expected at least {fewest}")
+        self._rng = rng
+        self._asked = rng.random((population, len(start)))
+        self._asked[0] = start
+
+    def ask(self) -> NDArray[np.float64]:
+        """Return the first population, then what `tell` has made of it, ``(m, d)``."""
+        return self._asked.copy()
