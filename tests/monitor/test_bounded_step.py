@@ -51,31 +51,6 @@ def test_step_within_the_box_is_the_damped_least_squares_solution(damping):
     assert inside > 150
 
 
-@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
-def test_step_is_within_the_box_and_never_uphill(damping):
-    rng = np.random.default_rng(2)
-    for _ in range(300):
-        point, residuals, jacobian = problem(rng, 0.5)
-        matrix, right = damped(point, residuals, jacobian, damping)
-        new = bounded_step(point, residuals, jacobian, damping)
-        assert np.all((new >= 0.0) & (new <= 1.0))
-        assert np.sum((matrix @ new - right) ** 2) <= np.sum(residuals**2) * (1 + 1e-12)
-
-
-@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
-def test_components_off_the_walls_are_at_their_best(damping):
-    """What is held is held; of the rest the gradient is zero."""
-    rng = np.random.default_rng(3)
-    for _ in range(300):
-        point, residuals, jacobian = problem(rng, 0.5)
-        matrix, right = damped(point, residuals, jacobian, damping)
-        new = bounded_step(point, residuals, jacobian, damping)
-        gradient = matrix.T @ (matrix @ new - right)
-        free = (new > 0.0) & (new < 1.0)
-        # Against the gradient's terms of some 40: rounding times a condition number of 1e3.
-        assert np.all(np.abs(gradient[free]) < 1e-8)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
 def test_step_is_the_bounded_least_squares_solution(damping):

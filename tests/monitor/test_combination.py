@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, fault_vector
 from ema_core.telemetry import Telemetry
-from ema_monitor.api import identify_motion
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.combination import Combination
@@ -21,7 +20,7 @@ from ema_monitor.identification.preview import StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
-from ema_monitor.identification.uncertainty import sandwich_covariance, shifts_of
+from ema_monitor.identification.uncertainty import shifts_of
 from ema_monitor.model.deviations import Prior
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.windows.finder import Segment
@@ -29,7 +28,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
-from .motion import FLAP, H, blocks_of, moved, moves, stretches_of
+from .motion import FLAP, H, moved, moves, stretches_of
 
 FAULTS = {"friction": 0.2, "short_circuit_b": 0.1}
 
@@ -125,15 +124,6 @@ def test_information_of_two_stretches_is_that_of_both_fitted_at_once(objectives,
     np.testing.assert_allclose(sequential / scale, stacked / scale, rtol=0, atol=1e-6)
 
 
-def test_rows_of_what_is_known_have_its_covariance(second, known, point):
-    """The sandwich of these rows alone, whose residuals have the variance of the noise."""
-    jacobian = second.linearise(point).jacobian[-second.priors :, :N_FAULTS][:N_FAULTS]
-    found = sandwich_covariance(jacobian, np.zeros(N_FAULTS), 5, N_FAULTS, second.noise)
-    # The ridge of the normal matrix adds some per cent where hardly anything shows.
-    np.testing.assert_allclose(np.diag(found), np.diag(known.covariance), rtol=0.15)
-    assert np.all(np.diag(found) >= np.diag(known.covariance) * (1.0 - 1e-6))
-
-
 def test_what_is_not_known_of_the_unit_does_not_average_out(stretches):
     """The same stretch again: noise would fall, but the unit has shifted the estimate as before."""
     calibration = Calibration.builtin().of_any_motion()
@@ -176,16 +166,6 @@ def test_estimate_of_stretches_is_right_and_says_what_it_rests_on(stretches):
     tally = combination.tally
     assert tally.stretches == len(stretches) == tally.combined + tally.skipped
     assert tally.refused == 0
-
-
-@pytest.mark.slow
-def test_estimates_are_the_same_in_blocks_of_any_length(motion):
-    expected = identify_motion(motion)
-    again = identify_motion(blocks_of(motion, 77))
-    assert len(expected) == len(again) >= 1
-    for one, other in zip(expected, again, strict=True):
-        np.testing.assert_array_equal(one.faults, other.faults)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
 
 
 @pytest.mark.slow

@@ -41,13 +41,6 @@ def test_every_point_of_the_box_is_a_fault_vector(coordinates):
     assert np.all(np.abs(play) <= 1.0)
 
 
-def test_decoding_leaves_its_points_alone():
-    points = np.ones((3, 9))
-    Coordinates(None, cartesian=True).decode(points)
-    Coordinates(None, cartesian=False).decode(points)
-    assert np.array_equal(points, np.ones((3, 9)))
-
-
 @pytest.mark.parametrize(("x", "y"), [(1.0, 1.0), (0.0, 1.0), (0.1, 0.05), (1.0, 0.9)])
 def test_eccentricity_beyond_one_is_drawn_back_along_its_direction(x, y):
     point = np.full(8, 0.5)
@@ -65,22 +58,6 @@ def test_short_circuits_are_capped(cartesian):
     [faults], _ = Coordinates(0.0, cartesian).decode(np.ones((1, 8)))
     assert list(faults[2:5]) == [0.99] * 3
     assert np.all(faults <= HIGHEST)
-
-
-def test_phases_0_and_1_are_neighbours_in_the_plane():
-    coordinates = Coordinates(0.0, cartesian=True)
-    points = [
-        coordinates.encode(fault_vector({"eccentricity": 0.5, "eccentricity_phase": phase}))
-        for phase in (0.0, 1.0, 0.999)
-    ]
-    assert points[0] == pytest.approx(points[1], abs=1e-15)
-    # A step of 0.001 in phase is one of 2 pi / 1000 times half the eccentricity in the plane.
-    assert np.linalg.norm(points[0] - points[2]) == pytest.approx(0.5 * np.pi / 1000, rel=1e-3)
-
-
-def test_plane_is_centred_on_zero_eccentricity():
-    point = Coordinates(0.0, cartesian=True).encode(fault_vector({"eccentricity_phase": 0.3}))
-    assert list(point[[ECCENTRICITY, ECCENTRICITY_PHASE]]) == [0.5, 0.5]
 
 
 def test_eccentricity_and_phase_in_the_plane():

@@ -113,22 +113,11 @@ def test_deviation_of_a_parameter_is_another_parameter(name, value, parameters, 
         assert rms(responses[0].current - responses[1].current) < 0.01
 
 
-def test_resistance_follows_copper():
-    assert pytest.approx(0.00393) == COPPER
-
-
 @pytest.mark.parametrize("phase", "abc")
 def test_turns_of_a_phase_are_those_of_a_short_circuit(phase):
     check_same(
         respond({f"turns_{phase}": -0.12}, {"friction": 0.1}),
         respond(None, {"friction": 0.1, f"short_circuit_{phase}": 0.12}),
-    )
-
-
-def test_turns_multiply_what_a_short_circuit_leaves():
-    check_same(
-        respond({"turns_b": -0.1}, {"short_circuit_b": 0.2}),
-        respond(None, {"short_circuit_b": 1.0 - 0.8 * 0.9}),
     )
 
 

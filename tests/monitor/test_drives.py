@@ -80,12 +80,6 @@ def test_source_eccentricity_is_equation_4_24(theta_e, phi, factor):
     assert back_emf == pytest.approx(motor.k_e * factor * omega, rel=2e-5)
 
 
-@pytest.mark.parametrize("zeta", [0.3, 1.0])
-def test_source_eccentricity_is_scaled_by_0_42(zeta):
-    I, torque, _ = source_drive(MOTOR._replace(zeta=zeta), 5.0, 5.0, 0.0, 0.0, 1e-6)
-    assert torque / (MOTOR.G_M * I) == pytest.approx(1 - 0.42 * zeta, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("theta_e", "f"), [(0, (0.5 + 0.25) / 2), (60, (0.8 + 0.5) / 2), (120, (0.8 + 0.25) / 2)]
 )
@@ -124,19 +118,6 @@ def test_supply_limits_the_slope_of_the_current(start, I_ref, voltage, omega, th
     assert torque == pytest.approx(limited, rel=1e-12)
 
 
-def test_current_within_reach_is_its_reference():
-    I, torque, ripple = fast_drive(MOTOR, 2.0, 2.3, 50.0, 0.1, 2e-5)
-    assert I == 2.3
-    assert torque == pytest.approx(MOTOR.k_e * 2.3, rel=1e-12)
-    assert ripple == pytest.approx(MOTOR.k_e * MOTOR.h_b, rel=1e-12)
-
-
-@pytest.mark.parametrize("drive", [fast_drive, source_drive])
-def test_torque_is_limited(drive):
-    _, torque, _ = drive(MOTOR, -40.0, -40.0, 0.0, 0.0, 1e-6)
-    assert torque == -MOTOR.T_max
-
-
 @pytest.mark.parametrize(
     ("theta_e", "first", "second"), [(0, "b", "c"), (60, "a", "b"), (120, "a", "c")]
 )
@@ -170,12 +151,3 @@ def test_idle_phase_with_fewer_turns_than_the_pair_lifts_more(theta_e, contrast)
     motor = MOTOR._replace(N_a=0.8, N_b=0.5, N_c=0.25)
     lift = 0.2 * (1 + drives.IDLE_CONTRAST * contrast)
     assert lifted(motor, 0.2, math.radians(theta_e), 7.0) == pytest.approx(7.0 + lift, rel=1e-12)
-
-
-def test_short_circuit_alike_in_all_phases_leaves_the_lift():
-    motor = MOTOR._replace(N_a=0.6, N_b=0.6, N_c=0.6)
-    assert lifted(motor, 0.2, 0.4, 7.0) == pytest.approx(7.2, rel=1e-14)
-
-
-def test_source_form_knows_no_lift():
-    assert drives.single_current(drives.source_constants(MOTOR, 1e-6), 0.3, 7.0) == 7.0

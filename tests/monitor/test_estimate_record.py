@@ -65,15 +65,6 @@ def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
             assert (type(one), one) == (type(other), other)
 
 
-def test_causes_are_by_name_with_value_and_sigma():
-    record = estimate_record(ESTIMATE)
-    assert record["causes"][1] == {"name": "inertia", "value": -0.05, "sigma": 0.01}
-    assert record["alternatives"][0] == ["inertia", "torque constant"]
-    again = estimate_of(record)
-    assert again.causes == ESTIMATE.causes
-    assert again.alternatives == ESTIMATE.alternatives
-
-
 def test_component_that_is_unobservable_is_not_called_healthy():
     unknown = np.arange(len(FAULT_NAMES)) == 0
     one = replace(

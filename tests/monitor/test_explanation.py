@@ -211,17 +211,6 @@ def test_causes_that_cancel_do_not_take_the_place_of_a_friction(
     assert estimate.verdict == "valid"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["load_torque", "current_offset", "speed_gain", "command_delay", "position_offset"]
-)
-def test_fault_and_cause_of_the_model_are_both_found(modelled, calibration, description, name):
-    faults = {"friction": 0.15, "gain": 0.6}
-    estimate = identify(modelled({name: CAUSES[name]}, faults), description, calibration)
-    check_named(estimate, name, CAUSES[name])
-    check_faults(estimate, faults)
-
-
 def test_healthy_window_has_no_cause(windows_of, calibration, description):
     estimate = identify(windows_of({}, 7)[-1], description, calibration)
     assert estimate.causes == ()
@@ -286,22 +275,6 @@ def test_uncertainty_of_the_unit_widens_sigma(
     widened = np.sqrt(own.sigma.backlash**2 - other.sigma.backlash**2)
     assert widened == pytest.approx(expected, rel=0.3)
     assert own.evaluations == other.evaluations + effects
-
-
-def test_uncertainty_of_fitted_deviations_widens_sigma(windows_of, calibration, description):
-    """Under the calibrated command: that of the friction, beside a friction."""
-    [window] = windows_of({"friction": 0.3})
-    certain = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
-    own, other = (identify(window, description, one) for one in (calibration, certain))
-    assert own.faults.friction == other.faults.friction
-    index = NAMES.index("friction")
-    of_unit = np.sqrt(calibration.unit_covariance[index, index])
-    # What is not known of the healthy friction is in the correction; its multiple is not, of which
-    # that command's share is 0.3.
-    expected = 0.3 * own.faults.friction * of_unit
-    widened = np.sqrt(own.sigma.friction**2 - other.sigma.friction**2)
-    assert widened == pytest.approx(expected, rel=0.3)
-    assert own.evaluations == other.evaluations + 2 * (1 + 6)
 
 
 def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):

@@ -39,15 +39,6 @@ def test_the_flap_follows_the_command(plant):
     assert np.corrcoef(np.gradient(telemetry.position, STEP), telemetry.speed / 500.0)[0, 1] > 0.99
 
 
-def test_equal_seeds_give_equal_telemetry(plant):
-    one, again = run(plant), run(plant)
-    np.testing.assert_array_equal(one.current, again.current)
-
-
-def test_the_held_out_effects_are_other_ones(effects):
-    assert {effects.Effect.DRIVE_OFF} == effects.DEVELOPMENT & effects.HELD_OUT
-
-
 def test_an_effect_leaves_the_figures_of_the_others_alone(effects):
     everything = effects.draw_plant(7, effects.DEVELOPMENT)
     without = effects.draw_plant(7, effects.DEVELOPMENT - {effects.Effect.COGGING})
@@ -81,13 +72,6 @@ def test_a_load_is_borne_by_the_current(plant):
 
 def test_a_jam_holds_the_shaft(plant):
     assert not np.any(run(plant, jam=1.0).speed)
-
-
-def test_an_unsupported_cause_is_refused_by_name(plant):
-    with pytest.raises(ValueError, match="cannot have the cause 'cogging'"):
-        run(plant, cogging=0.01)
-    with pytest.raises(ValueError, match="cannot have the unknown cause 'humidity'"):
-        run(plant, humidity=0.5)
 
 
 def test_a_healthy_vector_is_the_plant_itself(plant):

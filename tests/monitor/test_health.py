@@ -130,10 +130,6 @@ def test_worst_fault_dominates():
     assert (health.level, health.dominant_fault) == (ERROR, "gain")
 
 
-def test_direction_of_eccentricity_is_no_fault():
-    assert assess(estimate({"eccentricity_phase": 0.9}), LIMITS).level == OK
-
-
 def test_unobservable_fault_is_stale_and_told_and_costs_confidence():
     health = assess(estimate({"friction": 0.9}, unknown=("friction", "gain")), LIMITS)
     assert (health.level, health.health_index) == (OK, 1.0)
@@ -141,12 +137,6 @@ def test_unobservable_fault_is_stale_and_told_and_costs_confidence():
     assert health.reason == "not observable in this window: friction, gain"
     levels = {item.name: item.level for item in health.faults}
     assert (levels["friction"], levels["gain"], levels["backlash"]) == (STALE, STALE, OK)
-
-
-def test_nothing_observable_is_stale():
-    health = assess(estimate(unknown=FAULT_NAMES), LIMITS)
-    assert (health.level, health.confidence, health.severity) == (STALE, 0.0, 0)
-    assert np.isnan(health.health_index)
 
 
 @pytest.mark.parametrize("limit", [2.0, 10.0])

@@ -7,7 +7,6 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import (
-    ECCENTRICITY,
     ECCENTRICITY_PHASE,
     FRICTION,
     SHORT_CIRCUITS,
@@ -19,7 +18,6 @@ from ema_core.faults import (
 from ema_core.parameters import constants
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identifying import identify
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
@@ -143,23 +141,6 @@ def test_only_the_phase_of_no_eccentricity_is_unobservable(estimates, case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("eccentricity", "shown"), [(0.0, False), (0.002, False), (0.015, True)])
-@pytest.mark.parametrize("phase", [0.2, 0.8])
-def test_phase_is_unobservable_where_eccentricity_was_put_to_zero(
-    stirred_window, calibration, description, eccentricity, phase, shown
-):
-    """Measured sigma of the eccentricity: 0.002."""
-    faults = {"eccentricity": eccentricity, "eccentricity_phase": phase}
-    estimate = identify(stirred_window(faults, 1), description, calibration)
-    assert (estimate.faults[ECCENTRICITY] > 0.005) == shown
-    assert estimate.unobservable[ECCENTRICITY_PHASE] == (not shown)
-    assert not np.any(np.delete(estimate.unobservable, ECCENTRICITY_PHASE))
-    if shown:
-        assert estimate.faults[ECCENTRICITY] == pytest.approx(eccentricity, abs=0.006)
-        assert estimate.faults[ECCENTRICITY_PHASE] == pytest.approx(phase, abs=0.1)
-
-
-@pytest.mark.slow
 def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
     stirred_window, description
 ):
@@ -196,18 +177,6 @@ def test_estimate_says_where_it_comes_from(estimates, windows_of, calibration):
     assert estimate.computing_time_s > 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", ["friction low", "eccentricity low"])
-def test_particle_swarm_finds_the_same(windows_of, calibration, description, case):
-    [window] = windows_of(CASES[case])
-    settings = SearchSettings("pso", budget=2000)
-    estimate = identify(window, description, calibration, settings)
-    assert estimate.valid
-    assert estimate.algorithm == "pso"
-    # Measured 0.3 and 0.4 %.
-    assert estimation_error(estimate.faults, fault_vector(CASES[case])) < 1.0
-
-
 def test_model_recognises_itself(healthy_windows, calibration, description):
     """What the calibrated model made with a fault vector leads back to it."""
     truth = fault_vector(
@@ -233,15 +202,6 @@ def test_model_recognises_itself(healthy_windows, calibration, description):
 def test_same_seed_makes_the_same_estimate(estimates, windows_of, calibration, description):
     [window] = windows_of(CASES["multiple"])
     assert same(estimates("multiple"), identify(window, description, calibration))
-
-
-def test_another_seed_finds_the_same_faults(estimates, windows_of, calibration, description):
-    [window] = windows_of(CASES["short circuit low"])
-    other = identify(window, description, calibration, SearchSettings(seed=3))
-    assert other.seed == 3
-    assert not same(other, estimates("short circuit low"))
-    # An eccentricity of 0.004 is at the limit of what is put back to zero.
-    assert other.faults == pytest.approx(estimates("short circuit low").faults, abs=6e-3)
 
 
 @pytest.fixture(scope="module")

@@ -94,12 +94,6 @@ def test_cancelled_identification_has_no_estimate(windows_of, calibration, descr
     assert identification.estimate is None
 
 
-def test_budget_below_one_generation_is_refused(windows_of, calibration, description):
-    [window] = windows_of(CASES["friction low"])
-    with pytest.raises(ValueError, match="budget = 7 evaluations"):
-        identify(window, description, calibration, SearchSettings(budget=7))
-
-
 # Evaluations of the search alone. A healthy window begins at its optimum either way.
 @pytest.mark.parametrize(
     ("case", "share"),

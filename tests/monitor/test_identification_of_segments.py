@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate
@@ -64,14 +63,6 @@ def test_window_without_calibration_is_refused_with_what_is_missing(found):
     )
 
 
-def test_force_makes_an_estimate_with_a_calibration_of_another_unit(found, calibration):
-    other = replace(calibration, serial_number="SIM-0002")
-    for force in (False, True):
-        estimate = identify(found.window, found.description, other, force=force)
-        assert estimate.valid == force
-        assert "SIM-0002" in estimate.reason
-
-
 def test_budget_ends_the_search_unless_there_is_another_rule():
     assert SearchSettings(budget=700).termination == Termination(700)
     rule = Termination(5, tolerance=0.0)
@@ -115,21 +106,6 @@ def test_search_begins_at_the_last_valid_estimate(windows_of, calibration, descr
     assert warm.evaluations == expected.evaluations < cold.evaluations
 
 
-def test_warm_search_leads_where_a_cold_one_does(windows_of, calibration, description):
-    """Even from the faults of quite another window."""
-    before, other = (
-        windows_of(faults)[0]
-        for faults in ({"friction": 0.7, "short_circuit_a": 0.3}, {"backlash": 0.4, "gain": 0.8})
-    )
-    last = Diagnosis()
-    identified(Segment(0, description, before), calibration, last)
-    warm = identified(Segment(1, description, other), calibration, last)
-    cold = identify(other, description, calibration)
-    assert warm.warm_start
-    # Far less than the standard deviations, of some 0.003.
-    np.testing.assert_allclose(warm.faults, cold.faults, atol=1e-3)
-
-
 def test_windows_without_valid_estimate_leave_the_start_as_it_is(
     windows_of, calibration, description
 ):
@@ -162,26 +138,3 @@ def test_search_begins_anew_with_another_description_or_calibration(
         assert identified(Segment(1, description, window), calibration, last).warm_start
         other = identified(Segment(2, described, window), calibrated, last)
         assert not other.warm_start
-
-
-def test_cold_search_is_noted_as_well(windows_of, calibration, description):
-    [window] = windows_of({"friction": 0.3})
-    last = Diagnosis()
-    found = Segment(0, description, window)
-    for warm_start, expected in ((False, False), (False, False), (True, True)):
-        assert identified(found, calibration, last, warm_start=warm_start).warm_start == expected
-
-
-def test_estimate_tells_what_was_put_back_to_healthy(found, calibration, description):
-    estimate = identified(found, calibration, Diagnosis())
-    kept = identify(found.window, description, calibration, SearchSettings(parsimonious=False))
-    assert not estimate.insignificant[0]
-    assert np.count_nonzero(estimate.insignificant) >= 4
-    np.testing.assert_array_equal(
-        np.array(estimate.faults)[estimate.insignificant],
-        healthy_faults()[estimate.insignificant],
-    )
-    assert not kept.insignificant.any()
-    assert np.count_nonzero(kept.faults != healthy_faults()) > np.count_nonzero(
-        ~estimate.insignificant
-    )

@@ -10,7 +10,6 @@ from ema_core.faults import (
     ECCENTRICITY_PHASE,
     estimation_error,
     fault_vector,
-    healthy_faults,
 )
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.fitness import FITNESS
@@ -105,23 +104,6 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
     assert np.array_equal(degraded.faults, estimate.faults)
 
 
-@pytest.mark.parametrize("case", ["healthy", "friction low", "eccentricity low", "wide"])
-def test_insignificant_components_are_exactly_healthy(windows_of, calibration, description, case):
-    [window] = windows_of(CASES[case])
-    estimate = identify(window, description, calibration)
-    at_healthy = np.equal(estimate.faults, healthy_faults())
-    assert np.all(at_healthy[estimate.insignificant])
-    # The plane of eccentricity and phase comes and goes as one.
-    assert estimate.insignificant[ECCENTRICITY] == estimate.insignificant[ECCENTRICITY_PHASE]
-    # Whatever is far from healthy is shown.
-    far = np.abs(fault_vector(CASES[case]) - healthy_faults()) > 0.04
-    assert not np.any(estimate.insignificant[far])
-    assert np.sum(estimate.insignificant) >= (0 if case == "wide" else 3)
-    every = identify(window, description, calibration, SearchSettings(parsimonious=False))
-    assert not np.any(every.insignificant)
-    assert every.fitness <= estimate.fitness * (1 + 1e-3)
-
-
 def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, description):
     """The same from derivatives by eccentricity and phase, without the plane between.
 
@@ -173,20 +155,6 @@ def test_unknown_goodness_widens_as_the_worst_valid_one(windows_of, healthy_wind
     ratio = np.array(unknown.sigma) / np.array(known.sigma)
     expected = GOODNESS_LIMIT / max(USUAL_MISFIT, known.goodness_of_fit)
     assert ratio[0] == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize("windows", [2, 5])
-def test_calibration_from_equal_windows_can_be_used(
-    windows_of, healthy_windows, description, windows
-):
-    """A noiseless simulation that starts from rest every time scatters by nothing."""
-    [window] = windows_of(CASES["friction low"])
-    equal = calibrate_model([healthy_windows[0]] * windows, description)
-    estimate = identify(window, description, equal)
-    assert estimate.valid
-    assert estimation_error(estimate.faults, fault_vector(CASES["friction low"])) < 1.0
-    # Nothing is known of the scatter of healthy windows.
-    assert "the fit cannot be judged" in estimate.reason
 
 
 @pytest.mark.slow

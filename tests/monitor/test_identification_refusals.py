@@ -150,29 +150,9 @@ def test_forced_estimate_says_so(window, calibration, described, said):
     assert estimation_error(estimate.faults, fault_vector(FAULTS)) < 1.5
 
 
-def test_force_does_not_show_where_it_was_not_needed(window, calibration, description):
-    estimate = identify(window, description, calibration, force=True)
-    assert estimate.valid
-    assert estimate.reason == ""
-
-
 def test_measured_current_that_is_no_number_is_refused(window, calibration, description):
     """A trigger lets none through; a window made otherwise may have one."""
     current = window.telemetry.current.copy()
     current[1234] = np.nan
     estimate = identify(changed(window, current=current), description, calibration)
     check_refused(estimate, "no fault vector gave a finite cost")
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("algorithm", "annealing", "'annealing' is unknown; known: least_squares"),
-        ("fitness", "median", "'median' is unknown; known: band_limited"),
-        ("seed", -1, "seed = -1"),
-    ],
-)
-def test_impossible_settings_are_refused_by_name(name, value, said):
-    with pytest.raises(ValueError, match=name) as error:
-        SearchSettings(**{name: value})
-    assert said in str(error.value)

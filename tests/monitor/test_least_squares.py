@@ -60,13 +60,6 @@ def test_screen_is_a_latin_hypercube_about_the_start():
     assert drawn < 0.5 * spread
 
 
-def test_evaluations_are_those_asked_for():
-    batches, progress = search(valley)
-    assert screens(batches) == [1, SMALL, LARGE]
-    assert progress[-1].cost < 1e-9
-    assert progress[-1].evaluations == sum(len(batch) for batch in batches)
-
-
 @pytest.mark.parametrize("screen", [1, 2])
 def test_better_half_of_the_descents_goes_on_until_one_is_left(screen):
     """Of an odd number the larger half; differences and trials take turns."""
@@ -167,15 +160,3 @@ def test_column_without_derivative_leaves_its_component(component):
     assert progress[-1].point[component] == 0.5
     others = np.arange(D) != component
     assert progress[-1].point[others] == pytest.approx(CENTRE[others], abs=1e-6)
-
-
-def test_without_any_cost_no_descent_is_begun():
-    batches, progress = search(lambda x: np.full_like(x, np.nan), good_cost=1.0)
-    assert [len(batch) for batch in batches] == [1, SMALL, LARGE]
-    assert progress[-1].cost == np.inf
-
-
-def test_start_at_the_optimum_ends_at_once():
-    batches, progress = search(lambda x: x - CENTRE, CENTRE, good_cost=1.0)
-    assert [len(batch) for batch in batches] == [1, D, len(_DAMPINGS)]
-    assert progress[-1].cost == 0.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_core.causes import CauseEstimate
-from ema_core.faults import ECCENTRICITY_PHASE, fault_vector, healthy_faults
+from ema_core.faults import ECCENTRICITY_PHASE, fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.api import find_windows
 from ema_monitor.identification.combination import Combination
@@ -66,15 +66,6 @@ def test_faults_under_a_measured_load_are_as_without(
     # Without a load up to 0.0013; measured 0.0018.
     assert error(estimate, faults) < 0.003
     assert estimate.measured == (CauseEstimate("load_torque", 0.3 + off, 0.01),)
-
-
-@pytest.mark.slow
-def test_measured_load_saves_the_search_for_what_it_is(simulated, calibration, description):
-    window = simulated({"load_torque": 0.3}, FRICTION)
-    unknown = identify(window, description, calibration)
-    known = identify(window, description, calibration, measured={"load_torque": (0.3, 0.01)})
-    # Measured 308 and 1998.
-    assert known.evaluations < unknown.evaluations / 3
 
 
 @pytest.mark.slow
@@ -189,19 +180,6 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
     assert [one.name for one in estimate.measured] == ["torque_constant"]
     assert abs(estimate.faults.friction - 0.2) < 3.0 * estimate.sigma.friction
     assert estimate.faults.short_circuit_a < 3.0 * estimate.sigma.short_circuit_a
-
-
-def test_warm_search_begins_at_the_measurement(simulated, calibration, description):
-    window = simulated({"load_torque": 0.3}, FRICTION)
-    estimate = identify(
-        window,
-        description,
-        calibration,
-        previous=healthy_faults(),
-        measured={"load_torque": (0.3, 0.01)},
-    )
-    assert estimate.warm_start
-    assert error(estimate, FRICTION) < 0.003
 
 
 @pytest.mark.parametrize(

@@ -248,10 +248,3 @@ def test_unknown_form_is_refused():
 def test_impossible_step_is_refused(dt):
     with pytest.raises(ValueError, match="monitor step dt = "):
         MonitorModel(PARAMETERS, dt=dt)
-
-
-def test_impossible_fault_is_refused():
-    faults = healthy_faults()
-    faults[3] = 1.0
-    with pytest.raises(ValueError, match="short_circuit_b"):
-        MonitorModel(PARAMETERS).respond(window_from(np.zeros(10)), faults)

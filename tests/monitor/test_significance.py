@@ -124,18 +124,6 @@ def test_eccentricity_plane_is_one(model, angle, share, stays):
         assert np.array_equal(point[PLANE], [0.5, 0.5])
 
 
-def test_small_share_of_a_large_eccentricity_stays_with_it(model):
-    kept, _, point = shown(model, {ECCENTRICITY: 9.0, ECCENTRICITY_PHASE: 0.1})
-    assert kept == set(PLANE)
-    assert point[ECCENTRICITY_PHASE] == pytest.approx(0.5 + 0.1 * WIDENED, abs=1e-7)
-
-
-def test_healthy_estimate_is_the_healthy_point(model):
-    kept, _, point = shown(model, {0: 0.3, 1: 0.9, 2: 1.2, 5: 0.7, 6: -0.9, 7: 1.1})
-    assert kept == set()
-    assert point[:8] == pytest.approx(model[0][:8], abs=1e-12)
-
-
 @pytest.mark.parametrize("offset", [0.0, 0.2, -25.0])
 def test_place_in_the_play_is_never_dropped(model, offset):
     if len(model[0]) == 9:
@@ -143,10 +131,6 @@ def test_place_in_the_play_is_never_dropped(model, offset):
         assert result[8]
         assert point[8] == pytest.approx(0.5 + offset * WIDENED, abs=1e-7)
     assert all(8 not in group for group in GROUPS)
-
-
-def test_groups_are_all_faults_once():
-    assert sorted(i for group in GROUPS for i in group) == list(range(8))
 
 
 def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
@@ -207,31 +191,3 @@ def test_refit_is_constrained_least_squares(seed):
     assert np.array_equal(found[~fitted], healthy[~fitted])
     # The ridge is 1e-9 of the largest diagonal entry.
     assert found[fitted] == pytest.approx(best, abs=1e-6)
-
-
-def test_refit_meets_the_walls_in_some_of_these_problems():
-    """So that the test above means something."""
-    at_walls = 0
-    for seed in range(20):
-        point, healthy, residuals, jacobian = problem(seed, 8 + seed % 2, 0.3)
-        found = refitted(
-            Linearisation(point, residuals, jacobian), healthy, np.ones(len(point), dtype=bool)
-        )
-        at_walls += bool(np.any((found == 0.0) | (found == 1.0)))
-    assert at_walls > 5
-
-
-def test_refit_of_nothing_is_healthy():
-    point, healthy, residuals, jacobian = problem(3)
-    none = np.zeros(8, dtype=bool)
-    assert np.array_equal(
-        refitted(Linearisation(point, residuals, jacobian), healthy, none), healthy
-    )
-
-
-def test_arguments_are_not_changed(model):
-    arguments = estimate(model, {0: 5.0, 1: 0.5})
-    before = [argument.copy() for argument in arguments]
-    significant(*arguments, 3, np.zeros(len(model[0])))
-    for argument, copy in zip(arguments, before, strict=True):
-        assert np.array_equal(argument, copy)

@@ -94,20 +94,6 @@ def test_lags_have_bartletts_weights():
     assert variance == pytest.approx(total / 40**2, rel=1e-7)
 
 
-def test_covariance_scales_with_the_residuals_squared(jacobian):
-    residuals = np.random.default_rng(1).normal(size=N)
-    one, ten = (sandwich_covariance(jacobian, a * residuals, 5) for a in (1.0, 10.0))
-    # The ridge in its middle does not scale.
-    assert ten == pytest.approx(100.0 * one, rel=1e-6)
-
-
-def test_covariance_is_symmetric_and_positive(jacobian):
-    residuals = ar1(np.random.default_rng(2), 0.95, 1)[:, 0]
-    covariance = sandwich_covariance(jacobian, residuals, LAGS)
-    assert np.array_equal(covariance, covariance.T)
-    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
-
-
 def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
     """A component without trace, and two that leave the same trace."""
     residuals = 0.1 * np.random.default_rng(3).normal(size=N)
@@ -164,11 +150,6 @@ def test_eccentricity_and_phase_scatter_as_drawn_in_the_plane(phase):
     )
 
 
-def test_phase_of_no_eccentricity_is_unobservable():
-    result = uncertainty({"eccentricity": 0.0}, sigma=0.004)
-    assert list(np.flatnonzero(result.unobservable)) == [ECCENTRICITY_PHASE]
-
-
 @pytest.mark.parametrize(("share", "unobservable"), [(0.99, True), (1.01, False)])
 def test_phase_is_observable_once_the_eccentricity_is_detected(share, unobservable):
     sigma = 0.01
@@ -217,27 +198,6 @@ def test_mismatch_of_the_model_widens_what_the_residuals_tell():
     assert np.delete(np.diag(result.covariance), PLANE) == pytest.approx(
         np.delete(expected, PLANE), rel=1e-12
     )
-
-
-def test_mismatch_of_the_model_is_added():
-    result = well_fitted(fault_vector({"eccentricity": 0.5}), np.zeros((8, 8)))
-    sigma = np.sqrt(np.diag(result.covariance))
-    expected = np.delete(MISMATCH_SIGMA, ECCENTRICITY_PHASE)
-    assert np.delete(sigma, ECCENTRICITY_PHASE) == pytest.approx(expected, rel=1e-9)
-
-
-def test_place_in_the_play_is_left_out():
-    covariance = np.diag(np.arange(1.0, 10.0)) * 1e-5
-    faults = fault_vector({"eccentricity": 0.5})
-    nine, eight = (well_fitted(faults, covariance[:n, :n]) for n in (9, 8))
-    assert nine.covariance.shape == (8, 8)
-    assert np.array_equal(nine.covariance, eight.covariance)
-
-
-def test_what_was_given_is_not_changed():
-    covariance = np.eye(8)
-    well_fitted(fault_vector({}), covariance)
-    assert np.array_equal(covariance, np.eye(8))
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from ema_core.faults import ECCENTRICITY, N_FAULTS, healthy_faults
-
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -28,26 +26,6 @@ def test_a_case_gives_the_same_window_each_time_and_another_seed_another(cases):
     assert np.std(clean.current - another.current) > 0.05
 
 
-def test_the_sensors_add_their_noise_to_the_same_run(cases):
-    [case] = cases.wide(1)
-    telemetry = case.telemetry()
-    clean, noisy = (case.window(telemetry, noisy=noisy) for noisy in (False, True))
-    # 5000 samples tell a standard deviation to 1 % (one sigma).
-    assert np.std(noisy.current - clean.current) == pytest.approx(cases.CURRENT_NOISE, rel=0.05)
-    assert np.ptp(noisy.telemetry.speed - clean.telemetry.speed) <= cases.RESOLUTIONS["speed"]
-
-
-def test_only_windows_with_an_approach_know_the_place_in_the_play(cases):
-    [approached], [anywhere] = cases.wide(1), cases.without_approach(1)
-    assert approached.window(approached.telemetry(), noisy=False).play == 1.0
-    assert anywhere.window(anywhere.telemetry(), noisy=False).play is None
-
-
-def test_more_cases_leave_the_first_ones_as_they_are(cases):
-    assert cases.wide(7)[:3] == cases.wide(3)
-    assert cases.by_the_law(7)[:3] == cases.by_the_law(3)
-
-
 def test_sets_share_no_window(cases):
     sets = [
         *cases.by_the_law(5),
@@ -60,15 +38,6 @@ def test_sets_share_no_window(cases):
         *(case for p in cases.plants(cases.wide(4), 2, 3) for case in p.healthy + p.faulty),
     ]
     assert len({case.seed for case in sets}) == len(sets)
-
-
-def test_a_step_is_one_fault_of_its_size(cases):
-    for fault in cases.DETECTABLE:
-        for case in cases.step(fault, 0.01, 5):
-            away = np.abs(np.array(case.faults) - healthy_faults())
-            if fault == ECCENTRICITY:
-                away[ECCENTRICITY + 1] = 0.0
-            assert away == pytest.approx(0.01 * np.eye(N_FAULTS)[fault])
 
 
 def test_plants_are_off_by_five_percent_at_most_and_share_the_faults_out(cases):

@@ -112,17 +112,7 @@ def _dead_sensor(window: Window) -> str:
 
 
 class Scale(NamedTuple):
-    """A column that is off by a factor.
-
-    Attributes
-    ----------
-    column
-        "command", "position", "position and command", "speed" or "current".
-    factor
-        What it is multiplied by.
-    reason
-        What it was judged by.
-    """
+    """A column, or "position and command", that is off by a factor, and what it was judged by."""
 
     column: str
     factor: float

@@ -194,14 +194,7 @@ def refusal(
 ) -> Estimate:
     """Return the estimate of a window in which no faults can be identified.
 
-    Parameters
-    ----------
-    window, calibration, settings
-        As of ``Identification``.
-    reason
-        Why there is no estimate.
-    is_failure
-        Whether the reason is a failure of drive or shaft.
+    It has failed where the reason is a failure of drive or shaft.
     """
     nan = math.nan
     verdict = FAILED if is_failure else REFUSED
@@ -235,11 +228,6 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
     """Return every field of an estimate as plain values, exactly.
 
     Faults are values by name, flags the names of those that have them.
-
-    Parameters
-    ----------
-    estimate
-        The estimate.
     """
     values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
     values["faults"] = estimate.faults._asdict()
@@ -259,11 +247,6 @@ def estimate_record(estimate: Estimate) -> dict[str, Any]:
     """Return ``estimate_values`` as JSON can hold them.
 
     What is not a number is None; infinite values are text: JSON has neither.
-
-    Parameters
-    ----------
-    estimate
-        The estimate.
     """
     record = estimate_values(estimate)
     record["faults"] = by_fault(estimate.faults)
@@ -272,12 +255,7 @@ def estimate_record(estimate: Estimate) -> dict[str, Any]:
 
 
 def estimate_of(record: Mapping[str, Any]) -> Estimate:
-    """Return the estimate whose record it is.
-
-    Parameters
-    ----------
-    record
-        As of ``estimate_values`` or ``estimate_record``, or read from JSON.
+    """Return the estimate of ``estimate_values`` or ``estimate_record``, or read from JSON.
 
     Raises
     ------
@@ -303,24 +281,12 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
 
 
 def by_fault(values: Iterable[float]) -> dict[str, Any]:
-    """Return the eight values of the faults by name.
-
-    Parameters
-    ----------
-    values
-        The values; those that are not a number become None.
-    """
+    """Return the eight values of the faults by name; those that are not a number become None."""
     return dict(zip(FAULT_NAMES, map(plain_number, values), strict=True))
 
 
 def plain_number(value: Any) -> Any:
-    """Return a number as JSON can hold it: None for NaN, text for an infinite one.
-
-    Parameters
-    ----------
-    value
-        Number of Python or numpy.
-    """
+    """Return a number as JSON can hold it: None for NaN, text for an infinite one."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)

@@ -66,14 +66,7 @@ def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
     """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
 
     The fewer turns a phase has left, the less inductance holds its ripple, which no model of the
-    mean current can match.
-
-    Parameters
-    ----------
-    faults
-        Estimate.
-    limit
-        That of a motor without short circuit.
+    mean current can match. ``limit`` is that of a motor without short circuit.
     """
     most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
     return limit / math.sqrt(1.0 - most_shorted)
@@ -82,14 +75,7 @@ def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
 def assumed_goodness(faults: NDArray[np.float64], goodness: float) -> float:
     """Return the goodness of fit that standard deviations are to hold for.
 
-    Where it is unknown, it may be as high as that of any estimate that is valid.
-
-    Parameters
-    ----------
-    faults
-        Estimate, ``(8,)``.
-    goodness
-        That of the window; NaN when it is unknown.
+    Where it is unknown, NaN, it may be as high as that of any estimate that is valid.
     """
     if math.isnan(goodness):
         return goodness_limit(faults, SearchSettings.goodness_limit)
@@ -147,13 +133,7 @@ def judged(
 
 
 def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[str]:
-    """Return in words what is not told apart, a text for each part of an explanation.
-
-    Parameters
-    ----------
-    subject, alternatives
-        As of `judged`.
-    """
+    """Return in words what is not told apart, a text for each part of an explanation."""
     others: dict[str, list[str]] = {}
     for one, other in alternatives:
         others.setdefault(one, []).append(other)
@@ -164,15 +144,7 @@ def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[st
 
 
 def contradicted_by(subject: str, measured: Iterable[object]) -> list[str]:
-    """Return in words what was measured and not used, a text for each.
-
-    Parameters
-    ----------
-    subject
-        As of `judged`.
-    measured
-        What was measured, in words.
-    """
+    """Return in words what was measured and not used, a text for each."""
     return [f"not used, as the {subject} contradicts it: measured {one}" for one in measured]
 
 
@@ -213,15 +185,7 @@ def resting_on_unit(
 
 
 def correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list[str]:
-    """Return in words which components of an estimate are strongly correlated.
-
-    Parameters
-    ----------
-    covariance
-        Covariance of the faults, ``(8, 8)``; NaN where they are unobservable.
-    kept
-        Those that differ from healthy, ``(8,)``.
-    """
+    """Return in words which components that differ from healthy are strongly correlated."""
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
     return [

@@ -100,13 +100,8 @@ class Prior(NamedTuple):
 def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
     """Return all hidden causes that the model knows, with what may be expected of them.
 
-    Parameters
-    ----------
-    parameters
-        The actuator; load and current scale with its limits.
-    travel
-        Travel of the command in the window [rad]; a load that follows the position is judged by
-        the torque that it reaches in it.
+    Load and current scale with the limits of the actuator. A load that follows the position is
+    judged by the torque that it reaches in the travel of the command [rad].
 
     Notes
     -----
@@ -143,12 +138,7 @@ def unit_priors(
 ) -> tuple[Prior, ...]:
     """Return the deviations that a calibration fits, with what may be expected of a unit.
 
-    Parameters
-    ----------
-    parameters, travel
-        As of `hidden_causes`.
-    form
-        Form of the model: only the fast one has idle phases, whose ripple is the lift.
+    Only the fast form of the model has idle phases, whose ripple is the lift.
 
     Notes
     -----
@@ -197,15 +187,7 @@ def _prior(name: str, sigma: float, reach: float) -> Prior:
 
 
 def deviating(plant: PlantConstants, deviations: NDArray[np.float64]) -> PlantConstants:
-    """Return the constants of plants that deviate, but for load, drive and Stribeck friction.
-
-    Parameters
-    ----------
-    plant
-        Nominal constants, a value or ``(m,)`` each.
-    deviations
-        In the order of `NAMES`, ``(m, 25)``.
-    """
+    """Return the constants of plants that deviate, but for load, drive and Stribeck friction."""
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
     control, motor, mechanics = plant
     friction = 1.0 + d.friction
@@ -235,15 +217,7 @@ def deviating(plant: PlantConstants, deviations: NDArray[np.float64]) -> PlantCo
 def with_own_eccentricity(
     faults: NDArray[np.float64], deviations: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return fault vectors, ``(m, 8)``, with the eccentricity of healthy units added as a vector.
-
-    Parameters
-    ----------
-    faults
-        The faults, ``(m, 8)``.
-    deviations
-        In the order of `NAMES`, ``(m, 25)``.
-    """
+    """Return fault vectors, ``(m, 8)``, with the eccentricity of healthy units added."""
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
     own = np.stack([d.eccentricity_cos, d.eccentricity_sin])
     if not np.any(own):
@@ -256,14 +230,7 @@ def sensed(
 ) -> list[NDArray[np.float64]]:
     """Return what sensors that deviate make of current and speed, ``(m, n)`` each.
 
-    Parameters
-    ----------
-    rows
-        True current and speed, ``(m, n)`` each [A, rad/s].
-    deviations
-        Those of the sensors, ``(m, 6)``, the last in the order of `NAMES`.
-    h
-        Sample period [s].
+    The deviations are those of sensors, ``(m, 6)``; ``h`` is the sample period [s].
     """
     offsets, gains, delays = deviations[:, 0:4:2], deviations[:, 1:4:2], deviations[:, 4:]
     result = []

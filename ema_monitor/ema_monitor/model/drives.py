@@ -148,17 +148,8 @@ def lifts_of_pairs(
 ) -> NDArray[np.float64]:
     """Return what a lift of 1 A of the idle phase adds to the current, ``(3, n)`` [-].
 
-    Parameters
-    ----------
-    position
-        Angle of the user shaft, ``(n,)`` [rad].
-    current
-        Current, ``(n,)`` [A].
-
-    Returns
-    -------
-    numpy.ndarray
-        While the pairs BC, AB and AC are driven.
+    The rows are for the time while the pairs BC, AB and AC are driven; ``position`` is the angle of
+    the user shaft, ``(n,)`` [rad].
     """
     half_turns = position / parameters.tau * parameters.P / math.pi
     pair = np.floor(3.0 * ((half_turns + 1.0 / 6.0) % 1.0))
@@ -223,12 +214,6 @@ def lifted_current(drive: FastDrive, position, I):
 
 
 @kernel()
-def single_current(drive: SourceDrive, position, I):
-    """Return the equivalent current of the single phase [A]."""
-    return I
-
-
-@kernel()
 def place_in_cycle(drive: FastDrive | SourceDrive, theta_m):
     """Return where in the cycle of driven pairs a motor angle lies."""
     return pair_position(drive.half_turns * theta_m)
@@ -242,7 +227,7 @@ def only_current(drive: FastDrive | SourceDrive, I):
 
 @kernel()
 def bare_current(drive: FastDrive | SourceDrive, position, I):
-    """Return the current of the pair."""
+    """Return the current of the pair, or of the single phase [A]."""
     return I
 
 
@@ -273,7 +258,7 @@ def _by_form(fast: Any, source: Any, field_oriented: Any) -> Any:
 
 
 drive_current: Final = _by_form(fast_drive, source_drive, field_oriented_drive)
-equivalent_current: Final = _by_form(lifted_current, single_current, axis_current)
+equivalent_current: Final = _by_form(lifted_current, bare_current, axis_current)
 motor_current: Final = _by_form(bare_current, bare_current, axis_current)
 position_in_cycle: Final = _by_form(place_in_cycle, place_in_cycle, no_position)
 currents_at_rest: Final = _by_form(only_current, only_current, memory_of_current)

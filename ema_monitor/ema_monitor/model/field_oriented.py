@@ -58,16 +58,8 @@ def field_oriented_constants(
 ) -> FieldOrientedDrive:
     """Return the constants of a field-oriented drive for a step ``dt`` [s] (M35).
 
-    Parameters
-    ----------
-    motor
-        Of each individual.
-    loop
-        The nominal current loop.
-    dt
-        Integration step [s].
-    loop_delay
-        By how much later than its bandwidth says the loop responds [s].
+    The loop is the nominal one; ``loop_delay`` is by how much later it responds than its bandwidth
+    says [s].
     """
     # A loop whose time constant is longer by the delay.
     slower = 1.0 / (1.0 + loop.K_p / loop.L * loop_delay)

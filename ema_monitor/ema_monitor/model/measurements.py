@@ -40,13 +40,6 @@ class MeasurementLog:
     def add(self, actuator_id: str, stamp_ns: int, measured: Iterable[CauseEstimate]) -> None:
         """Keep what was measured at a time; of more than a thousand actuators, the latest.
 
-        Parameters
-        ----------
-        actuator_id, stamp_ns
-            Of which actuator, and when [ns].
-        measured
-            What it was.
-
         Raises
         ------
         ValueError
@@ -67,31 +60,26 @@ class MeasurementLog:
     ) -> tuple[CauseEstimate, ...]:
         """Return the latest measurement of each cause at the start of a window.
 
-        One made during the window does not count: it might be received too late for it.
-
-        Parameters
-        ----------
-        actuator_id, start_ns
-            Of which actuator, and stamp of the window's start [ns].
-        max_age_s
-            Age from which on a measurement does not hold any more [s].
+        One made during the window does not count: it might be received too late for it. Nor does
+        one that is older than ``max_age_s`` [s].
         """
-        by_name, found = self._by_actuator.get(actuator_id, {}), []
-        for name in HIDDEN_CAUSES:
-            course = by_name.get(name, [])
-            before = bisect_right(course, start_ns, key=_stamp)
-            if before and start_ns - course[before - 1][0] <= max_age_s * 1e9:
-                found.append(course[before - 1][1])
-        return tuple(found)
+        of_each = (self._latest(actuator_id, name, start_ns, max_age_s) for name in HIDDEN_CAUSES)
+        return tuple(one for one in of_each if one is not None)
 
     def winding_rise(
         self, actuator_id: str, stamp_ns: int, max_age_s: float = MAX_AGE_S
     ) -> float | None:
         """Return the latest measured rise of the winding [K], as of ``at``; None without one."""
-        course = self._by_actuator.get(actuator_id, {}).get("winding_temperature", [])
+        latest = self._latest(actuator_id, "winding_temperature", stamp_ns, max_age_s)
+        return None if latest is None else latest.value
+
+    def _latest(
+        self, actuator_id: str, name: str, stamp_ns: int, max_age_s: float
+    ) -> CauseEstimate | None:
+        course = self._by_actuator.get(actuator_id, {}).get(name, [])
         before = bisect_right(course, stamp_ns, key=_stamp)
         if before and stamp_ns - course[before - 1][0] <= max_age_s * 1e9:
-            return course[before - 1][1].value
+            return course[before - 1][1]
         return None
 
 

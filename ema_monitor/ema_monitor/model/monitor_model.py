@@ -124,11 +124,6 @@ class MonitorModel:
             Initial position of the user shaft, ``(m,)`` or one value for all [rad]; the measured
             one by default.
 
-        Returns
-        -------
-        Response
-            Of the ``m`` individuals.
-
         Raises
         ------
         ValueError
@@ -205,12 +200,7 @@ class MonitorModel:
         return MonitorModel(self.parameters, self.form, self.dt, unit, self.acquisition)
 
     def steps(self, sample_period: float) -> int:
-        """Return the number of integration steps per sample.
-
-        Parameters
-        ----------
-        sample_period
-            Period of the telemetry [s].
+        """Return the number of integration steps per sample of the telemetry.
 
         Raises
         ------
@@ -228,13 +218,6 @@ class MonitorModel:
 
 def form_of(drive: str, form: str | None = None) -> str:
     """Return the form of the model for a drive: that which is asked for, or its default.
-
-    Parameters
-    ----------
-    drive
-        That of the description.
-    form
-        What is asked for; None for the default of the drive.
 
     Raises
     ------
@@ -254,13 +237,7 @@ def form_of(drive: str, form: str | None = None) -> str:
 
 
 def compile_kernels(forms: Iterable[str] = FORMS) -> None:
-    """Compile the kernels, or load them from the cache, ahead of their first use.
-
-    Parameters
-    ----------
-    forms
-        Forms of the model that will be used.
-    """
+    """Compile the kernels of forms, or load them from the cache, ahead of their first use."""
     at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
     for form in FORMS.keys() & set(forms):
         MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())

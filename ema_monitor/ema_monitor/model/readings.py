@@ -4,7 +4,7 @@ They change no motion, but what the model is told of it: a late command is a cur
 that are early, and a wrong position is a wrong place to begin at.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,39 +27,25 @@ MOVES_START: Final = ("position_offset", "position_gain")
 """Readings that change where the model begins."""
 
 
-class Read(NamedTuple):
-    """What readings amount to.
+def read(
+    columns: NDArray[np.float64], window: Window
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what deviations, ``(m, 28)`` in the order of `COLUMNS`, amount to in a window.
 
-    Attributes
-    ----------
-    deviations
-        Of the unit, ``(m, 25)``.
-    position
-        Where the user shaft is at the start, ``(m,)`` [rad].
+    They are the deviations of the unit, ``(m, 25)``, and where the user shaft is at the start,
+    ``(m,)`` [rad].
     """
-
-    deviations: NDArray[np.float64]
-    position: NDArray[np.float64]
-
-
-def read(columns: NDArray[np.float64], window: Window) -> Read:
-    """Return what deviations, ``(m, 28)`` in the order of `COLUMNS`, amount to in a window."""
     deviations = columns[:, :N_DEVIATIONS].copy()
     deviations[:, _EARLY] -= columns[:, [_COMMAND_DELAY]]
     measured = float(window.telemetry.position[0])
     gain = 1.0 + columns[:, _POSITION_GAIN]
-    return Read(deviations, (measured - columns[:, _POSITION_OFFSET]) / gain)
+    return deviations, (measured - columns[:, _POSITION_OFFSET]) / gain
 
 
 def law_slopes(parameters: ActuatorParameters) -> NDArray[np.float64]:
     """Return what readings change the offset of the control law by, in the order of `COLUMNS`.
 
     The position is by its offset too high for it, as are speed and current by theirs.
-
-    Parameters
-    ----------
-    parameters
-        The actuator.
     """
     by_speed = 1.0 / parameters.G_prop
     slopes = {
