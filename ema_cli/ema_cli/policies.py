@@ -11,7 +11,7 @@ from typing import Final
 import click
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.mapping_file import load_mapping
+from ema_bags.inputs.mapping import load_mapping
 from ema_cli.access import GraphNames, node_access
 from ema_cli.errors import one_clear_line
 from ema_core.description import ActuatorDescription
@@ -70,7 +70,8 @@ def main(namespace: str, mapping: Path | None, output: Path) -> None:
     with one_clear_line():
         bridged: list[str] = []
         if mapping is not None:
-            bridged = Bridge(load_mapping(mapping), ActuatorDescription(), BridgeSettings()).topics
+            bridge = Bridge(load_mapping(mapping), ActuatorDescription(), BridgeSettings())
+            bridged = bridge.collector.topics
         output.mkdir(parents=True, exist_ok=True)
         for name, text in policy_files(namespace, bridged):
             (output / name).write_text(text, encoding="utf-8")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ema_bags.inputs.mapping_file import load_mapping
+from ema_bags.inputs.mapping import load_mapping
 from ema_bags.reader import Bag
 from ema_bags.windows import read_windows
 from ema_monitor.calibrations import load_calibration

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import Mapping
-from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.mapping import Mapping, mapping_from
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_sim import simulate

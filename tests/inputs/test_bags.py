@@ -8,7 +8,7 @@ import pytest
 from ema_bags.inputs.bags import AnyBag
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import import_series
-from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.mapping import mapping_from
 
 from . import other_makes
 from .conftest import described
@@ -41,7 +41,7 @@ def assert_same(found, telemetry, start=0, tolerance=1e-12):
     """Compare the telemetry of one run with what was published, from a sample on."""
     [run] = found.runs
     assert len(run.values) == len(telemetry) - start
-    expected = np.column_stack([getattr(telemetry, name)[start:] for name in found.filled])
+    expected = np.column_stack([getattr(telemetry, name)[start:] for name in found.stream.filled])
     assert run.values == pytest.approx(expected, rel=tolerance, abs=tolerance)
     assert np.array_equal(run.stamps_ns, np.array(other_makes.stamps_of(telemetry))[start:])
 
@@ -78,7 +78,7 @@ def test_stamps_that_are_zero_are_rebuilt_and_said(telemetry, tmp_path):
     assert found.rebuilt == len(telemetry)
     assert [item.name for item in found.defects] == ["stamps_rebuilt"]
     # Samples and commands are those published, at regular stamps.
-    expected = np.column_stack([getattr(telemetry, name) for name in found.filled])
+    expected = np.column_stack([getattr(telemetry, name) for name in found.stream.filled])
     assert run.values == pytest.approx(expected, rel=1e-12)
     assert np.std(np.diff(run.stamps_ns)) < 2e4
 
@@ -120,7 +120,7 @@ def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path
     )
     found = imported(tmp_path / "bag", mapping, replace(FLAP, drive="field_oriented"))
     [run] = found.runs
-    expected = np.column_stack([getattr(telemetry, name) for name in found.filled])
+    expected = np.column_stack([getattr(telemetry, name) for name in found.stream.filled])
     # Single precision on the wire.
     assert run.values == pytest.approx(expected, rel=1e-6, abs=1e-6)
     assert {item.name for item in found.defects} == {"stamps_rebuilt", "position_at_motor"}

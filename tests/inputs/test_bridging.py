@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.mapping import mapping_from
 from ema_core.acquisition import Acquisition
 
 from .conftest import cycle, described
@@ -49,13 +49,15 @@ def run(target, telemetry, stamps, *, every=10, stamped=True, sent=None, send_co
         at = int(sent[i])
         if send_command is None or send_command(i):
             number = SimpleNamespace(data=telemetry.command[i])
-            target.add(COMMANDS, number, at - 1000, at + 10_000)
+            target.collector.add(COMMANDS, number, at - 1000, at + 10_000)
         message = state(telemetry, i, int(stamp) if stamped else 0, **of)
-        target.add(STATES, message, at, at + 10_000)
+        target.collector.add(STATES, message, at, at + 10_000)
         if i % every == 0:
             blocks += target.advance()
     # The last position waits for what may have been sent before it, until a later command is there.
-    target.add(COMMANDS, SimpleNamespace(data=0.0), int(sent[-1]) + 1000, int(sent[-1]) + 2000)
+    target.collector.add(
+        COMMANDS, SimpleNamespace(data=0.0), int(sent[-1]) + 1000, int(sent[-1]) + 2000
+    )
     return blocks + target.advance()
 
 
@@ -117,8 +119,8 @@ def test_losses_leave_a_gap(telemetry):
     blocks = []
     for i in number:
         at = int(stamps_of(telemetry)[i])
-        target.add(COMMANDS, SimpleNamespace(data=telemetry.command[i]), at - 1000, at)
-        target.add(STATES, state(telemetry, i, at), at, at)
+        target.collector.add(COMMANDS, SimpleNamespace(data=telemetry.command[i]), at - 1000, at)
+        target.collector.add(STATES, state(telemetry, i, at), at, at)
         blocks += target.advance()
     assert target.losses.lost == 3
     indices = np.concatenate([b.first_index + np.arange(len(b)) for b in blocks])
@@ -146,5 +148,5 @@ def test_telemetry_with_a_defect_is_withheld_before_a_window_is_complete(telemet
 def test_messages_that_do_not_have_the_joint_are_counted_with_the_reason(telemetry):
     target = bridge(mapping(joint="wing"))
     run(target, telemetry.part(0, 100), stamps_of(telemetry)[:100])
-    assert "100 messages left out: /joint_states" in target.problem
-    assert "'wing' is not in name, which has other, flap" in target.problem
+    assert "100 messages left out: /joint_states" in target.collector.problem()
+    assert "'wing' is not in name, which has other, flap" in target.collector.problem()

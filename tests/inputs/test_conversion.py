@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.conversion import convert
-from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.mapping import mapping_from
 from ema_core.description import ActuatorDescription
 
 FLAP = ActuatorDescription()

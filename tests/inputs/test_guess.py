@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from ema_bags.inputs.files import InputFile
-from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.mapping import mapping_from
 
 from .conftest import described
 

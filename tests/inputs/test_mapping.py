@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.mapping_file import load_mapping, mapping_from, mapping_text
+from ema_bags.inputs.mapping import load_mapping, mapping_from, mapping_text
 from ema_core.acquisition import Acquisition
 
 SHIPPED = Path(__file__).parents[2] / "ros2_ws" / "src" / "ema_bags" / "mappings"

@@ -4,8 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_bags.inputs.mapping import Table
-from ema_bags.inputs.mapping_file import mapping_from
+from ema_bags.inputs.mapping import Table, mapping_from
 from ema_bags.inputs.series import NO_STAMP
 from ema_bags.inputs.tables import read_columns, stamps_of, table_series
 

@@ -9,8 +9,7 @@ import click
 from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported, import_series
-from ema_bags.inputs.mapping import Mapping
-from ema_bags.inputs.mapping_file import load_mapping, mapping_text
+from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_cli.bags.output_path import require_free
 from ema_cli.errors import one_clear_line
 from ema_core.description import ActuatorDescription
@@ -163,7 +162,7 @@ def _comment(lines: list[str]) -> None:
 
 def _facts(imported: Imported) -> list[str]:
     """Return rate, losses and ranges in lines."""
-    rate, losses = imported.rate, imported.losses
+    rate, losses = imported.rate, imported.stream.losses
     by = "the stamps" if imported.mapping.clock.source else "clock.rate_hz"
     kept = "as they are" if rate.is_regular else "interpolated on their stamps"
     lines = [

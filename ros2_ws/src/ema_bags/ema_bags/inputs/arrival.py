@@ -41,15 +41,10 @@ class ArrivalClock:
         self._waiting = np.empty(0, dtype=np.int64)
 
     def push(self, arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Take samples as they arrived and return the stamps of those that are settled [ns].
+        """Take samples as they arrived, ``(n,)``, and return the stamps of the settled ones [ns].
 
         Samples are settled in the order of their arrival. Where some were lost in between, the
         stamps leave room for them.
-
-        Parameters
-        ----------
-        arrivals_ns
-            When they arrived, ``(n,)`` [ns].
         """
         self._waiting = np.concatenate([self._waiting, arrivals_ns])
         count = len(self._waiting) - self._settle
@@ -79,9 +74,9 @@ class ArrivalClock:
 
     def _settle_part(self, count: int) -> NDArray[np.int64]:
         ahead = self._waiting[: count + self._settle]
-        breaks = np.flatnonzero(
-            np.abs(np.diff(ahead[:count], prepend=self._last(ahead))) > _PAUSE_NS
-        )
+        last = self._origin_ns + self._arrivals[-1] if len(self._arrivals) else ahead[0]
+        steps = np.diff(ahead[:count], prepend=np.int64(last))
+        breaks = np.flatnonzero(np.abs(steps) > _PAUSE_NS)
         if len(breaks) and breaks[0] == 0:
             self._restart()
             breaks = breaks[1:]
@@ -91,33 +86,23 @@ class ArrivalClock:
             ahead = ahead[:count]
         if not len(self._numbers):
             self._origin_ns = int(ahead[0])
-        numbers = self._next + np.arange(len(ahead), dtype=float)
         arrivals = (ahead - self._origin_ns).astype(float)
-        numbers = self._with_losses(numbers, arrivals)
+        numbers = self._with_losses(self._next + np.arange(len(ahead), dtype=float), arrivals)
         self._numbers = np.concatenate([self._numbers, numbers[:count]])[-self._span :]
         self._arrivals = np.concatenate([self._arrivals, arrivals[:count]])[-self._span :]
         offset, slope = self._line(self._numbers, self._arrivals)
-        stamps = self._origin_ns + np.rint(offset + slope * numbers[:count]).astype(np.int64)
         self._next = numbers[count - 1] + 1.0
         self._waiting = self._waiting[count:]
-        return stamps if count == len(numbers[:count]) else stamps[:count]
-
-    def _last(self, ahead: NDArray[np.int64]) -> np.int64:
-        if not len(self._arrivals):
-            return ahead[0]
-        return np.int64(self._origin_ns + self._arrivals[-1])
+        return self._origin_ns + np.rint(offset + slope * numbers[:count]).astype(np.int64)
 
     def _with_losses(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the numbers of samples with room for those that were lost before them."""
-        if len(self._numbers) >= self._settle:
-            offset, slope = self._line(self._numbers, self._arrivals)
-            before = self._arrivals - (offset + slope * self._numbers)
-        else:
-            offset, slope = self._line(numbers, arrivals)
-            before = arrivals - (offset + slope * numbers)
-        usual = float(np.quantile(before, 0.1))
+        is_known = len(self._numbers) >= self._settle
+        x, y = (self._numbers, self._arrivals) if is_known else (numbers, arrivals)
+        offset, slope = self._line(x, y)
+        usual = float(np.quantile(y - (offset + slope * x), 0.1))
         while True:
             late = (arrivals - (offset + slope * numbers) - usual) / slope
             # The least lateness from here on: what stays late has lost something.

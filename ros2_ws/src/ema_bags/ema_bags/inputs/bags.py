@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +13,13 @@ from ema_bags.inputs.series import Collector, Series
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
 from ema_bags.reader import Bag
 from ema_core.wording import counted, unknown_name
-
-_PACKED_MCAP = f".mcap{PACKED_SUFFIX}"
-
-
-@dataclass(frozen=True)
-class BagTopic:
-    """A topic of a bag: type and number of its messages."""
-
-    type_name: str
-    count: int
+from ema_core.yaml_file import load_yaml
 
 
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: a folder, or a file of a storage of rosbag2."""
-    return path.is_dir() or path.suffix in (".mcap", ".db3") or path.name.endswith(_PACKED_MCAP)
+    name = path.name.removesuffix(PACKED_SUFFIX)
+    return path.is_dir() or path.suffix == ".db3" or name.endswith(".mcap")
 
 
 class AnyBag:
@@ -42,7 +33,7 @@ class AnyBag:
     Attributes
     ----------
     topics
-        What it holds, by topic.
+        Type and number of its messages by topic.
 
     Raises
     ------
@@ -54,20 +45,18 @@ class AnyBag:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._bag: Bag | None = None
-        # Why the first malformed message of each topic is none, and when they were received.
-        self._malformed: dict[str, tuple[str, int]] = {}
-        if _is_mcap(path):
-            self._bag = Bag(path)
-            self.topics = {
-                name: BagTopic(topic.type_name, topic.count)
-                for name, topic in self._bag.topics.items()
-            }
+        self._bag = Bag(path) if _is_mcap(path) else None
+        # How many messages of a topic are malformed, and why the first one is.
+        self._malformed = Counter[str]()
+        self._reasons: dict[str, str] = {}
+        self.topics: dict[str, tuple[str, int]]
+        if self._bag is not None:
+            there = self._bag.topics.items()
+            self.topics = {name: (topic.type_name, topic.count) for name, topic in there}
             return
         with self._opened() as reader:
             self.topics = {
-                name: BagTopic(topic.msgtype or "", topic.msgcount)
-                for name, topic in reader.topics.items()
+                name: (topic.msgtype or "", topic.msgcount) for name, topic in reader.topics.items()
             }
 
     @property
@@ -76,8 +65,8 @@ class AnyBag:
         if self._bag is not None:
             return "; ".join(self._bag.remarks)
         return "; ".join(
-            f"topic {name}: {counted(count, 'malformed message')} skipped, {first}"
-            for name, (first, count) in self._malformed.items()
+            f"topic {name}: {counted(count, 'malformed message')} skipped, {self._reasons[name]}"
+            for name, count in self._malformed.items()
         )
 
     def messages(self, topics: Iterable[str]) -> Iterator[tuple[str, Any, int, int]]:
@@ -104,17 +93,52 @@ class AnyBag:
         with self._opened() as reader:
             chosen = [item for item in reader.connections if item.topic in wanted]
             for connection, received_ns, data in reader.messages(chosen):
+                topic, kind = connection.topic, connection.msgtype
                 try:
-                    message = reader.deserialize(data, connection.msgtype)
+                    message = reader.deserialize(data, kind)
                 except Exception as error:  # whatever the generated code comes upon
-                    first = f"the first of time {received_ns} ns: no {connection.msgtype}: {error}"
-                    malformed[connection.topic] += 1
-                    # The largest of all times that it was read.
-                    known, count = self._malformed.get(connection.topic, (first, 0))
-                    count = max(count, malformed[connection.topic])
-                    self._malformed[connection.topic] = (known, count)
+                    reason = f"the first of time {received_ns} ns: no {kind}: {error}"
+                    self._reasons.setdefault(topic, reason)
+                    malformed[topic] += 1
+                    self._malformed |= malformed  # the largest of all times that it was read
                     continue
-                yield connection.topic, message, 0, received_ns
+                yield topic, message, 0, received_ns
+
+    def series(self, mapping: Mapping) -> tuple[dict[str, Series], str]:
+        """Return what a mapping wants, by topic, and what was left out.
+
+        Raises
+        ------
+        ValueError
+            When a topic is not there, its type is another one than the mapping says, or not one
+            message has what is wanted.
+        """
+        collector = Collector(mapping)
+        for name, type_name in collector.types.items():
+            there = self.topics.get(name)
+            if there and type_name and there[0] != type_name:
+                raise ValueError(
+                    f"{self.path}: topic {name} holds {there[0]}, the mapping says {type_name}"
+                )
+        # Names may have been recorded after the first values that they are of.
+        for part in (collector.names_topics, collector.topics):
+            for item in self.messages(part) if part else ():
+                collector.add(*item)
+        found = collector.take()
+        for name, series in found.items():
+            if not len(series):
+                reason = collector.reason or f"topic {name} has no message"
+                raise ValueError(f"{self.path}: {reason}")
+        return found, collector.problem()
+
+    def joints_by_travel(self, topic: str) -> list[str]:
+        """Return the joints of a topic of joint states, the one that moves most first."""
+        reach: dict[str, tuple[float, float]] = {}
+        for _, message, _, _ in self.messages([topic]):
+            for name, position in zip(message.name, message.position, strict=False):
+                low, high = reach.get(name, (position, position))
+                reach[name] = min(low, position), max(high, position)
+        return sorted(reach, key=lambda name: reach[name][0] - reach[name][1])
 
     def _opened(self) -> AnyReader:
         """Return a reader; a bag without definitions of its types is read with those of Jazzy."""
@@ -132,41 +156,10 @@ class _Reader(AnyReader):
             raise ValueError(f"the bag cannot be read: {error}") from error
 
 
-def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
-    """Return what a mapping wants of a bag, by topic, and what was left out.
-
-    Raises
-    ------
-    ValueError
-        When a topic is not there, its type is another one than the mapping says, or not one
-        message has what is wanted.
-    """
-    collector = Collector(mapping)
-    for name, type_name in collector.types.items():
-        there = bag.topics.get(name)
-        if there and type_name and there.type_name != type_name:
-            raise ValueError(
-                f"{bag.path}: topic {name} holds {there.type_name}, the mapping says {type_name}"
-            )
-    # Names may have been recorded after the first values that they are of.
-    for part in (collector.names_topics, collector.topics):
-        for topic, message, sent_ns, received_ns in bag.messages(part) if part else ():
-            collector.add(topic, message, sent_ns, received_ns)
-    found = collector.series()
-    for name, series in found.items():
-        if not len(series):
-            raise ValueError(f"{bag.path}: {collector.reason or f'topic {name} has no message'}")
-    return found, collector.problem()
-
-
 def _is_mcap(path: Path) -> bool:
-    if path.is_file() or not path.exists():
-        return path.suffix != ".db3"
     metadata = path / METADATA_FILE
     if not metadata.exists():
-        return True
-    from ema_core.yaml_file import load_yaml  # YAML only for these
-
+        return path.suffix != ".db3"
     try:
         information = load_yaml(metadata)
         return information["rosbag2_bagfile_information"]["storage_identifier"] == "mcap"

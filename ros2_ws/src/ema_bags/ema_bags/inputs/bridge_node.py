@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +11,7 @@ from rclpy.clock_type import ClockType
 from rclpy.subscription import Subscription
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.mapping_file import load_mapping
+from ema_bags.inputs.mapping import load_mapping
 from ema_bags.message_type import message_class
 from ema_bags.qos import common_offer
 from ema_core.description import ActuatorDescription
@@ -58,14 +59,12 @@ class BridgeNode(ManagedNode):
             self.get_logger().warning(f"{self._description.actuator_id}: {remark}")
         self._settings = settings
         self._mapping = load_mapping(Path(settings.mapping_file))
-        self._bridge = Bridge(self._mapping, self._description, settings)
-        for topic, kind in self._bridge.types.items():
+        self._begin()
+        for topic, kind in self._bridge.collector.types.items():
             if kind:
                 _class_of(topic, kind)
         self._inputs: dict[str, Subscription] = {}
         self._missing: dict[str, str] = {}
-        self._last_s = time.monotonic()
-        self._described = None
         self._told: set[str] = set()
         self._outputs = {
             name: self.add_publisher(kind, name, qos)
@@ -80,9 +79,7 @@ class BridgeNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen to the topics of the mapping as they come up."""
-        self._bridge = Bridge(self._mapping, self._description, self._settings)
-        self._described = None
-        self._last_s = time.monotonic()
+        self._begin()
         for timer in self._own_timers:
             timer.reset()
 
@@ -105,9 +102,14 @@ class BridgeNode(ManagedNode):
         """Return what comes in, and what is wrong with it."""
         return [self._input_task(), self._mapping_task()]
 
+    def _begin(self) -> None:
+        self._bridge = Bridge(self._mapping, self._description, self._settings)
+        self._described: ActuatorDescription | None = None
+        self._last_s = time.monotonic()
+
     def _input_task(self) -> Task:
         bridge, losses = self._bridge, self._bridge.losses
-        rate = bridge.rate
+        rate, problem = bridge.rate, bridge.collector.problem()
         values: dict[str, Any] = {
             "rate [Hz]": 1.0 / rate.measured_period if rate else 0.0,
             "nominal rate [Hz]": 1.0 / rate.period if rate else 0.0,
@@ -123,39 +125,34 @@ class BridgeNode(ManagedNode):
             "rebuilt stamps": bridge.rebuilt,
             "withheld": bridge.withheld,
         }
-        waits = [topic for topic in bridge.topics if topic not in self._inputs]
-        level, message = OK, "learning the rate"
-        if rate:
-            message = f"{1.0 / rate.period:g} Hz"
+        waits = [topic for topic in bridge.collector.topics if topic not in self._inputs]
+        level, message = OK, f"{1.0 / rate.period:g} Hz" if rate else "learning the rate"
         if self._missing:
             level, message = ERROR, "; ".join(self._missing.values())
         elif waits:
             level, message = WARN, f"nobody publishes {', '.join(waits)}"
         elif self.state == "active" and time.monotonic() - self._last_s > _SILENT_S:
             level, message = STALE, f"nothing received for {_SILENT_S:g} s"
-        elif bridge.problem:
-            level, message = WARN, bridge.problem
+        elif problem:
+            level, message = WARN, problem
         return Task("input", level, message, self.hardware_id, values)
 
     def _mapping_task(self) -> Task:
         defects, errors = self._bridge.defects, self._bridge.refused
         values = {item.name: str(item) for item in defects}
+        level, text = OK, "nothing wrong seen"
         if errors:
-            text = f"telemetry is withheld: {'; '.join(map(str, errors))}"
-            return Task("mapping", ERROR, text, self.hardware_id, values)
-        if defects:
-            text = "; ".join(map(str, defects))
-            return Task("mapping", WARN, text, self.hardware_id, values)
-        return Task("mapping", OK, "nothing wrong seen", self.hardware_id, values)
+            level, text = ERROR, f"telemetry is withheld: {'; '.join(map(str, errors))}"
+        elif defects:
+            level, text = WARN, "; ".join(map(str, defects))
+        return Task("mapping", level, text, self.hardware_id, values)
 
     def _discover(self) -> None:
         """Subscribe to topics that have a publisher, as it offers them."""
-        for topic in self._bridge.topics:
-            if topic in self._inputs:
-                continue
+        for topic in self._bridge.collector.topics:
             name = self.resolve_topic_name(topic)
             publishers = self.get_publishers_info_by_topic(name)
-            if not publishers:
+            if topic in self._inputs or not publishers:
                 continue
             try:
                 kind = self._type_of(topic, {item.topic_type for item in publishers})
@@ -166,13 +163,12 @@ class BridgeNode(ManagedNode):
                 continue
             self._missing.pop(topic, None)
             request = common_offer([item.qos_profile for item in publishers], _DEPTH)
-            self._inputs[topic] = self.create_subscription(
-                kind, topic, self._receiver(topic), request
-            )
+            receive: Callable[..., None] = partial(self._receive, topic)
+            self._inputs[topic] = self.create_subscription(kind, topic, receive, request)
             self.get_logger().info(f"listening to {name}")
 
     def _type_of(self, topic: str, there: set[str]) -> Any:
-        given = self._bridge.types.get(topic)
+        given = self._bridge.collector.types.get(topic)
         if len(there) > 1 or (given and there != {given}):
             expected = given or "one type"
             raise ValueError(
@@ -180,52 +176,45 @@ class BridgeNode(ManagedNode):
             )
         return _class_of(topic, next(iter(there)))
 
-    def _receiver(self, topic: str) -> Callable[..., None]:
-        def receive(message: Any, information: Mapping[str, Any]) -> None:
-            self._last_s = time.monotonic()
-            self._bridge.add(
-                topic,
-                message,
-                int(information.get("source_timestamp") or 0),
-                int(information.get("received_timestamp") or time.time_ns()),
-            )
-
-        return receive
+    def _receive(self, topic: str, message: Any, information: Mapping[str, Any]) -> None:
+        self._last_s = time.monotonic()
+        sent_ns = int(information.get("source_timestamp") or 0)
+        received_ns = int(information.get("received_timestamp") or time.time_ns())
+        self._bridge.collector.add(topic, message, sent_ns, received_ns)
 
     def _advance(self) -> None:
         """Publish what is complete, after the description that it is of."""
+        bridge = self._bridge
         try:
-            blocks = self._bridge.advance()
+            blocks = bridge.advance()
         except ValueError as error:
             self.get_logger().error(str(error), throttle_duration_sec=5.0)
             return
-        if self._bridge.description is not None and self._described != self._bridge.description:
-            self._described = self._bridge.description
+        rate = bridge.rate
+        if bridge.description is not None and rate is not None and self._described is None:
+            self._described = bridge.description
             message = description_to_message(self._described, time.time_ns())
             self._outputs[topics.DESCRIPTION].publish(message)
-            rate = self._bridge.rate
-            if rate is not None:
-                kept = "as they are" if rate.is_regular else "interpolated on their stamps"
-                self.get_logger().info(
-                    f"{1.0 / rate.measured_period:.6g} samples a second, taken as "
-                    f"{1.0 / rate.period:g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}"
-                )
+            kept = "as they are" if rate.is_regular else "interpolated on their stamps"
+            self.get_logger().info(
+                f"{1.0 / rate.measured_period:.6g} samples a second, taken as "
+                f"{1.0 / rate.period:g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}"
+            )
         for block in blocks:
             message = telemetry_to_message(block, self._description.actuator_id)
             self._outputs[topics.TELEMETRY].publish(message)
-        self._tell()
+        self._report_refused()
 
-    def _tell(self) -> None:
+    def _report_refused(self) -> None:
         """Log a defect that withholds telemetry when it comes and when it has gone."""
-        now = {item.name for item in self._bridge.refused}
-        for item in self._bridge.refused:
-            if item.name not in self._told:
-                self.get_logger().error(f"telemetry is withheld: {item}")
-        if self._told and not now:
+        refused = {item.name: item for item in self._bridge.refused}
+        for name in refused.keys() - self._told:
+            self.get_logger().error(f"telemetry is withheld: {refused[name]}")
+        if self._told and not refused:
             withheld = counted(self._bridge.withheld, "sample")
             self.get_logger().info(f"telemetry is published again; {withheld} withheld")
-        if now != self._told:
-            self._told = now
+        if refused.keys() != self._told:
+            self._told = set(refused)
             self.report()
 
 

@@ -7,11 +7,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import ENCODINGS, AngleSource, CurrentSource, Mapping, SpeedSource
-from ema_bags.inputs.units import ANGLES, CURRENTS, LENGTHS, LINEAR_SPEEDS, SPEEDS, TORQUES
+from ema_bags.inputs.mapping import (
+    ENCODINGS,
+    UNITS,
+    AngleSource,
+    CurrentSource,
+    Mapping,
+    SpeedSource,
+)
 from ema_core.description import ActuatorDescription
 
-PEAK: Final = {"peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
+_PEAK: Final = {"": 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
 """Amplitude of the phase currents over i_q, by its convention."""
 
 _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
@@ -47,60 +53,46 @@ def convert(
     speed, current = np.empty(0), np.empty(0)
     if mapping.speed is not None:
         speed = _speed(raw["speed"], mapping.speed, tau)
-    if mapping.measured_current is not None:
-        current = _current(raw, mapping.measured_current, description)
-        if mapping.measured_current.kind == "magnitude":
+    source = mapping.measured_current
+    if source is not None:
+        is_phases = source.kind == "phase_currents"
+        values = _of_phases(raw, description.drive != "six_step") if is_phases else raw["current"]
+        current = _scaled(values, _current_factor(source, description), source.offset)
+        if source.kind == "magnitude":
             current = current * _way(speed if len(speed) else position, is_speed=bool(len(speed)))
     return {"command": command, "current": current, "position": position, "speed": speed}
 
 
-def angle_factor(source: AngleSource, tau: float) -> float:
-    """Return the angle of the user shaft over that of the source [rad]."""
-    shaft = tau if source.shaft == "motor" else 1.0
-    turn = 2.0 * math.pi / source.lead if source.lead else 1.0
-    return source.sign * source.scale * (ANGLES | LENGTHS)[source.unit] * turn * shaft
-
-
-def speed_factor(source: SpeedSource, tau: float) -> float:
-    """Return the speed of the motor shaft over that of the source [rad/s]."""
-    shaft = 1.0 / tau if source.shaft == "user" else 1.0
-    turn = 2.0 * math.pi / source.lead if source.lead else 1.0
-    return source.sign * source.scale * (SPEEDS | LINEAR_SPEEDS)[source.unit] * turn * shaft
-
-
-def current_factor(source: CurrentSource, description: ActuatorDescription) -> float:
-    """Return the equivalent current over the source [A]; of phases that of their magnitude."""
-    p = description.parameters
-    factor = source.sign * source.scale
-    if source.kind == "motor_torque":
-        return factor * TORQUES[source.unit] / p.k_t
-    if source.kind == "joint_torque":
-        return factor * TORQUES[source.unit] * p.tau / p.k_t
-    if source.kind == "i_q":
-        constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0
-        return factor * CURRENTS[source.unit] * PEAK[source.amplitude or "peak"] * constant
-    return factor * CURRENTS[source.unit]
-
-
 def _angle(raw: NDArray[np.float64], source: AngleSource, tau: float) -> NDArray[np.float64]:
-    factor = angle_factor(source, tau)
-    return _scaled(raw, factor, source.offset)
+    """Return the angle of the user shaft [rad]."""
+    return _turned(raw, source, tau if source.shaft == "motor" else 1.0)
 
 
 def _speed(raw: NDArray[np.float64], source: SpeedSource, tau: float) -> NDArray[np.float64]:
-    return _scaled(raw, speed_factor(source, tau), source.offset)
+    """Return the speed of the motor shaft [rad/s]."""
+    return _turned(raw, source, 1.0 / tau if source.shaft == "user" else 1.0)
 
 
-def _current(
-    raw: Columns[str, NDArray[np.float64]],
-    source: CurrentSource,
-    description: ActuatorDescription,
+def _turned(
+    raw: NDArray[np.float64], source: AngleSource | SpeedSource, shaft: float
 ) -> NDArray[np.float64]:
-    if source.kind == "phase_currents":
-        values = _of_phases(raw, description.drive != "six_step")
-    else:
-        values = raw["current"]
-    return _scaled(values, current_factor(source, description), source.offset)
+    turn = 2.0 * math.pi / source.lead if source.lead else 1.0
+    factor = source.sign * source.scale * UNITS[source.unit] * turn * shaft
+    return _scaled(raw, factor, source.offset)
+
+
+def _current_factor(source: CurrentSource, description: ActuatorDescription) -> float:
+    """Return the equivalent current over the source [A]; of phases that of their magnitude."""
+    p = description.parameters
+    factor = source.sign * source.scale * UNITS[source.unit]
+    if source.kind == "motor_torque":
+        return factor / p.k_t
+    if source.kind == "joint_torque":
+        return factor * p.tau / p.k_t
+    if source.kind == "i_q":
+        constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0
+        return factor * _PEAK[source.amplitude] * constant
+    return factor
 
 
 def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> NDArray[np.float64]:
@@ -124,13 +116,7 @@ def _decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
 
 
 def _way(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
-    """Return the direction of a motion, ``(n,)``, 1 or -1: at rest that of the nearest motion.
-
-    Parameters
-    ----------
-    motion
-        Speed, or position, ``(n,)``.
-    """
+    """Return the direction of a speed or position, 1 or -1: at rest that of the nearest motion."""
     if len(motion) < 2:
         return np.where(motion < 0.0, -1.0, 1.0) if is_speed else np.ones(len(motion))
     speed = motion if is_speed else np.gradient(motion)

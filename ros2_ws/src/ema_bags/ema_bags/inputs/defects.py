@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.factors import MappingChange, explain
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.factors import explain
+from ema_bags.inputs.mapping import CURRENTS, Mapping
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.resampling import Losses
 from ema_core.description import ActuatorDescription
@@ -19,7 +19,7 @@ _LEAST_TRAVEL: Final = 1e-3
 _RATIO_WITHIN: Final = 0.03
 _CURRENT_SIZE: Final = 8.0
 _MANY: Final = 0.01
-_WITH_PREFIX: Final = ("A", "mA", "N.m", "mN.m")
+_NAMES: Final = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}
 
 
 @dataclass(frozen=True)
@@ -30,25 +30,21 @@ class InputDefect:
     ----------
     name
         Its stable name, by which a mapping can accept it.
-    is_error
-        Whether estimates would be wrong; else it costs some data, or is worth knowing.
     text
         What is wrong, with values.
     remedy
         What to write in the mapping, or where else to look.
+    is_error
+        Whether estimates would be wrong; else it costs some data, or is worth knowing.
     """
 
     name: str
-    is_error: bool
     text: str
     remedy: str
+    is_error: bool = True
 
     def __str__(self) -> str:
-        return (
-            f"{self.name}: {self.text}: {self.remedy}"
-            if self.remedy
-            else (f"{self.name}: {self.text}")
-        )
+        return f"{self.name}: {self.text}: {self.remedy}"
 
 
 def find_defects(
@@ -73,80 +69,54 @@ def find_defects(
     if motion is None:
         return found
     found += _frozen(columns, motion)
-    frozen = {item.name for item in found}
-    found += _wrong_factors(motion, mapping, description, frozen)
+    if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in found}:
+        found += _wrong_factors(motion, mapping, description)
     if not any(item.is_error for item in found):
         found += _wrong_current(motion, mapping, description)
     if mapping.position.shaft == "motor":
-        found.append(
-            InputDefect(
-                "position_at_motor",
-                False,
-                "the position is measured at the motor, before the backlash",
-                "backlash cannot be seen in it; an encoder at the user shaft shows it",
-            )
-        )
+        text = "the position is measured at the motor, before the backlash"
+        remedy = "backlash cannot be seen in it; an encoder at the user shaft shows it"
+        found.append(InputDefect("position_at_motor", text, remedy, False))
     return found
 
 
-def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> list[InputDefect]:
-    """Return what is wrong with the stamps and the completeness of samples.
+def stream_defects(
+    losses: Losses, rebuilt: int, *, of_table: bool = False
+) -> Iterator[InputDefect]:
+    """Yield what is wrong with the stamps and the completeness of samples.
 
     Parameters
     ----------
     of_table
         Whether they are rows of a table, which have no arrival.
     """
-    found = []
     n = max(losses.samples, 1)
     if losses.lost:
-        found.append(
-            InputDefect(
-                "lost_samples",
-                False,
-                f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
-                f"{counted(losses.gaps, 'place')}",
-                "no window spans a gap",
-            )
+        text = (
+            f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
+            f"{counted(losses.gaps, 'place')}"
         )
-    if losses.jumps or losses.repeated:
-        bad = losses.jumps + losses.repeated
-        found.append(
-            InputDefect(
-                "time_not_monotonic",
-                bad > _MANY * n,
-                f"the time goes back {counted(losses.jumps, 'time')} and stands still "
-                f"{counted(losses.repeated, 'time')} in {counted(n, 'sample')}",
-                "is clock.source the right one? "
-                + (
-                    "Rows have to be in the order of time"
-                    if of_table
-                    else "clock: {source: arrival} rebuilds the stamps"
-                )
-                if bad > _MANY * n
-                else "samples that repeat a stamp are left out, and no window spans a jump",
-            )
+        yield InputDefect("lost_samples", text, "no window spans a gap", False)
+    if bad := losses.jumps + losses.repeated:
+        text = (
+            f"the time goes back {counted(losses.jumps, 'time')} and stands still "
+            f"{counted(losses.repeated, 'time')} in {counted(n, 'sample')}"
         )
+        remedy = "samples that repeat a stamp are left out, and no window spans a jump"
+        if is_error := bad > _MANY * n:
+            order = "Rows have to be in the order of time"
+            rebuild = "clock: {source: arrival} rebuilds the stamps"
+            remedy = f"is clock.source the right one? {order if of_table else rebuild}"
+        yield InputDefect("time_not_monotonic", text, remedy, is_error)
     if losses.missing:
-        found.append(
-            InputDefect(
-                "not_finite",
-                losses.missing > 0.5 * n,
-                f"{losses.missing} of {counted(n, 'sample')} have a value that is not a finite "
-                "number",
-                "they are left out; a column that is mostly empty should not be mapped",
-            )
-        )
+        of = f"{losses.missing} of {counted(n, 'sample')}"
+        text = f"{of} have a value that is not a finite number"
+        remedy = "they are left out; a column that is mostly empty should not be mapped"
+        yield InputDefect("not_finite", text, remedy, losses.missing > 0.5 * n)
     if rebuilt:
-        found.append(
-            InputDefect(
-                "stamps_rebuilt",
-                False,
-                f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival",
-                "have the source fill header.stamp, if it can",
-            )
-        )
-    return found
+        text = f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival"
+        remedy = "have the source fill header.stamp, if it can"
+        yield InputDefect("stamps_rebuilt", text, remedy, False)
 
 
 def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
@@ -159,7 +129,6 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
     if current is not None and current.kind == "i_q" and description.drive == "six_step":
         yield InputDefect(
             "drive_of_i_q",
-            True,
             "the current is i_q, which is of a field-oriented drive, and the description has drive "
             "six_step",
             "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
@@ -169,14 +138,10 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
 
 def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
     for name, values in columns.items():
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(values) and len(bad) == len(values):
-            yield InputDefect(
-                "not_finite",
-                True,
-                f"{name} is not a finite number in any of {counted(len(values), 'sample')}",
-                f"{name}: choose another source, or leave {name} out if it is not measured",
-            )
+        if len(values) and not np.any(np.isfinite(values)):
+            text = f"{name} is not a finite number in any of {counted(len(values), 'sample')}"
+            remedy = f"{name}: choose another source, or leave {name} out if it is not measured"
+            yield InputDefect("not_finite", text, remedy)
 
 
 def _frozen(
@@ -187,72 +152,50 @@ def _frozen(
     for name in ("command", "position", "speed", "current"):
         values = columns[name]
         others = [other for other, moving in moves.items() if moving and other != name]
-        if not len(values) or not others:
-            continue
         # A blocked shaft stands still in position and speed alike, and is no defect of the data.
         if name in ("position", "speed") and not moves["position" if name == "speed" else "speed"]:
             continue
         finite = values[np.isfinite(values)]
-        if not len(finite) or np.ptp(finite) > 0.0:
+        if not others or not len(finite) or np.ptp(finite) > 0.0:
             continue
-        remedy = f"{name}: choose another source"
+        text = f"in all {counted(len(finite), 'sample')} while {others[0]} moves"
         if name == "current" and finite[0] == 0.0:
-            yield InputDefect(
-                "current_zero",
-                True,
-                f"current is 0 in all {counted(len(finite), 'sample')} while {others[0]} moves: "
-                "the drive does not publish it",
-                "current: {sampling: none, ...}, or leave current out",
-            )
-            continue
-        if name in ("current", "speed"):
-            remedy += f", or leave {name} out"
-        yield InputDefect(
-            f"{name}_frozen",
-            True,
-            f"{name} is {finite[0]:g} in all {counted(len(finite), 'sample')} while {others[0]} "
-            "moves",
-            remedy,
-        )
+            text = f"current is 0 {text}: the drive does not publish it"
+            remedy = "current: {sampling: none, ...}, or leave current out"
+            yield InputDefect("current_zero", text, remedy)
+        else:
+            remedy = f"{name}: choose another source"
+            if name in ("current", "speed"):
+                remedy += f", or leave {name} out"
+            yield InputDefect(f"{name}_frozen", f"{name} is {finite[0]:g} {text}", remedy)
 
 
 def _wrong_factors(
-    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription, frozen: set[str]
+    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield units, signs and shafts that the relations of the columns contradict."""
-    if frozen & {"command_frozen", "position_frozen", "speed_frozen"}:
-        return
     explained = explain(motion, mapping, description)
-    if explained is None:
-        tau = description.parameters.tau
-        ratio = motion.speed_ratio
-        if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
-            yield InputDefect(
-                "gear_ratio",
-                True,
-                f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
-                f"description has {_as_ratio(tau)}",
-                "parameters: {tau: "
-                f"{tau * ratio:.6g}}} in the description, or speed: {{scale: {ratio:.6g}}}",
-            )
-        if motion.gain is not None and not 0.5 < motion.gain < 2.0:
-            yield InputDefect(
-                "command_position",
-                True,
-                f"the position moves {motion.gain:.3g} times as far as the command",
-                f"command: {{scale: {motion.gain:.6g}}} if both are of the same shaft, or choose "
-                "another source",
-            )
+    if explained is not None:
+        for change in explained:
+            name = f"{change.quantity}_{_NAMES[change.entry]}"
+            yield InputDefect(name, change.reason, change.remedy)
         return
-    for change in explained:
-        yield _changed(change)
-
-
-def _changed(change: MappingChange) -> InputDefect:
-    name = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}[
-        change.entry
-    ]
-    return InputDefect(f"{change.quantity}_{name}", True, change.reason, change.remedy)
+    tau, ratio, gain = description.parameters.tau, motion.speed_ratio, motion.gain
+    if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
+        yield InputDefect(
+            "gear_ratio",
+            f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
+            f"description has {_as_ratio(tau)}",
+            f"parameters: {{tau: {tau * ratio:.6g}}} in the description, or speed: "
+            f"{{scale: {ratio:.6g}}}",
+        )
+    if gain is not None and not 0.5 < gain < 2.0:
+        yield InputDefect(
+            "command_position",
+            f"the position moves {gain:.3g} times as far as the command",
+            f"command: {{scale: {gain:.6g}}} if both are of the same shaft, or choose another "
+            "source",
+        )
 
 
 def _wrong_current(
@@ -260,16 +203,13 @@ def _wrong_current(
 ) -> Iterator[InputDefect]:
     """Yield a sign or size of the current that acceleration and friction contradict."""
     source = mapping.measured_current
-    if source is None or motion.current is None:
-        return
     found = motion.current_against_torque(description.parameters)
-    if found is None:
+    if source is None or found is None:
         return
     slope, correlation = found
     if correlation < -0.4:
         yield InputDefect(
             "current_sign_reversed",
-            True,
             "the current is negative where the motor accelerates and drives friction in the "
             f"positive direction (correlation {correlation:.2f})",
             f"current: {{sign: {-source.sign}}}",
@@ -278,29 +218,22 @@ def _wrong_current(
     # Inertia and friction of a drive of which nothing is known say nothing of the size.
     if correlation < 0.4 or description.drive == "unknown":
         return
+    text = (
+        f"the current is {slope:.3g} times as large as inertia and friction of the description need"
+    )
     for factor in (1e3, 1e-3):
-        if not 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
-            continue
-        meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
-        is_unit = meant in _WITH_PREFIX and meant != source.unit
-        remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
-        yield InputDefect(
-            "current_unit",
-            True,
-            f"the current is {slope:.3g} times as large as inertia and friction of the "
-            "description need",
-            f"current: {{{remedy}}}",
-        )
-        return
+        if 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
+            meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
+            is_unit = meant in (*CURRENTS, "N.m", "mN.m") and meant != source.unit
+            remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
+            yield InputDefect("current_unit", text, f"current: {{{remedy}}}")
+            return
     if not 1.0 / 30.0 < slope < 30.0:
-        yield InputDefect(
-            "current_size",
-            True,
-            f"the current is {slope:.3g} times as large as inertia and friction of the "
-            "description need",
+        remedy = (
             "is current.kind right (current or torque, motor or joint)? Are J_m, J_u and the "
-            "friction of the description?",
+            "friction of the description?"
         )
+        yield InputDefect("current_size", text, remedy)
 
 
 def _as_ratio(tau: float) -> str:

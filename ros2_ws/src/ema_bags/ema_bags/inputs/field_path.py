@@ -4,9 +4,9 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final
 
-_STEP = re.compile(r"([A-Za-z_]\w*)((?:\[[^\[\]]+\])*)(?:\.|$)")
+_STEP: Final = re.compile(r"([A-Za-z_]\w*)((?:\[(?:\s*\d+\s*|[^\[\]=]*=[^\[\]]*)\])*)")
+_SELECTOR: Final = re.compile(r"\[(?:([^\[\]=]*)=)?([^\[\]]*)\]")
 _JOINT_NAMES: Final = ("name", "joint_names")
-_SELECTOR = re.compile(r"\[([^\[\]]+)\]")
 
 
 class FieldPath:
@@ -32,35 +32,15 @@ class FieldPath:
     """
 
     def __init__(self, text: str, joint: str = "") -> None:
-        self.text = text
-        self._joint = joint
-        self._steps: list[tuple[str, list[tuple[str, str]]]] = []
-        position = 0
-        while position < len(text):
-            match = _STEP.match(text, position)
-            if match is None:
-                break
-            selectors = []
-            for inner in _SELECTOR.findall(match[2]):
-                key, equals, value = inner.partition("=")
-                if not equals and not key.strip().isdigit():
-                    break
-                selectors.append((key.strip() if equals else "", (value or key).strip()))
-            else:
-                self._steps.append((match[1], selectors))
-                position = match.end()
-                continue
-            break
-        if not self._steps or position < len(text) or text.endswith("."):
+        self._text, self._joint = text, joint
+        # Dots within brackets belong to a name.
+        steps = [_STEP.fullmatch(part) for part in re.split(r"\.(?![^\[\]]*\])", text)]
+        if not all(steps):
             raise ValueError(
                 f"field path {text!r}: expected names of fields separated by dots, with an element "
                 "of an array as data[0] or position[name=flap_joint]"
             )
-
-    @property
-    def fields(self) -> list[str]:
-        """Names of the fields from the message down."""
-        return [name for name, _ in self._steps]
+        self._steps = [(step[1], _SELECTOR.findall(step[2])) for step in steps if step]
 
     def value(self, message: Any, names: Any = None) -> float:
         """Return the number at the path.
@@ -79,35 +59,31 @@ class FieldPath:
         outer: list[Any] = [] if names is None else [names]
         for name, selectors in self._steps:
             if not hasattr(found, name):
-                raise ValueError(
-                    f"field path {self.text!r}: {type(found).__name__} has no field {name!r}; it "
-                    f"has {', '.join(_fields_of(found)) or 'none'}"
+                raise self._error(
+                    f": {type(found).__name__} has no field {name!r}; it has "
+                    f"{', '.join(_fields_of(found)) or 'none'}"
                 )
             outer.append(found)
             found = getattr(found, name)
-            for key, text in selectors:
-                found = self._element(found, outer, name, key, text)
+            for key, wanted in selectors:
+                keys = (key.strip(),) if key else ()
+                found = self._element(found, name, outer, keys, wanted.strip())
         if self._joint and hasattr(found, "__len__") and not isinstance(found, str):
-            index = self._number_of(outer, _JOINT_NAMES, self._joint)
-            found = self._at(found, index, self._steps[-1][0])
+            found = self._element(found, self._steps[-1][0], outer, _JOINT_NAMES, self._joint)
         try:
             return float(found)
         except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"field path {self.text!r} gives {type(found).__name__}, expected a number: choose "
-                "an element or a field of it"
+            raise self._error(
+                f" gives {type(found).__name__}, expected a number: choose an element or a field "
+                "of it"
             ) from error
 
-    def _element(self, array: Any, outer: Sequence[Any], name: str, key: str, text: str) -> Any:
-        index = int(text) if not key else self._number_of(outer, (key,), text)
-        return self._at(array, index, name)
-
-    def _at(self, array: Any, index: int, name: str) -> Any:
+    def _element(
+        self, array: Any, name: str, outer: Sequence[Any], keys: Sequence[str], wanted: str
+    ) -> Any:
+        index = self._number_of(outer, keys, wanted) if keys else int(wanted)
         if index >= len(array):
-            raise ValueError(
-                f"field path {self.text!r}: {name} has {len(array)} elements, expected more than "
-                f"{index}"
-            )
+            raise self._error(f": {name} has {len(array)} elements, expected more than {index}")
         return array[index]
 
     def _number_of(self, outer: Sequence[Any], keys: Sequence[str], wanted: str) -> int:
@@ -119,14 +95,15 @@ class FieldPath:
                 listed = list(names)
                 if wanted in listed:
                     return listed.index(wanted)
-                raise ValueError(
-                    f"field path {self.text!r}: {wanted!r} is not in {key}, which has "
-                    f"{', '.join(map(str, listed)) or 'none'}"
-                )
-        raise ValueError(
-            f"field path {self.text!r}: there is no array {' or '.join(keys)} of names for "
-            f"{wanted!r}: choose an element by its number, as data[0]"
+                there = ", ".join(map(str, listed)) or "none"
+                raise self._error(f": {wanted!r} is not in {key}, which has {there}")
+        raise self._error(
+            f": there is no array {' or '.join(keys)} of names for {wanted!r}: choose an element "
+            "by its number, as data[0]"
         )
+
+    def _error(self, words: str) -> ValueError:
+        return ValueError(f"field path {self._text!r}{words}")
 
 
 def _fields_of(message: Any) -> list[str]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping as ByName
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -11,31 +11,25 @@ from numpy.typing import NDArray
 from ema_bags.inputs.conversion import convert
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.mapping import (
+    LENGTHS,
+    LINEAR_SPEEDS,
+    TIMES_NS,
+    TORQUES,
     AngleSource,
     Clock,
     CurrentSource,
     Mapping,
     Source,
     SpeedSource,
-    Table,
 )
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.tables import TableColumns
-from ema_bags.inputs.units import (
-    ANGLES,
-    CURRENTS,
-    LENGTHS,
-    LINEAR_SPEEDS,
-    SPEEDS,
-    TIMES_NS,
-    TORQUES,
-)
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
 _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
-_JOINT_STATE: Final = "sensor_msgs/msg/JointState"
+JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _WORDS: Final = {
     "command": r"cmd|command\w*|set ?points?|sp|ref|reference|target|demand\w*|desired|soll\w*|"
     r"commanded|input",
@@ -68,12 +62,22 @@ _UNITS: Final = {
 }
 _LEAD: Final = 0.005
 _BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
-_NUMBER_TYPES: Final = {
+_COMMANDS: Final = {
+    "control_msgs/msg/JointTrajectoryControllerState": "reference.positions",
+    "control_msgs/msg/SingleDOFStateStamped": "dof_state.reference",
     "std_msgs/msg/Float64": "data",
     "std_msgs/msg/Float32": "data",
     "std_msgs/msg/Float64MultiArray": "data[0]",
     "std_msgs/msg/Float32MultiArray": "data[0]",
 }
+_UNLIKE: Final[dict[str, set[str]]] = {
+    "position": {"command", "error", "speed"},
+    "error": {"speed", "current"},
+    "command": {"speed", "current", "error"},
+    "speed": {"command", "error"},
+    "current": {"command", "error"},
+}
+"""What a column of each quantity must not seem to be, in the order in which columns are taken."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +100,7 @@ def guess_columns(columns: TableColumns) -> Guess:
     clock, unused = _clock(columns, remarks)
     kinds = {name: _kinds_of(name) for name in unused}
     taken: dict[str, str] = {}
-    for quantity, without in (
-        ("position", {"command", "error", "speed"}),
-        ("error", {"speed", "current"}),
-        ("command", {"speed", "current", "error"}),
-        ("speed", {"command", "error"}),
-        ("current", {"command", "error"}),
-    ):
+    for quantity, without in _UNLIKE.items():
         able = [
             name
             for name, found in kinds.items()
@@ -110,7 +108,8 @@ def guess_columns(columns: TableColumns) -> Guess:
         ]
         if able:
             # Where a table has several joints, what has the words of the position is of its joint.
-            taken[quantity] = max(able, key=lambda name: _shared(name, taken.get("position", "")))
+            position = _words_of(taken.get("position", ""))
+            taken[quantity] = max(able, key=lambda name: len(_words_of(name) & position))
             able.remove(taken[quantity])
         if able:
             remarks.append(
@@ -138,14 +137,15 @@ def guess_columns(columns: TableColumns) -> Guess:
             unit = "A"
         sources[quantity] = _source(quantity, name, unit, remarks)
     if "current" not in sources and len(phases) >= 2:
-        remarks += _phases_remark(phases)
+        names = ", ".join(phases[key] for key in sorted(phases))
+        remarks.append(
+            f"phase currents {names}: map them by current: {{kind: phase_currents, phases: "
+            f"[{names}], torque_sign: COLUMN}}, a column whose sign is that of the torque"
+        )
     for quantity in ("speed", "current"):
         if quantity not in sources:
             remarks.append(f"no column seems to be the {quantity}: it is taken as not measured")
-    written = columns.format
-    return Guess(
-        Mapping(**sources, clock=clock, table=Table(written.separator, written.decimal)), remarks
-    )
+    return Guess(Mapping(**sources, clock=clock, table=columns.format), remarks)
 
 
 def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Guess:
@@ -166,37 +166,28 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
     """
     remarks: list[str] = []
     states = [name for name, names in joints.items() if names]
-    listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
-    if not states:
+    command = _command_topic(topics)
+    if not states or command is None:
+        what = "to be the command" if states else f"{JOINT_STATE} with a joint"
+        lacking = f"no topic {'seems' if states else 'of'} {what}"
+        listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
         raise ValueError(
-            f"no topic of {_JOINT_STATE} with a joint; topics: {listed}: write a "
-            "mapping by hand, the examples show how"
+            f"{lacking}; topics: {listed}: write a mapping by hand, the examples show how"
         )
     topic = states[0]
-    joint = joints[topic][0]
-    others = [name for name in joints[topic] if name != joint] + states[1:]
+    joint, *others = [*joints[topic], *states[1:]]
     if others:
         remarks.append(
             f"joint {joint!r} on {topic} is a guess, it moves most; others: {', '.join(others)}"
-        )
-
-    def of(kind: Any, source: str, **more: Any) -> Any:
-        return kind(source=source, topic=topic, **more)
-
-    command = _command_topic(topics)
-    if command is None:
-        raise ValueError(
-            f"no topic seems to be the command; topics: {listed}: write a mapping by "
-            "hand, the examples show how"
         )
     if command.source.endswith("[0]"):
         remarks.append(f"command.source {command.source} is a guess")
     remarks.append("effort may be a current, a torque of motor or joint, or nothing: confirm kind")
     mapping = Mapping(
-        position=of(AngleSource, "position"),
+        position=AngleSource("position", topic),
         command=command,
-        speed=of(SpeedSource, "velocity", shaft="user"),
-        current=of(CurrentSource, "effort"),
+        speed=SpeedSource("velocity", topic, shaft="user"),
+        current=CurrentSource("effort", topic),
         joint=joint,
         clock=Clock("header"),
     )
@@ -211,12 +202,11 @@ def refine(
 ) -> Guess:
     """Return a guess with units, signs and shafts by which its columns agree with each other."""
     mapping, remarks = guess.mapping, list(guess.remarks)
-    if "current" in raw and _is_still(raw["current"]):
-        mapping = replace(mapping, current=None)
-        remarks.append("current never changes: it is taken as not measured")
-    if "speed" in raw and _is_still(raw["speed"]):
-        mapping = replace(mapping, speed=None)
-        remarks.append("speed never changes: it is taken as not measured")
+    for name in ("current", "speed"):
+        values = raw.get(name)
+        if values is not None and len(np.unique(values[np.isfinite(values)])) < 2:
+            mapping = replace(mapping, **{name: None})
+            remarks.append(f"{name} never changes: it is taken as not measured")
 
     def moving(of: Mapping) -> ThinnedMotion | None:
         columns = convert(raw, of, description)
@@ -224,32 +214,35 @@ def refine(
 
     motion = moving(mapping)
     if motion is None:
-        remarks.append("too few samples to compare the columns")
-        return Guess(mapping, remarks)
+        return Guess(mapping, [*remarks, "too few samples to compare the columns"])
     for change in explain(motion, mapping, description) or ():
         section = replace(getattr(mapping, change.quantity), **{change.entry: change.value})
         mapping = replace(mapping, **{change.quantity: section})
         remarks.append(f"{change.quantity}.{change.entry} {change.value}: {change.reason}")
-    return Guess(_refined_current(mapping, moving, description, remarks), remarks)
+    motion = moving(mapping)
+    if mapping.current is not None and motion is not None:
+        found = motion.current_against_torque(description.parameters)
+        current = _refined(mapping.current, found, description, remarks)
+        mapping = replace(mapping, current=current)
+    return Guess(mapping, remarks)
 
 
-def _refined_current(
-    mapping: Mapping, moving: Any, description: ActuatorDescription, remarks: list[str]
-) -> Mapping:
-    """Return a mapping with the sign, and the torque's shaft, that inertia and friction need."""
-    if mapping.current is None:
-        return mapping
-    found = moving(mapping).current_against_torque(description.parameters)
+def _refined(
+    current: CurrentSource,
+    found: tuple[float, float] | None,
+    description: ActuatorDescription,
+    remarks: list[str],
+) -> CurrentSource:
+    """Return a current with the sign, and the torque's shaft, that inertia and friction need."""
     if found is None or abs(found[1]) < 0.4:
         remarks.append("nothing tells whether sign and unit of the current are right")
-        return mapping
+        return current
     size, correlation = found
-    current = mapping.current
     if correlation < 0.0:
         current = replace(current, sign=-current.sign)
         remarks.append(f"current.sign {current.sign}: it opposes the acceleration otherwise")
-    p = description.parameters
-    if current.kind == "motor_torque" and abs(np.log(size * p.tau)) < abs(np.log(size)):
+    tau = description.parameters.tau
+    if current.kind == "motor_torque" and abs(np.log(size * tau)) < abs(np.log(size)):
         current = replace(current, kind="joint_torque")
         remarks.append("current.kind joint_torque: too large for the motor")
     elif current.kind == "equivalent" and not 0.03 < size < 30.0:
@@ -258,7 +251,7 @@ def _refined_current(
             "need: is it a torque?"
         )
     remarks.append("current.sampling cannot be told from data: mean, filtered or instantaneous?")
-    return replace(mapping, current=current)
+    return current
 
 
 def _clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
@@ -274,25 +267,22 @@ def _clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]
         return Clock(rate_hz=1000.0), [name for name in names if name not in named]
     name = growing[0]
     unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
-    if unit not in TIMES_NS:
-        unit = _unit_of_times(columns.values[name])
-        if name not in columns.dates:
-            remarks.append(f"clock.unit {unit} by the size of the steps")
     if name in columns.dates:
         unit = "ns"
+    elif unit not in TIMES_NS:
+        unit = _unit_of_times(columns.values[name])
+        remarks.append(f"clock.unit {unit} by the size of the steps")
     return Clock(name, unit), [item for item in names if item != name]
 
 
 def _grows(values: NDArray[Any]) -> bool:
-    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
-    if len(finite) < 2:
-        return False
-    return float(np.mean(np.diff(finite) > 0)) > 0.9
+    finite = values[np.isfinite(values)]
+    return len(finite) > 1 and float(np.mean(np.diff(finite) > 0)) > 0.9
 
 
 def _disorder(values: NDArray[Any]) -> str:
     """Return why times that do not grow are no clock."""
-    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    finite = values[np.isfinite(values)]
     if len(finite) < 2 or np.ptp(finite) == 0:
         return "never changes and is no clock"
     back = int(np.count_nonzero(np.diff(finite) < 0))
@@ -312,59 +302,31 @@ def _unit_of_times(values: NDArray[Any]) -> str:
     return next((unit for least, unit in _STEPS if step > least), "s")
 
 
-def _shared(name: str, other: str) -> int:
-    return len(_words_of(name) & _words_of(other))
-
-
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
-    kinds: dict[str, tuple[type[Source], dict[str, float]]] = {
-        "position": (AngleSource, ANGLES | LENGTHS),
-        "command": (AngleSource, ANGLES | LENGTHS),
-        "error": (AngleSource, ANGLES | LENGTHS),
-        "speed": (SpeedSource, SPEEDS | LINEAR_SPEEDS),
-        "current": (CurrentSource, CURRENTS | TORQUES),
-    }
-    kind, units = kinds[quantity]
-    more: dict[str, Any] = {"unit": unit} if unit in units else {}
+    kind = {"speed": SpeedSource, "current": CurrentSource}.get(quantity, AngleSource)
+    [known] = [item.metadata["choices"] for item in fields(kind) if item.name == "unit"]
+    more: dict[str, Any] = {"unit": unit} if unit in known else {}
     if not more:
         remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
-    if unit in LENGTHS or unit in LINEAR_SPEEDS:
+    if more.get("unit") in (*LENGTHS, *LINEAR_SPEEDS):
         more["lead"] = _LEAD
         remarks.append(f"{quantity}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
     if quantity == "current":
         words = name.lower().replace(" ", "").replace("_", "")
         if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):
-            more["kind"] = "motor_torque"
-            more.setdefault("unit", "N.m")
+            more = {"unit": "N.m"} | more | {"kind": "motor_torque"}
         elif "iq" in words:
             more["kind"] = "i_q"
     return kind(source=name, **more)
 
 
-def _phases_remark(phases: dict[str, str]) -> list[str]:
-    names = ", ".join(phases[key] for key in sorted(phases))
-    return [
-        f"phase currents {names}: map them by current: {{kind: phase_currents, phases: [{names}], "
-        "torque_sign: COLUMN}, a column whose sign is that of the torque"
-    ]
-
-
 def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
-    ranked = sorted(topics, key=lambda name: "command" not in _kinds_of(name))
-    for name in ranked:
-        kind = topics[name]
-        if kind == "control_msgs/msg/JointTrajectoryControllerState":
-            return AngleSource(source="reference.positions", topic=name)
-        if kind == "control_msgs/msg/SingleDOFStateStamped":
-            return AngleSource(source="dof_state.reference", topic=name)
-        if kind in _NUMBER_TYPES:
-            return AngleSource(source=_NUMBER_TYPES[kind], topic=name, between="hold")
+    for name in sorted(topics, key=lambda name: "command" not in _kinds_of(name)):
+        if path := _COMMANDS.get(topics[name]):
+            # A set point of a type without a stamp is held until the next one.
+            between = "hold" if topics[name].startswith("std_msgs") else "linear"
+            return AngleSource(path, name, between=between)
     return None
-
-
-def _is_still(values: NDArray[np.float64]) -> bool:
-    finite = values[np.isfinite(values)]
-    return len(finite) == 0 or float(np.ptp(finite)) == 0.0
 
 
 def _unit_of(text: str) -> str:
@@ -404,7 +366,6 @@ def _kinds_of(name: str) -> set[str]:
 
 
 def _words_of(name: str) -> set[str]:
-    """Return the words of a name without its unit in brackets, in small letters."""
     return set(_words(_BRACKETS.sub(" ", name)))
 
 

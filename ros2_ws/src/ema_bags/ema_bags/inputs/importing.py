@@ -1,7 +1,7 @@
 """Telemetry from the samples of a file or bag."""
 
 from collections.abc import Iterator
-from collections.abc import Mapping as ByTopic
+from collections.abc import Mapping as ByName
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -11,15 +11,64 @@ from numpy.typing import NDArray
 from ema_bags.inputs.arrival import ArrivalClock
 from ema_bags.inputs.conversion import convert
 from ema_bags.inputs.defects import InputDefect, find_defects, stream_defects
-from ema_bags.inputs.joining import join_topics, stamped, uses_arrival
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
-from ema_bags.inputs.series import Series
+from ema_bags.inputs.series import Series, join_topics
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 
 _BLOCK_S: Final = 0.05
+
+
+class SampleStream:
+    """Turns series into runs of telemetry: those of a file at once, live ones part by part.
+
+    Parameters
+    ----------
+    description
+        Description of the actuator; its sample period and acquisition are replaced.
+    rate
+        Rate of the samples.
+    """
+
+    def __init__(self, mapping: Mapping, description: ActuatorDescription, rate: Rate) -> None:
+        acquisition = mapping.acquisition
+        self.description = replace(description, sample_period=rate.period, acquisition=acquisition)
+        self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
+        self._mapping = mapping
+        self._resampler = Resampler(rate)
+
+    @property
+    def losses(self) -> Losses:
+        """What was found between the samples so far."""
+        return self._resampler.losses
+
+    def push(
+        self, by_topic: ByName[str, Series], stamps_ns: NDArray[np.int64]
+    ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
+        """Return the columns of the next samples in SI units, and the runs that they make.
+
+        Arguments are those of ``join_topics``.
+        """
+        raw = join_topics(by_topic, self._mapping, stamps_ns)
+        columns = convert(raw, self._mapping, self.description)
+        values = np.column_stack([columns[name] for name in self.filled])
+        return columns, self._resampler.push(stamps_ns, values)
+
+    def blocks(self, run: GaplessRun, block_s: float, shift_ns: int = 0) -> Iterator[Telemetry]:
+        """Yield a run in blocks of a length at most; columns that are not measured are empty."""
+        h = self.description.sample_period
+        size = max(1, round(block_s / h))
+        for start in range(0, len(run.stamps_ns), size):
+            part = run.values[start : start + size]
+            given = {name: np.ascontiguousarray(part[:, i]) for i, name in enumerate(self.filled)}
+            yield Telemetry(
+                int(run.stamps_ns[start]) + shift_ns,
+                h,
+                run.first_index + start,
+                **{name: given.get(name, np.empty(0)) for name in COLUMNS},
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,44 +77,43 @@ class Imported:
 
     Attributes
     ----------
-    mapping, description
-        What it was imported with; the description has its sample period and acquisition.
+    mapping, stream
+        What it was imported with.
     rate
         Rate of the samples as their stamps give it.
     columns
         The columns before they were resampled, in SI units, ``(n,)`` or empty.
     runs
-        The columns after, in the order of ``filled``.
-    filled
-        Names of the columns that are measured.
-    losses, rebuilt
-        What was missing, and how many stamps were rebuilt.
+        The columns after, in the order of ``stream.filled``.
+    rebuilt
+        How many stamps were rebuilt.
     defects
         What is wrong.
-    shift_ns
-        What was added to the stamps, as a recording has none before the epoch [ns].
     """
 
     mapping: Mapping
-    description: ActuatorDescription
+    stream: SampleStream
     rate: Rate
     columns: dict[str, NDArray[np.float64]]
     runs: list[GaplessRun]
-    filled: tuple[str, ...]
-    losses: Losses
     rebuilt: int
     defects: list[InputDefect]
-    shift_ns: int
+
+    @property
+    def description(self) -> ActuatorDescription:
+        """Description with the sample period and acquisition of the samples."""
+        return self.stream.description
 
     def blocks(self) -> Iterator[Telemetry]:
-        """Yield the telemetry in blocks of 50 ms at most."""
-        h = self.description.sample_period
+        """Yield the telemetry in blocks of 50 ms at most; no stamp is before the epoch."""
+        first_s = min(int(run.stamps_ns[0]) for run in self.runs) // 1_000_000_000
+        shift_ns = -min(first_s, 0) * 1_000_000_000
         for run in self.runs:
-            yield from blocks_of(run, self.filled, h, max(1, round(_BLOCK_S / h)), self.shift_ns)
+            yield from self.stream.blocks(run, _BLOCK_S, shift_ns)
 
 
 def import_series(
-    by_topic: ByTopic[str, Series], mapping: Mapping, description: ActuatorDescription
+    by_topic: ByName[str, Series], mapping: Mapping, description: ActuatorDescription
 ) -> Imported:
     """Return the telemetry in the series of a file or bag.
 
@@ -90,58 +138,29 @@ def import_series(
     if rebuilt == len(own):
         # They are on a line: what it moves as it follows the clock is no jitter of the samples.
         rate = replace(rate, jitter=0.0)
-    described = replace(description, sample_period=rate.period, acquisition=mapping.acquisition)
-    columns = convert(join_topics(by_topic, mapping, stamps), mapping, described)
-    filled = tuple(name for name in COLUMNS if len(columns[name]))
-    resampler = Resampler(rate)
-    runs = resampler.push(stamps, np.column_stack([columns[name] for name in filled]))
-    losses = resampler.losses
+    stream = SampleStream(mapping, description, rate)
+    columns, runs = stream.push(by_topic, stamps)
     if not runs:
         raise ValueError(
-            f"none of {losses.samples} samples has a finite value in all of {', '.join(filled)}"
+            f"none of {stream.losses.samples} samples has a finite value in all of "
+            f"{', '.join(stream.filled)}"
         )
     defects = [
-        *stream_defects(losses, rebuilt, of_table=mapping.is_table),
-        *find_defects(columns, stamps, mapping, described),
+        *stream_defects(stream.losses, rebuilt, of_table=mapping.is_table),
+        *find_defects(columns, stamps, mapping, stream.description),
     ]
-    first_ns = min(int(run.stamps_ns[0]) for run in runs)
-    shift_ns = -(first_ns // 1_000_000_000) * 1_000_000_000 if first_ns < 0 else 0
-    return Imported(
-        mapping, described, rate, columns, runs, filled, losses, rebuilt, defects, shift_ns
-    )
+    return Imported(mapping, stream, rate, columns, runs, rebuilt, defects)
 
 
-def blocks_of(
-    run: GaplessRun, filled: tuple[str, ...], sample_period: float, size: int, shift_ns: int = 0
-) -> Iterator[Telemetry]:
-    """Yield a run in blocks; columns that are not measured are empty.
-
-    Parameters
-    ----------
-    filled
-        Names of the columns of the run.
-    sample_period
-        Period [s].
-    size
-        Samples of a block at most.
-    shift_ns
-        Added to the stamps [ns].
-    """
-    for start in range(0, len(run.stamps_ns), size):
-        part = run.values[start : start + size]
-        given = {name: np.ascontiguousarray(part[:, i]) for i, name in enumerate(filled)}
-        yield Telemetry(
-            int(run.stamps_ns[start]) + shift_ns,
-            sample_period,
-            run.first_index + start,
-            **{name: given.get(name, np.empty(0)) for name in COLUMNS},
-        )
+def uses_arrival(series: Series, mapping: Mapping) -> bool:
+    """Return whether the samples of a topic have no stamps other than those of their arrival."""
+    return mapping.clock.source in ("sent", "arrival") or not series.is_stamped
 
 
 def primary_stamps(own: Series, mapping: Mapping) -> tuple[NDArray[np.int64], int]:
     """Return the stamps of samples, and how many were rebuilt."""
     if mapping.is_table or not uses_arrival(own, mapping):
-        return stamped(own)
+        return own.stamped()
     clock = ArrivalClock(find_rate(own.arrivals_ns, mapping.clock.rate_hz).measured_period)
     stamps = np.concatenate([clock.push(own.arrivals_ns), clock.flush()])
     return stamps, clock.rebuilt

@@ -1,38 +1,44 @@
 """What each column of telemetry is made of, in files, bags and topics of other makes."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Final
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.units import (
-    ANGLES,
-    CURRENTS,
-    LENGTHS,
-    LINEAR_SPEEDS,
-    SPEEDS,
-    TIMES_NS,
-    TORQUES,
-)
 from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
 from ema_core.quantity import check_quantities, quantity, text
 from ema_core.wording import unknown_name
+from ema_core.yaml_file import load_yaml
+
+ANGLES: Final = {
+    "rad": 1.0,
+    "deg": math.pi / 180.0,
+    "mrad": 1e-3,
+    "turn": 2.0 * math.pi,
+    "arcmin": math.pi / 10800.0,
+}
+SPEEDS: Final = {
+    "rad/s": 1.0,
+    "deg/s": math.pi / 180.0,
+    "rpm": 2.0 * math.pi / 60.0,
+    "turn/s": 2.0 * math.pi,
+    "mrad/s": 1e-3,
+}
+LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 25.4e-3}
+LINEAR_SPEEDS: Final = {"mm/s": 1e-3, "m/s": 1.0}
+CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
+TORQUES: Final = {"N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2}
+UNITS: Final = ANGLES | SPEEDS | LENGTHS | LINEAR_SPEEDS | CURRENTS | TORQUES
+"""Size of each unit in SI units."""
+TIMES_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+"""Units of a time [ns]."""
 
 SHAFTS: Final = ("user", "motor")
 """Where an angle or speed is measured."""
-
-BETWEEN: Final = ("linear", "hold")
-"""What a value is between two messages: on the line between them, or the earlier one."""
-
-CURRENT_KINDS: Final = (
-    "equivalent",
-    "i_q",
-    "phase_currents",
-    "motor_torque",
-    "joint_torque",
-    "magnitude",
-)
-"""What the equivalent current is made of."""
 
 ENCODINGS: Final = {
     "": (0, 0),
@@ -44,15 +50,8 @@ ENCODINGS: Final = {
 """Registers that are read as if they had no sign: the sign's bit, and how often it is taken off
 (or, with the number's sign, once)."""
 
-AMPLITUDES: Final = ("peak", "rms", "power")
-"""What i_q is: the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of
-the power-invariant transformation."""
-
 CLOCKS: Final = ("header", "sent", "arrival")
 """Clocks of topics: the stamp in the message, when it was sent, when it was received."""
-
-QUANTITIES: Final = ("position", "command", "error", "speed", "current")
-"""Entries of a mapping that name a source."""
 
 DEFECTS: Final = (
     *("current_zero", "command_frozen", "position_frozen", "speed_frozen", "current_frozen"),
@@ -64,14 +63,20 @@ DEFECTS: Final = (
 )
 """Names of the defects that are errors, which a mapping can accept."""
 
-_SIGNS: Final = (-1, 1)
+_QUANTITIES: Final = ("position", "command", "error", "speed", "current")
+_KINDS: Final = (
+    *("equivalent", "i_q", "phase_currents", "motor_torque", "joint_torque", "magnitude"),
+)
+# i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of the
+# power-invariant transformation.
+_AMPLITUDES: Final = ("", "peak", "rms", "power")
+# Shown in the text of a mapping even if they have their default.
+_ALWAYS_SHOWN: Final = ("unit", "shaft", "sampling", "kind")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a number comes from, and what it has to be multiplied with.
-
-    The value in SI units is ``sign scale unit raw + offset``.
+    """Where a number comes from; its value in SI units is ``sign scale unit raw + offset``.
 
     Raises
     ------
@@ -89,46 +94,54 @@ class Source:
     sign: int = quantity(1, "-", -1, 1, "-1 where the source counts the other way")
     offset: float = quantity(0.0, "-", -1e12, 1e12, "added at last, in rad, rad/s or A")
     encoding: str = text("", "how a register has its sign", tuple(ENCODINGS))
-    between: str = text("linear", "value between two messages", BETWEEN)
+    between: str = text("linear", "value between two messages", ("linear", "hold"))
 
     def __post_init__(self) -> None:
         check_quantities(self)
-        if self.sign not in _SIGNS:
+        if not self.sign:
             raise ValueError(f"sign = {self.sign}: expected 1 or -1")
         if self.scale == 0.0:
             raise ValueError("scale = 0: expected a factor other than 0")
         if self.topic:
-            if self.source:
-                FieldPath(self.source)
+            for path in filter(None, self.numbers().values()):
+                FieldPath(path)
         elif self.type or self.names_topic:
             given = "type" if self.type else "names_topic"
             raise ValueError(f"{given} = {getattr(self, given)!r} without topic: expected both")
 
+    def numbers(self, name: str = "") -> dict[str, str]:
+        """Return the columns, or paths of fields, that are read for a quantity, by key."""
+        return {name: self.source}
+
 
 @dataclass(frozen=True)
-class AngleSource(Source):
-    """Source of a position, a command or a position error."""
+class _ShaftSource(Source):
+    """Source of an angle or speed; of a linear actuator its lead makes an angle of the way."""
 
-    unit: str = text("rad", "unit of the source", (*ANGLES, *LENGTHS))
-    shaft: str = text("user", "shaft of the angle", SHAFTS)
+    shaft: str = text("user", "shaft of the angle or speed", SHAFTS)
     lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length: way for one turn of the shaft")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_lead(self, LENGTHS)
+        is_length = self.unit in LENGTHS or self.unit in LINEAR_SPEEDS
+        if is_length != bool(self.lead):
+            expected = "the way for one turn of the shaft [m]" if is_length else "no lead"
+            raise ValueError(f"lead = {self.lead:g} with unit = {self.unit}: expected {expected}")
 
 
 @dataclass(frozen=True)
-class SpeedSource(Source):
+class AngleSource(_ShaftSource):
+    """Source of a position, a command or a position error."""
+
+    unit: str = text("rad", "unit of the source", (*ANGLES, *LENGTHS))
+
+
+@dataclass(frozen=True)
+class SpeedSource(_ShaftSource):
     """Source of the speed."""
 
     unit: str = text("rad/s", "unit of the source", (*SPEEDS, *LINEAR_SPEEDS))
     shaft: str = text("motor", "shaft of the speed", SHAFTS)
-    lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length: way for one turn of the shaft")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_lead(self, LINEAR_SPEEDS)
 
 
 @dataclass(frozen=True)
@@ -142,8 +155,8 @@ class CurrentSource(Source):
     """
 
     unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES))
-    kind: str = text("equivalent", "what the source is", CURRENT_KINDS)
-    amplitude: str = text("", "of i_q: its convention; empty: peak", ("", *AMPLITUDES))
+    kind: str = text("equivalent", "what the source is", _KINDS)
+    amplitude: str = text("", "of i_q: its convention; empty: peak", _AMPLITUDES)
     phases: tuple[str, ...] = ()
     torque_sign: str = text("", "of phase_currents: source with the sign of the torque")
     sampling: str = text("mean", "what a sample stands for", CURRENT_SAMPLINGS)
@@ -168,33 +181,22 @@ class CurrentSource(Source):
                 f"phases = {list(self.phases)} and torque_sign = {self.torque_sign!r} with kind = "
                 f"{self.kind}: phase_currents needs both, no other kind has them"
             )
-        if self.topic:
-            for path in (*self.phases, self.torque_sign):
-                if path:
-                    FieldPath(path)
         if is_phases and len(self.phases) not in (2, 3):
             raise ValueError(
                 f"phases = {list(self.phases)}: expected the sources of three phases, or of two"
             )
 
-
-def _check_lead(source: AngleSource | SpeedSource, lengths: Iterable[str]) -> None:
-    """Raise ValueError unless a unit of length has a lead, and no other unit has one."""
-    is_length = source.unit in lengths
-    if is_length != bool(source.lead):
-        expected = "the way for one turn of the shaft [m]" if is_length else "no lead"
-        raise ValueError(f"lead = {source.lead:g} with unit = {source.unit}: expected {expected}")
+    def numbers(self, name: str = "") -> dict[str, str]:
+        """Return the columns, or paths of fields, that are read for a quantity, by key."""
+        if not self.phases:
+            return super().numbers(name)
+        named = {f"phase_{letter}": path for letter, path in zip("abc", self.phases, strict=False)}
+        return named | {"torque_sign": self.torque_sign}
 
 
 @dataclass(frozen=True)
 class Clock:
-    """When samples were taken.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible.
-    """
+    """When samples were taken; ValueError where a value is impossible."""
 
     source: str = text("", "column of a table; header, sent, arrival or a field path of a message")
     unit: str = text("s", "unit of a column or field", tuple(TIMES_NS))
@@ -206,13 +208,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class Table:
-    """How a CSV file is written; empty: as it looks.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible.
-    """
+    """How a CSV file is written, empty: as it looks; ValueError where a value is impossible."""
 
     separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
@@ -270,12 +266,12 @@ class Mapping:
                 f"{given} of command and error given: expected the command, or instead of it the "
                 "position error"
             )
-        for name, item in self.sources():
-            if not item.source and not getattr(item, "phases", ()):
+        sources = dict(self.sources())
+        for name, item in sources.items():
+            if not all(item.numbers().values()):
                 raise ValueError(f"{name}: source = '': expected a column or the path of a field")
-        kinds = {bool(item.topic) for _, item in self.sources()}
-        if len(kinds) > 1:
-            without = [name for name, item in self.sources() if not item.topic]
+        without = [name for name, item in sources.items() if not item.topic]
+        if 0 < len(without) < len(sources):
             raise ValueError(
                 f"{', '.join(without)} without topic: expected a topic for every quantity, or for "
                 "none (columns of a table)"
@@ -313,17 +309,115 @@ class Mapping:
 
     def sources(self) -> Iterator[tuple[str, Source]]:
         """Yield name and source of what is mapped."""
-        for name in QUANTITIES:
-            item = getattr(self, name)
-            if item is not None and (name != "current" or self.measured_current is not None):
+        for name in _QUANTITIES:
+            item = self.measured_current if name == "current" else getattr(self, name)
+            if item is not None:
                 yield name, item
 
     def wanted(self) -> Iterator[tuple[str, str, Source]]:
         """Yield a key, the source as a text and its section for every number that is read."""
         for name, item in self.sources():
-            if isinstance(item, CurrentSource) and item.phases:
-                for letter, source in zip("abc", item.phases, strict=False):
-                    yield f"phase_{letter}", source, item
-                yield "torque_sign", item.torque_sign, item
-            else:
-                yield name, item.source, item
+            for key, path in item.numbers(name).items():
+                yield key, path, item
+
+
+_SECTIONS: Final = {
+    **dict.fromkeys(("position", "command", "error"), AngleSource),
+    **{"speed": SpeedSource, "current": CurrentSource, "clock": Clock, "table": Table},
+}
+
+
+def load_mapping(path: Path) -> Mapping:
+    """Read a mapping.
+
+    Raises
+    ------
+    ValueError
+        When the file cannot be read or is no mapping; the message names the file.
+    """
+    try:
+        content = load_yaml(path.expanduser())
+    except OSError as error:
+        raise ValueError(f"mapping file {path} cannot be read: {error.strerror}") from error
+    try:
+        return mapping_from(content)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def mapping_text(mapping: Mapping) -> str:
+    """Return a mapping as the text of a file: what has its default is left out, units are not."""
+    return yaml.safe_dump(_shown(mapping), sort_keys=False, allow_unicode=True)
+
+
+def _shown(part: Any) -> dict[str, Any]:
+    words: dict[str, Any] = {}
+    for item in fields(part):
+        value = getattr(part, item.name)
+        if item.name in _SECTIONS and value is not None:
+            value = _shown(value)
+        always = item.name in _ALWAYS_SHOWN and isinstance(part, Source)
+        if always or (value != item.default and value not in (None, {}, "")):
+            words[item.name] = list(value) if isinstance(value, tuple) else value
+    return words
+
+
+def mapping_from(content: Any) -> Mapping:
+    """Return the mapping of nested plain values, as a YAML file holds them.
+
+    Raises
+    ------
+    ValueError
+        When a name is unknown or a value impossible; the message begins with the section.
+    """
+    known = [item.name for item in fields(Mapping)]
+    if not isinstance(content, dict):
+        raise ValueError(f"expected a mapping with {', '.join(known)}, not {content!r}")
+    given: dict[str, Any] = {}
+    for name, section in content.items():
+        if name not in known:
+            raise ValueError(unknown_name("entry", name, known))
+        if name not in _SECTIONS:
+            given[name] = section
+        elif section is not None:
+            given[name] = _section(name, section)
+    if not isinstance(given.get("joint", ""), str):
+        raise ValueError(f"joint = {given['joint']!r}: expected the name of a joint")
+    if not _is_texts(given.get("accept", ())):
+        raise ValueError(f"accept = {given['accept']!r}: expected a list of names of defects")
+    if "position" not in given:
+        raise ValueError("position is missing: expected its source")
+    return Mapping(**given)
+
+
+def _section(name: str, section: Any) -> Any:
+    kind = _SECTIONS[name]
+    known = {item.name: item for item in fields(kind)}
+    if isinstance(section, str):
+        section = {"source": section}
+    if not isinstance(section, dict):
+        raise ValueError(f"{name} = {section!r}: expected a mapping with {', '.join(known)}")
+    values = {}
+    for key, value in section.items():
+        if key not in known:
+            raise ValueError(f"{name}: {unknown_name('entry', key, known)}")
+        is_number = isinstance(known[key].default, float)
+        values[key] = _number(value) if is_number else value
+    if "phases" in values and not _is_texts(values["phases"]):
+        raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _is_texts(values: Any) -> bool:
+    return isinstance(values, list | tuple) and all(isinstance(item, str) for item in values)
+
+
+def _number(value: Any) -> Any:
+    """Return a number that YAML 1.1 reads as text, such as 1e5, as a float."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value

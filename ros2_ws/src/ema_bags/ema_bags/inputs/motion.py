@@ -48,15 +48,7 @@ class ThinnedMotion:
     def of(
         cls, columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64], tau: float
     ) -> "ThinnedMotion | None":
-        """Return the motion in some columns; None where there are too few samples.
-
-        Parameters
-        ----------
-        columns
-            Telemetry in SI units, ``(n,)`` or empty.
-        stamps_ns
-            Stamps of the samples, ``(n,)`` [ns].
-        """
+        """Return the motion in columns in SI units; None where there are too few samples."""
         names = [name for name, values in columns.items() if len(values)]
         finite = np.all([np.isfinite(columns[name]) for name in names], axis=0)
         given = {name: columns[name][finite] for name in names}
@@ -106,6 +98,11 @@ class ThinnedMotion:
         """What the user shaft turns in all by the speed [rad]."""
         return float(np.sum(np.abs(self.angle)))
 
+    @property
+    def fastest(self) -> float:
+        """Largest speed of the user shaft by that of the motor [rad/s]; 0 without."""
+        return float(np.max(np.abs(self.angle) / self.seconds)) if self.has_speed else 0.0
+
     def travel(self, name: str) -> float:
         """Return the range of the command or position [rad]."""
         return float(np.ptp(getattr(self, name)))
@@ -146,12 +143,9 @@ class ThinnedMotion:
         return float(np.median(steps[chosen] / self.angle[chosen]))
 
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
-        """Compare the current with what inertia and friction of some parameters need.
+        """Return the current over what inertia and friction need, and their correlation.
 
-        Returns
-        -------
-        tuple of float, or None
-            Size of the current over the expected one, and their correlation; None without motion.
+        None without current or motion.
         """
         if self.current is None:
             return None

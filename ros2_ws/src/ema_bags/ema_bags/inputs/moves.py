@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ema_bags.inputs.mapping import TIMES_NS
 from ema_bags.inputs.tables import read_columns, stamps_of
-from ema_bags.inputs.units import TIMES_NS
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
 from ema_monitor.normal.moves import Move

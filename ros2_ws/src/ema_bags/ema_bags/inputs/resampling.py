@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -46,17 +45,7 @@ class Losses:
 
 @dataclass(frozen=True, eq=False)
 class GaplessRun:
-    """Samples at a fixed period without a gap.
-
-    Attributes
-    ----------
-    first_index
-        Running index of the first sample.
-    stamps_ns
-        Stamp of each sample, ``(n,)`` [ns].
-    values
-        ``(n, m)``, a column a quantity.
-    """
+    """Samples at a fixed period without a gap, a column of ``values`` a quantity."""
 
     first_index: int
     stamps_ns: NDArray[np.int64]
@@ -68,17 +57,10 @@ class Resampler:
 
     Samples that are regular stay as they are; others are interpolated on their stamps. A gap, a
     pause or a clock that goes back ends a run: the index of the next one leaves room for what is
-    missing, and for one sample at least.
-
-    Parameters
-    ----------
-    rate
-        Rate of the samples.
-    index
-        Running index of the sample before them; 0 at the start.
+    missing, and for one sample at least. The index of the first sample is 1.
     """
 
-    def __init__(self, rate: Rate, index: int = 0) -> None:
+    def __init__(self, rate: Rate) -> None:
         self.losses = Losses()
         self._rate = rate
         self._period_ns = rate.period * 1e9
@@ -86,39 +68,30 @@ class Resampler:
         self._widest_ns = 1e9 * min(
             1.9 * rate.period, max(1.5 * rate.period, rate.period + 5.6 * rate.jitter)
         )
-        self._index = index
+        self._index = 0
         self._last_ns: int | None = None
         self._last_values: NDArray[np.float64] | None = None
         self._origin_ns = 0
         self._origin_index = 0
         self._next = 0
 
-    @property
-    def index(self) -> int:
-        """Running index of the last sample."""
-        return self._index
-
     def push(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[GaplessRun]:
-        """Take samples and return the runs that they make.
+        """Take samples in their order, and return the runs that they make.
 
         Parameters
         ----------
         stamps_ns
-            Stamps in the order of the samples, ``(n,)`` [ns].
+            Stamps of the samples, ``(n,)`` [ns].
         values
             ``(n, m)``.
         """
         self.losses.samples += len(stamps_ns)
         finite = np.all(np.isfinite(values), axis=1)
         self.losses.missing += int(np.count_nonzero(~finite))
-        stamps_ns, values = stamps_ns[finite], values[finite]
+        resample = self._regular if self._rate.is_regular else self._between
         runs: list[GaplessRun] = []
-        for stamps, part in self._increasing(stamps_ns, values):
-            runs += (
-                self._regular(stamps, part)
-                if self._rate.is_regular
-                else self._between(stamps, part)
-            )
+        for stamps, part in self._increasing(stamps_ns[finite], values[finite]):
+            runs += resample(stamps, part)
         return runs
 
     def _increasing(
@@ -155,12 +128,7 @@ class Resampler:
         if self._last_ns is None:
             counts[0] = 2 if self._index else 1
         self._note_gaps(steps)
-        indices = self._index + np.cumsum(counts)
-        self._index, self._last_ns = int(indices[-1]), int(stamps_ns[-1])
-        starts = [0, *np.flatnonzero(counts[1:] > 1) + 1, len(stamps_ns)]
-        return [
-            GaplessRun(int(indices[a]), stamps_ns[a:b], values[a:b]) for a, b in pairwise(starts)
-        ]
+        return self._runs(self._index + np.cumsum(counts), stamps_ns, values, stamps_ns[-1])
 
     def _between(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
@@ -173,8 +141,8 @@ class Resampler:
             stamps_ns = np.concatenate([[self._last_ns], stamps_ns])
             values = np.concatenate([self._last_values[None], values])
         self._note_gaps(np.diff(stamps_ns) / self._period_ns)
-        self._last_ns, self._last_values = int(stamps_ns[-1]), values[-1]
-        last = int((self._last_ns - self._origin_ns) / self._period_ns + 1e-6)
+        self._last_values = values[-1]
+        last = int((int(stamps_ns[-1]) - self._origin_ns) / self._period_ns + 1e-6)
         numbers = np.arange(self._next, last + 1)
         self._next = last + 1
         times = self._origin_ns + elapsed_ns(self._rate.period, 0, numbers)
@@ -184,19 +152,25 @@ class Resampler:
             stamps_ns[right] == times
         )
         numbers, times = numbers[known], times[known]
-        if not len(numbers):
+        own = (stamps_ns - stamps_ns[0]).astype(float)
+        at = (times - stamps_ns[0]).astype(float)
+        resampled = np.column_stack([np.interp(at, own, column) for column in values.T])
+        return self._runs(self._origin_index + numbers, times, resampled, stamps_ns[-1])
+
+    def _runs(
+        self,
+        indices: NDArray[np.int64],
+        stamps_ns: NDArray[np.int64],
+        values: NDArray[np.float64],
+        last_ns: np.int64,
+    ) -> list[GaplessRun]:
+        """Divide samples where an index is missing, and go on from the last one."""
+        self._last_ns = int(last_ns)
+        if not len(indices):
             return []
-        self._index = self._origin_index + int(numbers[-1])
-        relative, own = (
-            (times - stamps_ns[0]).astype(float),
-            (stamps_ns - stamps_ns[0]).astype(float),
-        )
-        resampled = np.column_stack([np.interp(relative, own, column) for column in values.T])
-        starts = [0, *np.flatnonzero(np.diff(numbers) > 1) + 1, len(numbers)]
-        return [
-            GaplessRun(self._origin_index + int(numbers[a]), times[a:b], resampled[a:b])
-            for a, b in pairwise(starts)
-        ]
+        self._index = int(indices[-1])
+        parts = np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) > 1) + 1)
+        return [GaplessRun(int(indices[i[0]]), stamps_ns[i], values[i]) for i in parts]
 
     def _note_gaps(self, steps: NDArray[np.float64]) -> None:
         """Count what is missing by the steps between stamps, in periods."""

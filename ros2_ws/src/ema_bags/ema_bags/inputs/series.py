@@ -1,19 +1,20 @@
-"""What one table or topic holds of what a mapping wants."""
+"""What one table or topic holds of what a mapping wants, and topics joined to one series."""
 
-from collections.abc import Mapping as Columns
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Mapping as ByName
+from dataclasses import dataclass, field
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.mapping import CLOCKS, Mapping
-from ema_bags.inputs.units import TIMES_NS
+from ema_bags.inputs.mapping import CLOCKS, TIMES_NS, Mapping
 from ema_core.wording import counted
 
 NO_STAMP: Final = -(2**63)
 """Stamp of a sample that carries none [ns]."""
+
+_WIDEST: Final = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,24 +33,57 @@ class Series:
 
     stamps_ns: NDArray[np.int64]
     arrivals_ns: NDArray[np.int64]
-    values: Columns[str, NDArray[np.float64]]
+    values: ByName[str, NDArray[np.float64]]
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    def __getitem__(self, part: slice) -> Self:
+        values = {key: values[part] for key, values in self.values.items()}
+        return type(self)(self.stamps_ns[part], self.arrivals_ns[part], values)
 
+    def __add__(self, later: "Series") -> "Series":
+        return Series(
+            np.concatenate([self.stamps_ns, later.stamps_ns]),
+            np.concatenate([self.arrivals_ns, later.arrivals_ns]),
+            {key: np.concatenate([one, later.values[key]]) for key, one in self.values.items()},
+        )
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether some samples carry a stamp."""
+        return bool(np.any(self.stamps_ns != NO_STAMP))
+
+    def stamped(self) -> tuple[NDArray[np.int64], int]:
+        """Return the stamps of samples, ``(n,)`` [ns], and how many of them were rebuilt.
+
+        Where only some samples carry a stamp, the others have their arrival less the usual delay.
+        """
+        missing = self.stamps_ns == NO_STAMP
+        if not np.any(missing):
+            return self.stamps_ns, 0
+        delay = np.median((self.arrivals_ns - self.stamps_ns)[~missing])
+        stamps = np.where(missing, self.arrivals_ns - np.int64(delay), self.stamps_ns)
+        return stamps, int(np.count_nonzero(missing))
+
+
+@dataclass
 class _Topic:
-    """Samples of one topic as they come."""
+    """How the samples of one topic are read, and those that have been since the last time."""
 
-    def __init__(self, clock: FieldPath | None) -> None:
-        self.clock = clock
-        self.readers: dict[str, tuple[FieldPath, str]] = {}
-        self.clear()
+    clock: FieldPath | None
+    readers: dict[str, tuple[FieldPath, str]] = field(default_factory=dict)
+    rows: list[tuple[int, int, list[float]]] = field(default_factory=list)
 
-    def clear(self) -> None:
-        self.stamps: list[int] = []
-        self.arrivals: list[int] = []
-        self.values: dict[str, list[float]] = {key: [] for key in self.readers}
+    def taken(self) -> Series:
+        rows, self.rows = self.rows, []
+        stamps, arrivals, values = zip(*rows, strict=True) if rows else ((), (), ())
+        columns = np.array(values, dtype=float).reshape(len(rows), len(self.readers)).T
+        return Series(
+            np.array(stamps, dtype=np.int64),
+            np.array(arrivals, dtype=np.int64),
+            dict(zip(self.readers, np.ascontiguousarray(columns), strict=True)),
+        )
 
 
 class Collector:
@@ -62,10 +96,10 @@ class Collector:
 
     Attributes
     ----------
-    refused
-        How many messages do not have what is wanted.
+    types
+        Types of the topics where the mapping gives them, else empty.
     reason
-        Why the latest of them was refused; empty without any.
+        Why the latest message was refused; empty without any.
 
     Raises
     ------
@@ -74,13 +108,13 @@ class Collector:
     """
 
     def __init__(self, mapping: Mapping) -> None:
-        self.refused = 0
         self.reason = ""
-        self._sent_first = mapping.clock.source != "arrival"
+        self._refused = 0
         source = mapping.clock.source or "header"
-        clock = FieldPath(source) if source not in CLOCKS else None
+        self._sent_first = source != "arrival"
         self._reads_header = source == "header"
         self._clock_unit = TIMES_NS[mapping.clock.unit]
+        clock = None if source in CLOCKS else FieldPath(source)
         self._topics: dict[str, _Topic] = {}
         self._names: dict[str, Any] = {}
         self.types: dict[str, str] = {}
@@ -90,11 +124,8 @@ class Collector:
             topic = self._topics.setdefault(item.topic, _Topic(clock if is_primary else None))
             self.types[item.topic] = self.types.get(item.topic) or item.type
             if item.names_topic:
-                self._names.setdefault(item.names_topic, None)
-            path = FieldPath(text, item.joint or mapping.joint)
-            topic.readers[key] = (path, item.names_topic)
-        for topic in self._topics.values():
-            topic.clear()
+                self._names[item.names_topic] = None
+            topic.readers[key] = FieldPath(text, item.joint or mapping.joint), item.names_topic
 
     @property
     def names_topics(self) -> list[str]:
@@ -121,39 +152,28 @@ class Collector:
         if topic not in self._topics:
             return
         own = self._topics[topic]
-        arrival = sent_ns if sent_ns and self._sent_first else received_ns
         try:
             stamp = self._stamp(own, message)
-            row = {}
-            for key, (path, names) in own.readers.items():
-                if names and self._names[names] is None:
-                    raise ValueError(f"no names on {names} yet")
-                row[key] = path.value(message, self._names.get(names))
+            row = [self._value(message, *reader) for reader in own.readers.values()]
         except ValueError as error:
-            self.refused += 1
+            self._refused += 1
             self.reason = f"{topic}: {error}"
             return
-        own.stamps.append(stamp)
-        own.arrivals.append(arrival)
-        for key, value in row.items():
-            own.values[key].append(value)
-
-    def series(self) -> dict[str, Series]:
-        """Return what has been collected, by topic."""
-        return {name: _series_of(topic) for name, topic in self._topics.items()}
+        own.rows.append((stamp, sent_ns if sent_ns and self._sent_first else received_ns, row))
 
     def take(self) -> dict[str, Series]:
         """Return what has been collected since the last time, by topic."""
-        found = self.series()
-        for topic in self._topics.values():
-            topic.clear()
-        return found
+        return {name: topic.taken() for name, topic in self._topics.items()}
 
     def problem(self) -> str:
         """Return how many messages were refused, and why; empty without any."""
-        if not self.refused:
-            return ""
-        return f"{counted(self.refused, 'message')} left out: {self.reason}"
+        return f"{counted(self._refused, 'message')} left out: {self.reason}" * bool(self._refused)
+
+    def _value(self, message: Any, path: FieldPath, names_topic: str) -> float:
+        names = self._names.get(names_topic)
+        if names_topic and names is None:
+            raise ValueError(f"no names on {names_topic} yet")
+        return path.value(message, names)
 
     def _stamp(self, topic: _Topic, message: Any) -> int:
         if topic.clock is not None:
@@ -164,9 +184,54 @@ class Collector:
         return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec or NO_STAMP
 
 
-def _series_of(topic: _Topic) -> Series:
-    return Series(
-        np.array(topic.stamps, dtype=np.int64),
-        np.array(topic.arrivals, dtype=np.int64),
-        {key: np.array(values, dtype=float) for key, values in topic.values.items()},
-    )
+def join_topics(
+    by_topic: ByName[str, Series], mapping: Mapping, stamps_ns: NDArray[np.int64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return what the sources hold at the samples of the position, by the keys of ``wanted``.
+
+    Each is ``(n,)``; not a number where a source has nothing.
+
+    Parameters
+    ----------
+    by_topic
+        Series by topic. That of the position may have more samples than there are stamps: the
+        later ones are left out.
+    stamps_ns
+        Stamps of the samples of the position, ``(n,)`` [ns].
+    """
+    own = by_topic[mapping.position.topic][: len(stamps_ns)]
+    raw = dict(own.values)
+    for key, _, item in mapping.wanted():
+        if item.topic == mapping.position.topic:
+            continue
+        other = by_topic[item.topic]
+        # What has no stamp is compared by when it was sent: the clocks of stamps and of the
+        # transport may differ, and a loop that is late sends command and position late alike.
+        times, at = other.arrivals_ns, own.arrivals_ns
+        if other.is_stamped:
+            times, at = other.stamped()[0], stamps_ns
+        order = np.argsort(times, kind="stable")
+        value_at = _held if item.between == "hold" else _between
+        raw[key] = value_at(times[order], other.values[key][order], at)
+    return raw
+
+
+def _held(
+    times: NDArray[np.int64], values: NDArray[np.float64], at: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the latest value at some times; not a number before the first."""
+    return np.concatenate([[np.nan], values])[np.searchsorted(times, at, side="right")]
+
+
+def _between(
+    times: NDArray[np.int64], values: NDArray[np.float64], at: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return values on the line between samples; not a number outside of them and in gaps."""
+    if len(times) < 2:
+        return np.full(len(at), np.nan)
+    right = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+    width = times[right] - times[right - 1]
+    usual = max(float(np.median(np.diff(times))), 1.0)
+    known = (at >= times[0]) & (at <= times[-1]) & (width <= _WIDEST * usual)
+    own = (times - times[0]).astype(float)
+    return np.where(known, np.interp((at - times[0]).astype(float), own, values), np.nan)

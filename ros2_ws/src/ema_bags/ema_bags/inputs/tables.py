@@ -3,7 +3,8 @@
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,9 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import Mapping, Table
+from ema_bags.inputs.mapping import TIMES_NS, Mapping, Table
 from ema_bags.inputs.series import NO_STAMP, Series
-from ema_bags.inputs.units import TIMES_NS
 from ema_core.wording import unknown_name
 
 PARQUET: Final = (".parquet", ".pq")
@@ -34,8 +34,6 @@ class TableColumns:
 
     Attributes
     ----------
-    path
-        The file.
     values
         Columns of numbers by name, ``(n,)`` each; dates are nanoseconds.
     units
@@ -51,12 +49,12 @@ class TableColumns:
     path: Path
     values: dict[str, NDArray[Any]]
     units: dict[str, str]
-    dates: tuple[str, ...] = ()
-    texts: dict[str, NDArray[Any]] = field(default_factory=dict)
-    format: Table = field(default_factory=Table)
+    dates: tuple[str, ...]
+    texts: dict[str, NDArray[Any]]
+    format: Table
 
     def __len__(self) -> int:
-        return len(next(iter(self.values.values()), ()))
+        return len(next(iter(self.values.values())))
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a column of numbers, or the sum or difference of some: ``"a - b"``.
@@ -66,23 +64,17 @@ class TableColumns:
         ValueError
             When there is none of the name.
         """
+        if name in self.values:
+            return self.values[name]
         if name in self.texts:
             raise ValueError(f"{self.path}: column {name!r} holds no numbers")
-        if name not in self.values:
-            if terms := self._terms(name):
-                return np.sum(
-                    [sign * self.column(term).astype(float) for sign, term in terms], axis=0
-                )
+        first, *more = re.split(r"\s([+-])\s", name)
+        terms = [(1.0, first.strip())]
+        for sign, term in zip(more[::2], more[1::2], strict=True):
+            terms.append((1.0 if sign == "+" else -1.0, term.strip()))
+        if len(terms) == 1 or not all(term in self.values for _, term in terms):
             raise ValueError(f"{self.path}: {unknown_name('column', name, self.values)}")
-        return self.values[name]
-
-    def _terms(self, text: str) -> list[tuple[float, str]]:
-        """Return the signs and names of the columns of a sum; nothing where it is none."""
-        parts = re.split(r"\s([+-])\s", text)
-        signs = [1.0, *(1.0 if sign == "+" else -1.0 for sign in parts[1::2])]
-        names = [part.strip() for part in parts[::2]]
-        is_sum = len(names) > 1 and all(name in self.values for name in names)
-        return list(zip(signs, names, strict=True)) if is_sum else []
+        return np.sum([sign * self.values[term].astype(float) for sign, term in terms], axis=0)
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:
@@ -109,17 +101,13 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     texts: dict[str, NDArray[Any]] = {}
     for name in frame.columns:
         column = frame[name]
-        if pd.api.types.is_datetime64_any_dtype(column.dtype):
-            dates.append(name)
-            values[name] = _nanoseconds(column)
-        elif pd.api.types.is_numeric_dtype(column.dtype):
-            # A missing whole number has no place in an array of these.
-            values[name] = (
-                column.to_numpy(float, na_value=np.nan) if column.hasnans else (column.to_numpy())
-            )
-        elif (stamps := _dates(column)) is not None:
+        if (stamps := _dates(column)) is not None:
             dates.append(name)
             values[name] = stamps
+        elif pd.api.types.is_numeric_dtype(column.dtype):
+            # A missing whole number has no place in an array of these.
+            missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
+            values[name] = column.to_numpy(**missing)
         else:
             numbers = pd.to_numeric(column, errors="coerce")
             if numbers.notna().mean() > 0.5:
@@ -211,15 +199,12 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
     """Return the encoding of a file and its first lines."""
     with path.open("rb") as file:
         data = b"".join(file.readline() for _ in range(_SAMPLE_LINES))
-    encodings = ["utf-16"] if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig"]
-    for encoding in (*encodings, "latin-1"):
-        try:
-            lines = data.decode(encoding).splitlines()
-        except UnicodeDecodeError:
-            continue
-        if "\0" in data.decode(encoding):
-            break
-        return encoding, lines
+    is_wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    for encoding in ("utf-16" if is_wide else "utf-8-sig", "latin-1"):
+        with suppress(UnicodeDecodeError):
+            text = data.decode(encoding)
+            if "\0" not in text:
+                return encoding, text.splitlines()
     raise ValueError(f"{path} is not a text file: expected CSV, Parquet (.parquet) or a bag")
 
 
@@ -297,18 +282,15 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _dates(column: "pd.Series[Any]") -> NDArray[np.int64] | None:
-    """Return a column of texts that are dates [ns]; None when it is none."""
-    there = column.dropna()
-    if not len(there) or not re.match(r"\s*\d{4}-\d\d-\d\d([T ]\d\d:|$)", str(there.iloc[0])):
-        return None
-    try:
-        return _nanoseconds(pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce"))
-    except ValueError:
-        return None
-
-
-def _nanoseconds(column: "pd.Series[Any]") -> NDArray[np.int64]:
+    """Return a column of dates, or texts that are dates [ns]; None when it is none."""
+    if not pd.api.types.is_datetime64_any_dtype(column.dtype):
+        there = column.dropna()
+        if not len(there) or not re.match(r"\s*\d{4}-\d\d-\d\d([T ]\d\d:|$)", str(there.iloc[0])):
+            return None
+        try:
+            column = pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce")
+        except ValueError:
+            return None
     moments = pd.DatetimeIndex(column)
-    if moments.tz is not None:
-        moments = moments.tz_convert(None)
+    moments = moments.tz_convert(None) if moments.tz is not None else moments
     return moments.to_numpy().astype("datetime64[ns]").astype(np.int64)
