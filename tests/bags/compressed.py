@@ -5,46 +5,8 @@ from typing import Any
 
 import yaml
 import zstandard
-from mcap.reader import make_reader
-from mcap.writer import Writer
 
 from ema_bags.metadata import METADATA_FILE
-
-
-def by_message(source: Path, folder: Path, *, with_metadata: bool = True) -> Path:
-    """Compress each message of an MCAP file by itself."""
-    folder.mkdir()
-    packer = zstandard.ZstdCompressor(level=1)
-    name = f"{folder.name}_0.mcap"
-    with source.open("rb") as file, (folder / name).open("wb") as packed:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        assert summary is not None
-        writer = Writer(packed)
-        writer.start(profile="ros2")
-        schemas = {
-            number: writer.register_schema(item.name, item.encoding, item.data)
-            for number, item in summary.schemas.items()
-        }
-        channels = {
-            number: writer.register_channel(
-                item.topic, "cdr", schemas[item.schema_id], dict(item.metadata)
-            )
-            for number, item in summary.channels.items()
-        }
-        count = 0
-        for _, channel, message in reader.iter_messages():
-            writer.add_message(
-                channels[channel.id],
-                message.log_time,
-                packer.compress(message.data),
-                message.publish_time,
-            )
-            count += 1
-        writer.finish()
-    if with_metadata:
-        write_metadata(folder, [name], count, "MESSAGE")
-    return folder
 
 
 def by_file(files: list[Path], folder: Path, count: int) -> Path:

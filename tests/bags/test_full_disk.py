@@ -105,7 +105,7 @@ def test_recording_goes_on_when_there_is_room_again(
         assert bag.failure is not None
         assert bag.failure.errno == error
         assert not all(kept)
-        assert bag.gaps[0].count == kept.count(False)
+        assert bag.gaps[0].messages == kept.count(False)
         assert bag.waiting < 64 * 1024 + 30_000
         disk.room = float("inf")
         wait_for(lambda: bag.failure is None, "the room to be noticed")

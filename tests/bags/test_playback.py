@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message
 from ema_bags import playback
 from ema_bags.playback import Playback
 from ema_bags.played_bag import PlayedBag, PlayerSettings
-from ema_bags.reader import Recorded
+from ema_bags.reader import MessagePlace, Recorded
 from ema_bags.writer import BagWriter
 from ema_interfaces.msg import Health
 from ema_ros import topics
@@ -21,7 +21,8 @@ STEP_NS = 10_000_000
 
 def recorded(count: int) -> list[Recorded]:
     return [
-        Recorded("/t", "", str(number), START_NS + number * STEP_NS, 0) for number in range(count)
+        Recorded(MessagePlace(START_NS + number * STEP_NS, 0, 0, 0), "/t", "", str(number), 0)
+        for number in range(count)
     ]
 
 
@@ -122,7 +123,7 @@ def test_recorded_time_stands_still_while_nothing_is_played(clock: SimulatedTime
 
 def test_player_that_is_late_stops_before_the_next_message():
     stop = threading.Event()
-    together = [item._replace(log_time_ns=START_NS) for item in recorded(5)]
+    together = [recorded(1)[0]] * 5
     played = Playback(together, 1.0, 0.01, lambda _: stop.set(), lambda _: None)
     assert not played.run(stop)
     assert played.played == 1

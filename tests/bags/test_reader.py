@@ -11,13 +11,9 @@ import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Header, String
 
 from ema_bags.gaps import GAP
-from ema_bags.message_type import type_hash
 from ema_bags.reader import Bag
 from ema_bags.schema import schema_text
 from ema_bags.writer import BagWriter
@@ -261,15 +257,6 @@ def test_type_that_is_not_installed_is_read_by_the_definition_in_the_recording(t
     assert (item.message.x, item.message.y.tolist()) == (1.5, [2.5, 3.5])
 
 
-def test_topic_that_is_not_there_is_named_with_those_that_are(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    record_by_us(path)
-    bag = Bag(path)
-    for ask in (bag.messages, bag.raw_messages):
-        with pytest.raises(ValueError, match="has no topic '/t2'; topics: /t0, /t1"):
-            ask(["/t0", "/t2"])
-
-
 @pytest.mark.parametrize("with_hash", [True, False])
 def test_type_that_has_changed_is_refused(with_hash: bool, tmp_path: Path):
     path = tmp_path / "flight.mcap"
@@ -445,20 +432,6 @@ def test_other_storage_is_refused(change: dict, told: str, tmp_path: Path):
     write_metadata(tmp_path / "flight", information | change)
     with pytest.raises(ValueError, match=told):
         Bag(tmp_path / "flight")
-
-
-def test_recording_by_rosbags_is_read(tmp_path: Path):
-    store = get_typestore(Stores.ROS2_JAZZY)
-    string = store.types[STRING]
-    with RosbagsWriter(tmp_path / "flight", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/t", STRING, typestore=store)
-        for number in range(5):
-            data = store.serialize_cdr(string(data=str(number)), STRING)
-            writer.write(connection, number, data)
-    bag = Bag(tmp_path / "flight")
-    assert as_read(bag) == [("/t", str(number), number) for number in range(5)]
-    assert bag.damage == ""
-    assert bag.topics["/t"].type_hash in ("", type_hash(STRING))
 
 
 def test_gaps_are_told_up_to_a_number(tmp_path: Path):

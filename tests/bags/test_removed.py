@@ -38,7 +38,7 @@ def test_recording_goes_on_in_a_new_file(tmp_path: Path, name: str):
     [described] = found.messages(["/ema/actuator_description"])
     assert described.message.actuator_id == "flap"
     assert found.topics["/words"].count == 1
-    assert found.gaps[0].count == 4
+    assert found.gaps[0].messages == 4
 
 
 def test_bag_that_does_not_wait_is_an_error(tmp_path: Path):

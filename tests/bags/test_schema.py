@@ -4,7 +4,6 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from mcap_ros2._dynamic import generate_dynamic
 from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
@@ -13,7 +12,6 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
@@ -49,16 +47,6 @@ def test_schema_says_what_is_hashed(kind: type):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(schema_text(name), name))
     assert store.hash_rihs01(name) == type_hash(name)
-
-
-@pytest.mark.parametrize("kind", TYPES, ids=type_name)
-def test_schema_is_read_by_mcap_ros2(kind: type):
-    name = type_name(kind)
-    assert name in generate_dynamic(name, schema_text(name))
-
-
-def test_schema_of_a_flat_type_is_its_definition():
-    assert schema_text("std_msgs/msg/String") == definition("std_msgs/msg/String")
 
 
 def test_schema_joins_the_definitions_as_they_are():
@@ -130,12 +118,6 @@ def test_unknown_type_is_named(ask, name: str):
         ask(name)
 
 
-@pytest.mark.parametrize("thing", [int, len])
-def test_what_is_no_message_class_has_no_type_name(thing):
-    with pytest.raises(ValueError, match="expected the class of a ROS message"):
-        type_name(thing)
-
-
 def test_offered_qos_in_words():
     qos = QoSProfile(
         depth=5,
@@ -158,11 +140,6 @@ def test_offered_qos_in_words():
         "avoid_ros_namespace_conventions": False,
     }
     assert yaml.safe_load(offered_qos_profiles(qos)) == [offered_qos(qos)]
-
-
-def test_offered_qos_is_read_by_rosbags():
-    (read,) = parse_qos(offered_qos_profiles(QoSProfile(depth=7)))
-    assert (read.depth, read.reliability.name, read.liveliness.name) == (7, "RELIABLE", "AUTOMATIC")
 
 
 def test_definition_that_contains_itself_is_refused():

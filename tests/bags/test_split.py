@@ -1,8 +1,6 @@
 """A recording in several files: each can be used alone, and together they are one."""
 
 import inspect
-import subprocess
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -137,23 +135,6 @@ def test_metadata_list_what_is_closed_and_the_rest_is_found(tmp_path: Path):
         assert bag.topics["/ema/telemetry"].count == N
         assert "flight_3.mcap is not in metadata.yaml: not closed" in bag.damage
         assert "other" not in bag.damage
-
-
-KILLED = """
-import os, sys
-from pathlib import Path
-from tests.bags.test_split import record
-record(Path(sys.argv[1]), max_duration_s=0.25).flush()
-os._exit(9)
-"""
-
-
-def test_killed_recorder_loses_no_file(tmp_path: Path):
-    folder = tmp_path / "flight"
-    subprocess.run([sys.executable, "-c", KILLED, str(folder)], check=False)
-    bag = Bag(folder)
-    assert len(list(bag.messages(["/ema/telemetry"]))) == N
-    assert "not closed" in bag.damage
 
 
 def test_one_file_cannot_be_split(tmp_path: Path):

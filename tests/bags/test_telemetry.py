@@ -89,11 +89,6 @@ def test_unit_that_was_replaced_has_two_descriptions(tmp_path: Path):
     assert read_telemetry(bag).descriptions == (first, second)
 
 
-def test_telemetry_without_description_has_none(tmp_path: Path):
-    bag = record(tmp_path / "flight", ("/telemetry", "flap", blocks()))
-    assert read_telemetry(bag).descriptions == ()
-
-
 def test_recording_without_telemetry_says_what_it_has(tmp_path: Path):
     bag = record(tmp_path / "flight")
     with pytest.raises(
@@ -108,12 +103,6 @@ def test_telemetry_topic_without_a_block_is_refused(tmp_path: Path):
     bag = record(tmp_path / "flight", ("/telemetry", "flap", []))
     with pytest.raises(ValueError, match="has no message on /telemetry"):
         read_telemetry(bag)
-
-
-def test_empty_topic_beside_a_filled_one_is_no_choice(tmp_path: Path):
-    written = blocks()
-    bag = record(tmp_path / "flight", ("/empty", "flap", []), ("/telemetry", "flap", written))
-    assert_same(blocks_of(read_telemetry(bag)), written)
 
 
 @pytest.mark.parametrize("topic", ["/remarks", "/telemetri"])
@@ -189,19 +178,3 @@ def test_impossible_description_is_skipped_and_named_with_its_place(tmp_path: Pa
     assert "log time 5 ns: the description is impossible: tau = 0 - is outside" in (
         recorded.bag.damage
     )
-
-
-def test_truncated_recording_gives_the_telemetry_before_the_cut(tmp_path: Path):
-    written = blocks()
-    path = tmp_path / "flight.mcap"
-    sizes = []
-    with BagWriter(path) as writer:
-        writer.add_topic("/telemetry", TelemetryBlock, QOS)
-        for block in written:
-            sizes.append(path.stat().st_size)
-            writer.write("/telemetry", telemetry_to_message(block, "flap"), block.stamp_ns)
-            writer.flush()
-    path.write_bytes(path.read_bytes()[: sizes[-1] + 100])
-    bag = Bag(path)
-    assert_same(blocks_of(read_telemetry(bag)), written[:-1])
-    assert "breaks off" in bag.damage

@@ -7,7 +7,6 @@ import pytest
 
 from ema_bags.inputs.defects import find_defects, refused, stream_defects
 from ema_bags.inputs.resampling import Losses
-from ema_core.parameters import ActuatorParameters
 from ema_sim import simulate
 
 from .conftest import described
@@ -171,8 +170,3 @@ def test_losses_and_stamps_are_named_with_their_number():
     assert "rebuilds the stamps" in mostly.remedy
     [rows] = stream_defects(Losses(samples=100, jumps=50), 0, of_table=True)
     assert rows.remedy == "is clock.source the right one? Rows have to be in the order of time"
-
-
-def test_parameters_of_the_description_are_those_of_the_checks(found):
-    """The gear ratio of the built-in actuator, on which the cases above rest."""
-    assert ActuatorParameters().tau == TAU

@@ -22,11 +22,6 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
     assert mapping.is_table == (path.stem == "csv")
 
 
-def test_there_is_an_example_for_each_source_of_the_documents():
-    names = {path.stem for path in EXAMPLES}
-    assert names >= {"joint_state", "dynamic_joint_state", "odrive", "csv", "interface_values"}
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -48,12 +48,6 @@ def test_preamble_and_comments_are_passed_over(tmp_path):
     assert list(read_columns(written(tmp_path / "a.csv", text)).values) == ["t", "pos", "cur"]
 
 
-def test_columns_without_names_are_numbered(tmp_path):
-    found = read_columns(written(tmp_path / "a.csv", rows(",")))
-    assert list(found.values) == ["column 1", "column 2", "column 3"]
-    assert len(found) == 3
-
-
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
 def test_encodings_of_spreadsheets_are_read(tmp_path, encoding):
     path = written(tmp_path / "a.csv", f"t;Öl [°];cur\n{rows(';', ',')}", encoding)

@@ -568,10 +568,10 @@ def test_recorder_waits_out_a_full_disk_and_tells_the_gap(graph: Graph, tmp_path
     bag = Bag(tmp_path / "flight")
     read = [int(item.message.data.partition(" ")[0]) for item in bag.messages()]
     assert bag.damage == ""
-    [gap] = [gap for gap in bag.gaps if gap.count]
+    [gap] = [gap for gap in bag.gaps if gap.messages]
     # What was lost is one stretch, and just as much as the bag says.
     steps = [after - before for before, after in itertools.pairwise(read)]
-    assert sorted(steps)[-2:] == [1, gap.count + 1]
+    assert sorted(steps)[-2:] == [1, gap.messages + 1]
     assert any("File too large" in remark for remark in bag.remarks)
     metadata = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
     assert str(gap) in metadata["rosbag2_bagfile_information"]["custom_data"].values()

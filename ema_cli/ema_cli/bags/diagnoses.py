@@ -139,8 +139,7 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     """
     bag = Bag(path)
     topics = bag.topics_of(ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE)
-    placed = list(bag.placed_messages(topics))
-    recorded = [item for _, item in placed]
+    recorded = list(bag.messages(topics))
     estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
     known = ", ".join(sorted(estimated))
     if not estimated:
@@ -152,11 +151,11 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     if actuator_id is not None and actuator_id not in estimated:
         raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
     history = DiagnosisLog(actuator_id or estimated.pop())
-    for place, item in placed:
+    for item in recorded:
         try:
             history.add(item.type_name, item.message, item.log_time_ns)
         except ValueError as error:
-            bag.note_malformed(item.topic, place, str(error))
+            bag.note_malformed(item, str(error))
     history.remarks += bag.remarks
     return history
 

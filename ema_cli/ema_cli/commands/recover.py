@@ -50,15 +50,15 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
                 whole.add_topic(name, message_class(topic.type_name), _offer(name, topic))
             checks = {name: _checked(damaged.topics[name]) for name in names}
             total, written = sum(damaged.topics[name].count for name in names), 0
-            messages = damaged.placed_raw_messages(names)
-            for place, item in progress.track(messages, total=total, description="recovering"):
+            messages = damaged.raw_messages(names)
+            for item in progress.track(messages, total=total, description="recovering"):
                 if stop:
                     raise click.Abort
                 try:
                     message = checks[item.topic](item.message)
                     _require_times(item)
                 except ValueError as error:
-                    damaged.note_malformed(item.topic, place, str(error))
+                    damaged.note_malformed(item, str(error))
                     continue
                 whole.write_serialized(item.topic, message, item.log_time_ns, item.publish_time_ns)
                 written += 1

@@ -3,25 +3,51 @@
 import errno
 import os
 from collections import Counter
-from dataclasses import dataclass
+from functools import cached_property
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any, cast
 
 from mcap.writer import Writer
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from ema_bags.gaps import GAP, Gap
-from ema_bags.metadata import FileInformation, TopicInformation, serialized_metadata
+from ema_bags.message_type import type_hash, type_name
+from ema_bags.metadata import FileInformation, serialized_metadata
+from ema_bags.qos import offered_qos, offered_qos_profiles
+from ema_bags.schema import schema_text, trimmer
 from ema_core import __version__
+from ema_interfaces.msg import ActuatorDescription, Usage
 
 
-@dataclass
-class RecordedType:
-    """A topic as it is written to each file: its metadata, schema and offered QoS as YAML."""
+class WrittenTopic:
+    """A topic that is written, with what its publisher offers.
 
-    information: TopicInformation
-    schema: str
-    offered_qos: str
+    Attributes
+    ----------
+    count
+        How many messages were written.
+    says_state
+        Whether its latest message holds until the next one.
+    trim
+        What cuts off what is behind the content of a message.
+    """
+
+    def __init__(self, name: str, message_class: Any, qos: QoSProfile) -> None:
+        self.name, self.message_class = name, message_class
+        self.type_name = type_name(message_class)
+        self.type_hash = type_hash(self.type_name)
+        self.schema = schema_text(self.type_name)
+        self.trim = trimmer(self.type_name)
+        self.qos, self.qos_text = offered_qos(qos), offered_qos_profiles(qos)
+        is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self.says_state = is_latched or issubclass(message_class, (ActuatorDescription, Usage))
+        self.count = 0
+
+    @cached_property
+    def has_actuator(self) -> bool:
+        """Whether its messages name an actuator."""
+        return "actuator_id" in self.message_class.get_fields_and_field_types()
 
 
 class _HeldFile:
@@ -54,7 +80,6 @@ class _HeldFile:
         self._file.close()
 
     def is_at(self, path: Path) -> bool:
-        """Return whether it still has a name."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(path))
         except FileNotFoundError:
@@ -74,7 +99,8 @@ class BagFile:
     Raises
     ------
     OSError
-        When there is such a file, or it cannot be made.
+        When there is such a file, or it cannot be made; of its methods, when what waits could not
+        be written: it still waits.
     """
 
     def __init__(self, path: Path, chunk_bytes: int) -> None:
@@ -103,58 +129,34 @@ class BagFile:
         """How many of them are not written yet [B]."""
         return len(self._file.held)
 
-    def add_topic(self, topic: RecordedType) -> None:
+    def add_topic(self, topic: WrittenTopic) -> None:
         """Add a topic that messages follow of."""
-        name = topic.information.type_name
-        if name not in self._schemas:
-            self._schemas[name] = self._mcap.register_schema(name, "ros2msg", topic.schema.encode())
-        self._channels[topic.information.name] = self._mcap.register_channel(
-            topic.information.name,
-            "cdr",
-            self._schemas[name],
-            {
-                "offered_qos_profiles": topic.offered_qos,
-                "topic_type_hash": topic.information.type_hash,
-            },
+        kind = topic.type_name
+        if kind not in self._schemas:
+            self._schemas[kind] = self._mcap.register_schema(kind, "ros2msg", topic.schema.encode())
+        metadata = {"offered_qos_profiles": topic.qos_text, "topic_type_hash": topic.type_hash}
+        self._channels[topic.name] = self._mcap.register_channel(
+            topic.name, "cdr", self._schemas[kind], metadata
         )
 
-    def write(
-        self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, n: int
-    ) -> None:
-        """Take a message, the ``n``-th of its topic; ``flush`` writes it."""
-        channel = self._channels[topic]
-        self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, n % 2**32)
+    def write(self, topic: WrittenTopic, data: bytes, log_time_ns: int, sent_ns: int) -> None:
+        """Take the next message of a topic; ``flush`` writes it."""
+        channel, number = self._channels[topic.name], topic.count % 2**32
+        self._mcap.add_message(channel, log_time_ns, data, sent_ns, number)
         self.information.add(log_time_ns)
-        self.counts[topic] += 1
+        self.counts[topic.name] += 1
+        topic.count += 1
 
     def note_gap(self, gap: Gap) -> None:
         """Tell of messages that are not recorded."""
-        record = {
-            "reason": gap.reason,
-            "messages": str(gap.count),
-            "start_ns": str(gap.start_ns),
-            "end_ns": str(gap.end_ns),
-        }
-        self._mcap.add_metadata(GAP, record)
+        self._mcap.add_metadata(GAP, gap.as_metadata())
 
     def write_waiting(self) -> None:
-        """Hand what waits to the operating system, without the chunk that is being gathered.
-
-        Raises
-        ------
-        OSError
-            When that could not be written; it waits.
-        """
+        """Hand what waits to the system, without the chunk that is being gathered."""
         self._file.flush()
 
     def flush(self) -> None:
-        """Hand everything so far to the operating system.
-
-        Raises
-        ------
-        OSError
-            When that could not be written; it waits.
-        """
+        """Hand everything so far to the operating system."""
         self._mcap.flush()
 
     def finish(self, information: dict[str, Any]) -> None:
@@ -164,13 +166,7 @@ class BagFile:
         self._mcap.finish()
 
     def close(self) -> None:
-        """Write what waits, and close.
-
-        Raises
-        ------
-        OSError
-            When that could not be written; the file stays open.
-        """
+        """Write what waits, and close; a file that cannot be written stays open."""
         self._file.flush()
         self._file.close()
 

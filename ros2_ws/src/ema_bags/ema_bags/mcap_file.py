@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import BinaryIO, Final, cast
+from typing import BinaryIO, Final
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -20,7 +20,6 @@ from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
-from mcap.summary import Summary
 
 from ema_bags.gaps import GAP, Gap
 
@@ -29,6 +28,11 @@ _COMPRESSIONS: Final = ("", "zstd", "lz4")
 _CHUNK_HEAD_BYTES: Final = 9 + 40
 _STRETCH_BYTES: Final = 1 << 20
 _MOST_BYTES: Final = 1 << 30
+# What mcap, lz4 and lengths that nobody wrote come upon in damaged records.
+_FAILURES: Final = (
+    *(McapError, zstandard.ZstdError, struct.error, UnicodeDecodeError),
+    *(RuntimeError, EOFError, OverflowError, MemoryError),
+)
 
 
 class DamageError(Exception):
@@ -76,31 +80,28 @@ class Contents:
     library: str = ""
     gaps: list[Gap] = field(default_factory=list)
 
+    def define(self, record: object) -> None:
+        """Take a schema or channel, which must not differ from what is known of it."""
+        if isinstance(record, Schema):
+            if self.schemas.setdefault(record.id, record) != record:
+                raise DamageError(f"schema {record.id} is defined otherwise elsewhere")
+        elif isinstance(record, Channel):
+            known = self.channels.setdefault(record.id, record)
+            if known != record:
+                raise DamageError(f"channel {record.id} is {record.topic} here, else {known.topic}")
 
-class _Bounded:
-    """A file of which a damaged length or offset asks for no more than it has."""
-
-    def __init__(self, file: BinaryIO, size: int) -> None:
-        self._file, self._size = file, size
-        self.tell = file.tell
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        if whence == io.SEEK_SET and offset > self._size:
-            raise DamageError(f"byte {offset} is behind the file")
-        return self._file.seek(offset, whence)
-
-    def read(self, count: int = -1) -> bytes:
-        left = max(self._size - self._file.tell(), 0)
-        return self._file.read(left if count < 0 else min(count, left))
+    def note_gap(self, record: Metadata) -> None:
+        """Take what a recorder tells of a gap; other metadata are passed over."""
+        if record.name != GAP:
+            return
+        try:
+            self.gaps.append(Gap.from_metadata(record.metadata))
+        except (KeyError, ValueError) as error:
+            raise DamageError(f"no record of a gap: {error!r}") from error
 
 
 def read_contents(file: BinaryIO) -> Contents:
-    """Find out what a file holds.
-
-    Parameters
-    ----------
-    file
-        An MCAP file; it may be cut off anywhere.
+    """Find out what a file holds, which may be cut off anywhere.
 
     Raises
     ------
@@ -120,15 +121,14 @@ def read_contents(file: BinaryIO) -> Contents:
             else "a table, or another bag? `ema import FILE --preview` shows how to read it"
         )
         raise ValueError(f"is not an MCAP file: it begins with {begin!r} ({remedy})")
-    bounded = cast(BinaryIO, _Bounded(file, size))
     is_whole = True
     try:
         with _damage():
-            if contents := _by_index(bounded, size):
+            if contents := _by_index(file, size):
                 return contents
     except DamageError:
         is_whole = False
-    return _by_reading(bounded, size, index_is_whole=is_whole)
+    return _by_reading(file, size, index_is_whole=is_whole)
 
 
 def read_messages(file: BinaryIO, stretch: Stretch, contents: Contents) -> list[Message]:
@@ -143,14 +143,14 @@ def read_messages(file: BinaryIO, stretch: Stretch, contents: Contents) -> list[
     data = file.read(stretch.stop - stretch.offset)
     if len(data) < stretch.stop - stretch.offset:
         raise DamageError("it is cut off")
+    messages = []
     with _damage():
-        messages = []
         for record in _records(data):
             if isinstance(record, Message):
                 messages.append(record)
             else:
-                _define(contents, record)
-        return messages
+                contents.define(record)
+    return messages
 
 
 @contextmanager
@@ -162,20 +162,17 @@ def _damage() -> Iterator[None]:
         raise DamageError(str(error)) from error
     except EndOfFile as error:
         raise DamageError("a record is cut off") from error
-    except (McapError, zstandard.ZstdError, struct.error, UnicodeDecodeError) as error:
-        raise DamageError(f"{type(error).__name__} {error}".strip()) from error
-    except (RuntimeError, EOFError, OverflowError, MemoryError) as error:  # lz4, and lengths
+    except _FAILURES as error:
         raise DamageError(f"{type(error).__name__} {error}".strip()) from error
 
 
 def _records(data: bytes) -> Iterator[object]:
     """Yield the records in a stretch."""
-    stream = ReadDataStream(io.BytesIO(data))
-    if stream.read1() == Opcode.CHUNK:
-        stream.read8()
-        yield from breakup_chunk(Chunk.read(stream), validate_crc=True)
-        return
     source = io.BytesIO(data)
+    if data[:1] == bytes([Opcode.CHUNK]):
+        source.seek(9)
+        yield from breakup_chunk(Chunk.read(ReadDataStream(source)), validate_crc=True)
+        return
     records = StreamReader(source, skip_magic=True).records
     while source.tell() < len(data):
         yield next(records)
@@ -187,7 +184,7 @@ def _by_index(file: BinaryIO, size: int) -> Contents | None:
     file.seek(0)
     reader = SeekingReader(file, record_size_limit=_MOST_BYTES)
     header, summary = reader.get_header(), reader.get_summary()
-    if not isinstance(summary, Summary) or summary.statistics is None:
+    if summary is None or summary.statistics is None:
         return None
     contents = Contents(summary.schemas, summary.channels, library=header.library)
     contents.counts.update(summary.statistics.channel_message_counts)
@@ -207,22 +204,17 @@ def _by_index(file: BinaryIO, size: int) -> Contents | None:
         or not schemas <= contents.schemas.keys()
     ):
         return None
-    for place in summary.metadata_indexes:
-        if place.name == GAP:
-            file.seek(place.offset)
-            record = next(StreamReader(file, skip_magic=True).records)
-            _note_gap(contents, record)
+    for record in reader.iter_metadata():
+        contents.note_gap(record)
     return contents
 
 
 def _check_summary(file: BinaryIO, size: int) -> None:
     """Compare the summary with its checksum, which mcap's reader takes at its word."""
-    if size < FOOTER_SIZE + 2 * len(_MAGIC):
-        raise DamageError("there is no footer")
     footer_at = size - FOOTER_SIZE - len(_MAGIC)
-    file.seek(footer_at)
+    file.seek(max(footer_at, 0))
     footer = file.read(FOOTER_SIZE)
-    if footer[0] != Opcode.FOOTER or file.read() != _MAGIC:
+    if footer_at < len(_MAGIC) or footer[0] != Opcode.FOOTER or file.read() != _MAGIC:
         raise DamageError("there is no footer")
     start, _, checksum = struct.unpack_from("<QQI", footer, 9)
     if start and checksum:
@@ -277,23 +269,22 @@ def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
 
 def _add(contents: Contents, record: object, start: int, end: int) -> None:
     """Add a record of the data section, from ``start`` to ``end`` in its file."""
+    records = [record]
     if isinstance(record, Header):
         contents.library = record.library
-    if isinstance(record, Metadata) and record.name == GAP:
-        _note_gap(contents, record)
-    if isinstance(record, Chunk):
+    elif isinstance(record, Metadata):
+        contents.note_gap(record)
+    elif isinstance(record, Chunk):
         _check_compression(record.compression)
         records = breakup_chunk(record, validate_crc=True)
-    else:
-        records = [record]
     for inner in records:
-        _define(contents, inner)
+        contents.define(inner)
     messages = [inner for inner in records if isinstance(inner, Message)]
     if not messages:
         return
     last = contents.stretches[-1] if contents.stretches else None
-    is_single = last is None or isinstance(record, Chunk) or last.stop != start
-    if last is None or is_single or end - last.offset > _STRETCH_BYTES:
+    goes_on = last is not None and last.stop == start and not isinstance(record, Chunk)
+    if last is None or not goes_on or end - last.offset > _STRETCH_BYTES:
         last = Stretch(start, end)
         contents.stretches.append(last)
     last.stop = end
@@ -310,26 +301,6 @@ def _check_compression(name: str) -> None:
             f"has chunks compressed by {name!r}, expected 'zstd', 'lz4' or none; rewrite it by "
             "`mcap compress --compression zstd`"
         )
-
-
-def _define(contents: Contents, record: object) -> None:
-    if isinstance(record, Schema):
-        if contents.schemas.setdefault(record.id, record) != record:
-            raise DamageError(f"schema {record.id} is defined otherwise elsewhere")
-    elif isinstance(record, Channel):
-        known = contents.channels.setdefault(record.id, record)
-        if known != record:
-            raise DamageError(f"channel {record.id} is {record.topic} here, else {known.topic}")
-
-
-def _note_gap(contents: Contents, record: object) -> None:
-    try:
-        assert isinstance(record, Metadata)
-        values = record.metadata
-        start_ns, end_ns, count = (int(values[key]) for key in ("start_ns", "end_ns", "messages"))
-    except (AssertionError, KeyError, ValueError) as error:
-        raise DamageError(f"no record of a gap: {error!r}") from error
-    contents.gaps.append(Gap(values.get("reason", ""), start_ns, end_ns, count))
 
 
 def _intact(contents: Contents) -> str:

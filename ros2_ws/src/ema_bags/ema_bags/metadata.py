@@ -4,10 +4,9 @@ rosbags writes metadata only with a whole bag, and reads none that is damaged.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 import yaml
@@ -22,17 +21,6 @@ _ROOT = "rosbag2_bagfile_information"
 _VERSION = 9  # of Jazzy: QoS as mappings in words
 NEVER_NS = 2**63 - 1
 """Start of a recording without a message [ns]."""
-
-
-@dataclass
-class TopicInformation:
-    """Metadata of a topic; ``qos`` as of :func:`ema_bags.qos.offered_qos`."""
-
-    name: str
-    type_name: str
-    type_hash: str
-    qos: dict[str, Any]
-    count: int = 0
 
 
 @dataclass
@@ -60,19 +48,9 @@ class FileInformation:
 
 
 def bag_information(
-    files: Sequence[FileInformation],
-    topics: Sequence[TopicInformation],
-    custom_data: Mapping[str, str] = MappingProxyType({}),
+    files: Sequence[FileInformation], topics: Iterable[Any], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return rosbag2's metadata of a recording.
-
-    Parameters
-    ----------
-    files
-        Its files so far.
-    custom_data
-        Texts by name.
-    """
+    """Return rosbag2's metadata of a recording: of its files so far, and of written topics."""
     whole = FileInformation(
         "",
         min((file.start_ns for file in files), default=NEVER_NS),
@@ -119,17 +97,7 @@ def write_metadata(folder: Path, information: dict[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class FolderContents:
-    """Files of a recording in a folder.
-
-    Attributes
-    ----------
-    files
-        The MCAP files that are there.
-    message_count
-        How many messages ``metadata.yaml`` promises; None where it does not say.
-    damage
-        What is wrong with the folder, one item a finding.
-    """
+    """MCAP files in a folder, how many messages are promised, if known, and what is wrong."""
 
     files: list[Path]
     message_count: int | None

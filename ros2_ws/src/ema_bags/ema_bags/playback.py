@@ -59,28 +59,14 @@ class Playback:
         self.start_ns = self.reached_ns = self._next.log_time_ns
 
     def go_to(self, time_ns: int, messages: Iterable[Recorded]) -> None:
-        """Stand at another time, while nothing is played.
-
-        Parameters
-        ----------
-        time_ns
-            Log time to go to [ns].
-        messages
-            The messages from then on, in the order of their log times.
-        """
+        """Stand at another log time [ns], with the messages from then on, while nothing plays."""
         self._messages = iter(messages)
         self._next = next(self._messages, None)
         self.reached_ns = time_ns
         self._tick(time_ns)
 
     def step(self, count: int, stop: threading.Event) -> int:
-        """Play the next messages at once, while nothing else is played.
-
-        Returns
-        -------
-        int
-            How many there were; fewer than ``count`` at the end, or when ``stop`` is set.
-        """
+        """Play the next messages at once, and return how many: fewer at the end, or if stopped."""
         played = 0
         while self._next is not None and played < count and not stop.is_set():
             self._tick(self._next.log_time_ns)
@@ -89,13 +75,7 @@ class Playback:
         return played
 
     def run(self, stop: threading.Event) -> bool:
-        """Play on from where it stands.
-
-        Returns
-        -------
-        bool
-            Whether the end is reached.
-        """
+        """Play on from where it stands, and return whether the end is reached."""
         begin_ns, begin_s = self.reached_ns, time.monotonic()
         next_tick_s = begin_s
         while self._next is not None:

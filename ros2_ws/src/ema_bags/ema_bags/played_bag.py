@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 
 from ema_bags.message_type import message_class, type_name
 from ema_bags.qos import recorded_qos, replay_qos
-from ema_bags.reader import Bag, MessagePlace, Recorded, Topic
+from ema_bags.reader import Bag, Recorded, Topic
 from ema_bags.schema import to_installed
 from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import unknown_name
@@ -27,19 +27,10 @@ CLOCK: Final = "/clock"
 """The topic that a player publishes itself."""
 
 _OWN: Final = type_name(PlaybackState)
-_ACTUATOR_TYPES: Final = frozenset(
-    map(
-        type_name,
-        (
-            TelemetryBlock,
-            ActuatorDescription,
-            FaultVectorStamped,
-            JointState,
-            Usage,
-            MeasuredCauses,
-        ),
-    )
-)
+_OF_ACTUATORS: Final = frozenset(
+    type_name(kind)
+    for kind in (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState, Usage)
+) | {type_name(MeasuredCauses)}
 
 
 @dataclass(frozen=True)
@@ -77,8 +68,6 @@ class PlayedBag:
 
     Attributes
     ----------
-    bag
-        The bag itself.
     topics
         The topics to play.
     offers
@@ -116,14 +105,14 @@ class PlayedBag:
         # What was latched up to a time of the bag, and up to which it is known.
         self._latched: list[tuple[Recorded, str]] = []
         self._latched_until_ns = 0
-        begin_ns, self.end_ns = self.bag.start_ns or 0, self.bag.end_ns or 0
-        length_s = (self.end_ns - begin_ns) / 1e9
+        first_ns, self.end_ns = self.bag.start_ns or 0, self.bag.end_ns or 0
+        length_s = (self.end_ns - first_ns) / 1e9
         if settings.start_offset > length_s:
             raise ValueError(
                 f"start_offset = {settings.start_offset:g} s is beyond the end of {self.bag.path}, "
                 f"which lasts {length_s:.3f} s"
             )
-        begin_ns += round(settings.start_offset * 1e9)
+        begin_ns = first_ns + round(settings.start_offset * 1e9)
         if settings.playback_duration:
             self.end_ns = min(self.end_ns, begin_ns + round(settings.playback_duration * 1e9))
         first = next(self.messages(begin_ns), None)
@@ -131,18 +120,12 @@ class PlayedBag:
             damage = f"; {self.bag.damage}" if self.bag.damage else ""
             raise ValueError(
                 f"{self.bag.path}: there is no message to play from {settings.start_offset:g} s "
-                f"to {(self.end_ns - (self.bag.start_ns or 0)) / 1e9:.3f} s{damage}"
+                f"to {(self.end_ns - first_ns) / 1e9:.3f} s{damage}"
             )
         self.start_ns = first.log_time_ns
 
     def leave_out(self, name: str, reason: str) -> None:
-        """Play a topic not.
-
-        Raises
-        ------
-        ValueError
-            When there is no other one.
-        """
+        """Play a topic not; ValueError when there is no other one."""
         self.remarks[name] = f"not played, {reason}"
         del self.topics[name]
         if not self.topics:
@@ -155,15 +138,15 @@ class PlayedBag:
 
     def messages(self, start_ns: int) -> Iterator[Recorded]:
         """Read what is played from a log time on [ns], of the installed types."""
-        return self._upgraded(self.bag.placed_raw_messages(self.topics, start_ns, self.end_ns))
+        return self._upgraded(self.bag.raw_messages(self.topics, start_ns, self.end_ns))
 
     def latched_before(self, time_ns: int) -> list[Recorded]:
         """Read what is latched before a log time [ns], of each actuator; the bag is read once."""
         if time_ns > self._latched_until_ns:
             latched = DurabilityPolicy.TRANSIENT_LOCAL
             topics = [name for name, offer in self.offers.items() if offer.durability == latched]
-            items = self.bag.placed_raw_messages(topics, self._latched_until_ns, time_ns - 1)
-            for item in self._upgraded(items if topics else ()):
+            items = self.bag.raw_messages(topics, self._latched_until_ns, time_ns - 1)
+            for item in self._upgraded(items):
                 message: Any = deserialize_message(item.message, message_class(item.type_name))
                 self._latched.append((item, getattr(message, "actuator_id", "")))
             self._latched_until_ns = time_ns
@@ -184,25 +167,23 @@ class PlayedBag:
 
     def _playable(self, actuator_only: bool, wanted: set[str] | None) -> dict[str, Topic]:
         bag = self.bag
-        playable: dict[str, Topic] = {}
         for name in sorted(wanted or ()):
             if name not in bag.topics:
                 raise ValueError(f"{bag.path}: {unknown_name('topic', name, bag.topics)}")
+        playable: dict[str, Topic] = {}
         for name, topic in bag.topics.items():
-            if wanted is not None and name not in wanted:
-                continue
-            excluded = actuator_only and topic.type_name not in _ACTUATOR_TYPES
-            if not topic.count or name == CLOCK or topic.type_name == _OWN or excluded:
+            excluded = actuator_only and topic.type_name not in _OF_ACTUATORS
+            is_own = name == CLOCK or topic.type_name == _OWN
+            if not topic.count or is_own or excluded or name not in (wanted or bag.topics):
                 continue
             try:
                 if topic.encoding != "cdr":
                     raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
                 message_class(topic.type_name)
                 to_installed(*topic.identity)
+                playable[name] = topic
             except ValueError as error:
                 self.remarks[name] = f"not played, {error}"
-            else:
-                playable[name] = topic
         if playable:
             return playable
         reasons = [f"{name}: {why}" for name, why in self.remarks.items()]
@@ -212,15 +193,15 @@ class PlayedBag:
             reasons = ["no message of an actuator in it, and actuator_only is set"]
         raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
 
-    def _upgraded(self, items: Iterable[tuple[MessagePlace, Recorded]]) -> Iterator[Recorded]:
+    def _upgraded(self, items: Iterable[Recorded]) -> Iterator[Recorded]:
         """Yield messages of the installed types; what is none is skipped, counted and named."""
-        for place, item in items:
+        for item in items:
             upgrade = self._upgrades[item.topic]
             try:
                 message = upgrade(item.message) if upgrade else item.message
                 deserialize_message(message, message_class(item.type_name))
             except Exception as error:  # whatever the middleware makes of what is no message
                 self.skipped += 1
-                self.bag.note_malformed(item.topic, place, str(error))
+                self.bag.note_malformed(item, str(error))
                 continue
             yield item._replace(message=message)

@@ -80,7 +80,7 @@ class PlayerNode(ManagedNode):
         self._steered = threading.RLock()  # over start and stop of the worker
         self._state_timer = self.create_timer(
             _STATE_S,
-            self._publish_progress,
+            lambda: self._status == PlaybackState.PLAYING and self._publish_state(),
             callback_group=MutuallyExclusiveCallbackGroup(),
             clock=SteadyClock(clock_type=ClockType.STEADY_TIME),
             autostart=False,
@@ -92,7 +92,7 @@ class PlayerNode(ManagedNode):
         self._played = PlayedBag(self._settings, topic_names(self))
         self._outputs = PlayerOutputs(self, self._played)
         for name, reason in self._played.remarks.items():
-            self._warn(f"{name}: {reason}")
+            self.get_logger().warning(f"{name}: {reason}")
         self._warn_of_damage("")
         self._playback = Playback(
             self._played.messages(self._played.start_ns),
@@ -179,11 +179,10 @@ class PlayerNode(ManagedNode):
 
         def answer(request: Any, response: Any) -> Any:
             try:
-                fields = act(request)
+                fields = act(request) or {"success": True}
             except (OSError, ValueError) as error:
-                response.message = str(error)
-                return response
-            for field, value in ({"success": True} if fields is None else fields).items():
+                fields = {"message": str(error)}
+            for field, value in fields.items():
                 setattr(response, field, value)
             return response
 
@@ -275,10 +274,6 @@ class PlayerNode(ManagedNode):
         if self.finished.is_set():
             raise ValueError("the player has ended")
 
-    def _publish_progress(self) -> None:
-        if self._status == PlaybackState.PLAYING:
-            self._publish_state()
-
     def _publish_state(self, *, jumped: bool = False) -> None:
         state = PlaybackState(
             bag=str(self._played.bag.path),
@@ -315,13 +310,7 @@ class PlayerNode(ManagedNode):
         self._is_begun = True
 
     def _run(self, stop: threading.Event) -> bool:
-        """Play on, the first time once there are subscribers.
-
-        Returns
-        -------
-        bool
-            Whether the end is reached, and all that was played has arrived.
-        """
+        """Play on, first of all wait for subscribers, and return whether all has arrived."""
         if not self._is_begun:
             self._wait_for_subscribers(stop)
         if stop.is_set():
@@ -335,7 +324,8 @@ class PlayerNode(ManagedNode):
                 self._set_phase(f"paused after {played}")
                 return False
             if pending := self._outputs.await_acknowledgement(stop):
-                self._warn(f"not all messages on {', '.join(pending)} are acknowledged")
+                names = ", ".join(pending)
+                self.get_logger().warning(f"not all messages on {names} are acknowledged")
             # A bag without duration would be begun again at once.
             if stop.is_set() or (self._settings.loop and stop.wait(_BETWEEN_PASSES_S)):
                 return False
@@ -354,17 +344,14 @@ class PlayerNode(ManagedNode):
             self._set_phase(f"waiting for a subscriber of {missing}")
         self._outputs.await_subscribers(stop, wait_s)
         if not stop.is_set() and (missing := self._outputs.missing()):
-            self._warn(f"no subscriber of {missing} after {wait_s:g} s: starting")
+            self.get_logger().warning(f"no subscriber of {missing} after {wait_s:g} s: starting")
         for words in self._outputs.live_monitors():
-            self._warn(words)
+            self.get_logger().warning(words)
 
     def _warn_of_damage(self, known: str) -> None:
         bag = self._played.bag
         if bag.damage != known:
-            self._warn(f"{bag.path.name} is damaged: {bag.damage}")
-
-    def _warn(self, words: str) -> None:
-        self.get_logger().warning(words)
+            self.get_logger().warning(f"{bag.path.name} is damaged: {bag.damage}")
 
     def _set_phase(self, phase: str) -> None:
         self._phase = phase

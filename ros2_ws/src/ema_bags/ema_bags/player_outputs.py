@@ -49,10 +49,7 @@ class PlayerOutputs:
         self.publishers[item.topic].publish(item.message)
 
     def publish_latched(self, items: Iterable[Recorded]) -> None:
-        """Publish what is latched, each when the one before it has arrived.
-
-        A publisher keeps one message: that of one actuator at a time.
-        """
+        """Publish what is latched, each when the one before it of another actuator has arrived."""
         for item in items:
             self.publishers[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
             self.publish(item)
@@ -92,10 +89,7 @@ class PlayerOutputs:
         return [name for name, _ in pending]
 
     def live_monitors(self) -> list[str]:
-        """Return which nodes estimate from what is played and do not follow its time, in words.
-
-        What they find enters the histories of the units: it is taken for new tests.
-        """
+        """Return which nodes take what is played for new tests, as they do not follow its time."""
         listeners = {
             (item.node_name, item.node_namespace)
             for name in self._telemetry

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import zstandard
-from mcap.records import Message
 
 from ema_bags.gaps import Gap
 from ema_bags.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
 from ema_bags.message_type import is_installed
 from ema_bags.schema import decoder, schema_text, to_installed
 from ema_core.wording import counted
+
+_MOST_GAPS: Final = 10
 
 
 @dataclass(frozen=True)
@@ -49,19 +50,6 @@ class Topic:
         return self.type_name, self.schema, self.type_hash
 
 
-class Recorded(NamedTuple):
-    """A message of a recording; ``message`` is the message itself, or its bytes."""
-
-    topic: str
-    type_name: str
-    message: Any
-    log_time_ns: int
-    publish_time_ns: int
-
-
-_MOST_GAPS: Final = 10
-
-
 class MessagePlace(NamedTuple):
     """Where a message is in a recording; messages are read in the order of their places."""
 
@@ -69,6 +57,21 @@ class MessagePlace(NamedTuple):
     file: int
     offset: int
     number: int
+
+
+class Recorded(NamedTuple):
+    """A message of a recording; ``message`` is the message itself, or its bytes."""
+
+    place: MessagePlace
+    topic: str
+    type_name: str
+    message: Any
+    publish_time_ns: int
+
+    @property
+    def log_time_ns(self) -> int:
+        """When it was received [ns]."""
+        return self.place.log_time_ns
 
 
 class Bag:
@@ -141,8 +144,8 @@ class Bag:
         gaps = self.gaps
         told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
         if more := gaps[_MOST_GAPS:]:
-            lacking = counted(sum(gap.count for gap in more), "message")
-            unknown = "" if all(gap.count for gap in more) else ", and others may be missing"
+            lacking = counted(sum(gap.messages for gap in more), "message")
+            unknown = "" if all(gap.messages for gap in more) else ", and others may be missing"
             told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
         return list(filter(None, (self.damage, *told)))
 
@@ -151,23 +154,27 @@ class Bag:
         found = Counter(item.topic for item in self.raw_messages())
         return {name: found[name] for name in self.topics}
 
-    def note_malformed(self, topic: str, place: MessagePlace, reason: str) -> None:
-        """Take a message for none that can be used; ``damage`` counts it and says why.
-
-        Parameters
-        ----------
-        topic, place
-            Which message; it is counted once, however often it is read.
-        """
-        first = f"the first of log time {place.log_time_ns} ns: {reason}"
-        self._malformed.setdefault(topic, (first, set()))[1].add(place)
+    def note_malformed(self, item: Recorded, reason: str) -> None:
+        """Take a message for none that can be used; ``damage`` says why, and counts it once."""
+        first = f"the first of log time {item.log_time_ns} ns: {reason}"
+        self._malformed.setdefault(item.topic, (first, set()))[1].add(item.place)
 
     def topics_of(self, *type_names: str) -> list[str]:
         """Return the topics of some types."""
         return [name for name, topic in self.topics.items() if topic.type_name in type_names]
 
-    def messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
+    def messages(
+        self,
+        topics: Iterable[str] | None = None,
+        first: MessagePlace | None = None,
+        last: MessagePlace | None = None,
+    ) -> Iterator[Recorded]:
         """Read and decode messages, in the order of their log times.
+
+        Parameters
+        ----------
+        first, last
+            Places of the first and last message wanted; None for all.
 
         Raises
         ------
@@ -179,31 +186,11 @@ class Bag:
         -----
         A message that cannot be decoded is skipped; ``damage`` names and counts it.
         """
-        return (item for _, item in self.placed_messages(topics))
-
-    def placed_messages(
-        self,
-        topics: Iterable[str] | None = None,
-        first: MessagePlace | None = None,
-        last: MessagePlace | None = None,
-    ) -> Iterator[tuple[MessagePlace, Recorded]]:
-        """Read and decode messages with their places, so that some can be read once more.
-
-        Parameters
-        ----------
-        first, last
-            Places of the first and last message wanted; None for all.
-
-        Raises
-        ------
-        ValueError
-            As for :meth:`messages`.
-        """
         chosen = self._chosen(topics)
         decoders = {
             name: self._decoder(name, topic) for name, topic in chosen.items() if topic.count
         }
-        return self._decoded(chosen, decoders, first, last)
+        return self._decoded(decoders, self._in_log_order(chosen, first, last))
 
     def raw_messages(
         self,
@@ -223,15 +210,6 @@ class Bag:
         ValueError
             When a topic is not in the recording.
         """
-        return (item for _, item in self.placed_raw_messages(topics, start_ns, end_ns))
-
-    def placed_raw_messages(
-        self,
-        topics: Iterable[str] | None,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-    ) -> Iterator[tuple[MessagePlace, Recorded]]:
-        """Read messages as they are stored, with their places; as of :meth:`raw_messages`."""
         first = None if start_ns is None else MessagePlace(start_ns, -1, -1, -1)
         last = None if end_ns is None else MessagePlace(end_ns + 1, -1, -1, -1)
         return self._in_log_order(self._chosen(topics), first, last)
@@ -240,18 +218,18 @@ class Bag:
         from ema_bags.metadata import METADATA_FILE, folder_contents  # YAML only for these
 
         folder = folder_contents(self.path)
-        self._note(self.path, folder.damage)
+        self._note(self.path, *folder.damage)
         for path in folder.files:
             try:
                 self._open_file(path)
             except ValueError as error:
                 if len(folder.files) == 1:
                     raise
-                self._note(self.path, [str(error)])
+                self._note(self.path, str(error))
         found = sum(contents.counts.total() for contents in self._files.values())
         if folder.message_count is not None and folder.message_count > found:
             promised = f"{METADATA_FILE} promises {counted(folder.message_count, 'message')}"
-            self._note(self.path, [f"{promised}, {found} are there"])
+            self._note(self.path, f"{promised}, {found} are there")
 
     def _open_file(self, path: Path) -> None:
         try:
@@ -259,7 +237,7 @@ class Bag:
                 contents = self._files[path] = read_contents(file)
         except ValueError as error:
             raise ValueError(f"{path} {error}") from error
-        self._note(path, contents.damage)
+        self._note(path, *contents.damage)
 
     def _readable(self, path: Path) -> Path:
         """Return where a file can be read; one that is compressed is unpacked as far as it goes."""
@@ -282,7 +260,7 @@ class Bag:
                 self._unpacked[path] = unpacked
         return Path(self._unpacked[path].name)
 
-    def _note(self, path: Path, findings: Iterable[str]) -> None:
+    def _note(self, path: Path, *findings: str) -> None:
         # Of a folder it says in which file.
         place = "" if path == self.path else f"{path.name}: "
         self._damage.update(dict.fromkeys(f"{place}{item}" for item in findings))
@@ -333,42 +311,34 @@ class Bag:
             raise ValueError(f"{self.path}: topic {name} cannot be decoded: {error}") from error
 
     def _decoded(
-        self,
-        chosen: Mapping[str, Topic],
-        decoders: Mapping[str, Callable[[bytes], Any]],
-        first: MessagePlace | None,
-        last: MessagePlace | None,
-    ) -> Iterator[tuple[MessagePlace, Recorded]]:
-        for place, item in self._in_log_order(chosen, first, last):
+        self, decoders: Mapping[str, Callable[[bytes], Any]], items: Iterable[Recorded]
+    ) -> Iterator[Recorded]:
+        for item in items:
             try:
                 message = decoders[item.topic](item.message)
             except ValueError as error:
-                self.note_malformed(item.topic, place, str(error))
+                self.note_malformed(item, str(error))
                 continue
-            yield place, item._replace(message=message)
+            yield item._replace(message=message)
 
     def _in_log_order(
-        self,
-        chosen: Mapping[str, Topic],
-        first: MessagePlace | None = None,
-        last: MessagePlace | None = None,
-    ) -> Iterator[tuple[MessagePlace, Recorded]]:
+        self, chosen: Mapping[str, Topic], first: MessagePlace | None, last: MessagePlace | None
+    ) -> Iterator[Recorded]:
         found: Counter[str] = Counter()
         # The stretches may overlap in time: what is read waits until no stretch to come can hold
         # anything earlier. Equal times stay in the order of the files.
-        waiting: list[tuple[MessagePlace, Recorded]] = []
+        waiting: list[Recorded] = []
         for file_number, path, stretch in self._stretches(chosen):
             if first and stretch.end_ns < first.log_time_ns:
                 continue
             if last and stretch.start_ns > last.log_time_ns:
                 break
-            while waiting and waiting[0][0].log_time_ns < stretch.start_ns:
+            while waiting and waiting[0].log_time_ns < stretch.start_ns:
                 yield heapq.heappop(waiting)
-            for number, item in self._read(path, stretch, chosen):
+            for item in self._read(file_number, path, stretch, chosen):
                 found[item.topic] += 1
-                place = MessagePlace(item.log_time_ns, file_number, stretch.offset, number)
-                if (not first or first <= place) and (not last or place <= last):
-                    heapq.heappush(waiting, (place, item))
+                if (not first or first <= item.place) and (not last or item.place <= last):
+                    heapq.heappush(waiting, item)
         while waiting:
             yield heapq.heappop(waiting)
         if first or last:
@@ -376,7 +346,7 @@ class Bag:
         for name, topic in chosen.items():
             if found[name] < topic.count:
                 lost = f"{topic.count - found[name]} of {topic.count} messages are lost"
-                self._note(self.path, [f"topic {name}: {lost}"])
+                self._note(self.path, f"topic {name}: {lost}")
 
     def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:
         """Stretches that may hold messages of the topics, by the time of their first message."""
@@ -389,12 +359,18 @@ class Bag:
         return sorted(stretches, key=lambda item: (item[2].start_ns, item[0], item[2].offset))
 
     def _read(
-        self, path: Path, stretch: Stretch, chosen: Mapping[str, Topic]
-    ) -> Iterator[tuple[int, Recorded]]:
-        """Yield the messages of a stretch with their numbers in it, whatever topics are wanted."""
-        channels = self._files[path].channels
-        for number, stored in enumerate(self._stored_messages(path, stretch)):
-            data, channel = stored.data, channels.get(stored.channel_id)
+        self, file_number: int, path: Path, stretch: Stretch, chosen: Mapping[str, Topic]
+    ) -> Iterator[Recorded]:
+        """Yield the messages of a stretch; none where it is damaged."""
+        contents = self._files[path]
+        try:
+            with self._readable(path).open("rb") as file:
+                messages = read_messages(file, stretch, contents)
+        except DamageError as error:
+            self._note(path, f"the chunk at byte {stretch.offset} is lost: {error}")
+            return
+        for number, stored in enumerate(messages):
+            data, channel = stored.data, contents.channels.get(stored.channel_id)
             if channel is None or channel.topic not in chosen:
                 continue
             topic = chosen[channel.topic]
@@ -404,16 +380,7 @@ class Bag:
                     data = zstandard.decompress(data)
                 except zstandard.ZstdError as error:
                     lost = f"topic {channel.topic}: a compressed message is lost: {error}"
-                    self._note(path, [lost])
+                    self._note(path, lost)
                     continue
-            times = stored.log_time, stored.publish_time
-            yield number, Recorded(channel.topic, topic.type_name, data, *times)
-
-    def _stored_messages(self, path: Path, stretch: Stretch) -> list[Message]:
-        """Read the messages of a stretch; none where it is damaged."""
-        try:
-            with self._readable(path).open("rb") as file:
-                return read_messages(file, stretch, self._files[path])
-        except DamageError as error:
-            self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
-            return []
+            place = MessagePlace(stored.log_time, file_number, stretch.offset, number)
+            yield Recorded(place, channel.topic, topic.type_name, data, stored.publish_time)

@@ -177,7 +177,7 @@ class RecorderNode(ManagedNode):
             ),
             "standstills": self._standstills,
             "waiting [B]": bag.waiting,
-            "messages without room": sum(gap.count for gap in bag.gaps),
+            "messages without room": sum(gap.messages for gap in bag.gaps),
             "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": ", ".join(gone),
@@ -325,7 +325,7 @@ class RecorderNode(ManagedNode):
         if self._trouble and not before:
             self.get_logger().error(_in_words(recorded))
         elif before and not self._trouble:
-            lost = [f"; {gap}" for gap in bag.gaps if gap.count]
+            lost = [f"; {gap}" for gap in bag.gaps if gap.messages]
             self.get_logger().warning(f"{bag.path} can be written again{''.join(lost[-1:])}")
         if bool(before) != bool(self._trouble):
             self.report()

@@ -14,8 +14,7 @@ from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
 from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
 
-_CALIBRATION: Final = "calibration_id of {}"
-_WITH_LEVELS: Final = (Health, HealthSummary, DiagnosticArray)
+_READ: Final = (FaultEstimate, Health, HealthSummary, DiagnosticArray)
 _BESIDES_BYTES: Final = 200
 
 
@@ -43,7 +42,7 @@ class Recording:
     own
         Full name of the recorder, whose own statuses are no reason for a snapshot.
     on_failure
-        Called as by ``BagWriter``.
+        Called as by ``BagWriter``, whose errors are raised, too.
 
     Attributes
     ----------
@@ -55,11 +54,6 @@ class Recording:
         Memory of what is kept for the next one [B].
     is_short
         Whether messages of the span to keep had to go for want of room.
-
-    Raises
-    ------
-    FileExistsError, ValueError
-        As of ``BagWriter``.
     """
 
     def __init__(
@@ -100,21 +94,17 @@ class Recording:
     def receive(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None
     ) -> str:
-        """Take a message.
-
-        Returns
-        -------
-        str
-            Why there should be a snapshot now; empty when there is no reason.
-        """
-        message_class = self._classes[topic]
-        if message_class is FaultEstimate:
-            self._note_calibration(data)
+        """Take a message, and return why there should be a snapshot now; empty without reason."""
+        message = self._read(topic, data)
+        if isinstance(message, FaultEstimate) and message.calibration_id:
+            name = f"calibration_id of {message.actuator_id}"
+            self.bag.custom_data[name] = message.calibration_id
+        item = _Kept(topic, data, log_time_ns, publish_time_ns)
         if not self._settings.snapshot_duration:
-            self.messages += self.bag.write_serialized(topic, data, log_time_ns, publish_time_ns)
+            self.messages += self.bag.write_serialized(*item)
             return ""
-        self._keep(_Kept(topic, data, log_time_ns, publish_time_ns))
-        change = self._level_change(message_class, data)
+        self._keep(item)
+        change = self._level_change(message)
         return change if self._kept else ""
 
     def write_snapshot(self) -> str:
@@ -163,35 +153,29 @@ class Recording:
             self.kept_bytes -= gone.size
             self.bag.note_state(gone.topic, gone.data, gone.publish_time_ns or gone.log_time_ns)
 
-    def _level_change(self, message_class: Any, data: bytes) -> str:
-        """Return which levels a message changes, in words; the first of a status is no change."""
-        if not issubclass(message_class, _WITH_LEVELS):
-            return ""
+    def _read(self, topic: str, data: bytes) -> Any:
+        """Return a message that says something to the recorder; None of any other type."""
+        kind = self._classes[topic]
         try:
-            message: Any = deserialize_message(data, message_class)
+            return deserialize_message(data, kind) if issubclass(kind, _READ) else None
         except Exception:  # whatever the middleware makes of what is no message
-            return ""
-        if message_class is DiagnosticArray:
+            return None
+
+    def _level_change(self, message: Any) -> str:
+        """Return which levels a message changes, in words; the first of a status is no change."""
+        levels: dict[str, int] = {}
+        if isinstance(message, DiagnosticArray):
             levels = {item.name: ord(item.level) for item in message.status}
-        else:
+        elif isinstance(message, Health | HealthSummary):
             # Both topics tell of the same level.
             levels = {f"health of {message.actuator_id}": message.level}
         changes = []
         for name, level in levels.items():
-            before = self._levels.setdefault(name, level)
+            before = self._levels.get(name, level)
             if level != before and not name.startswith(self._own):
                 changes.append(f"{name} from {_word(before)} to {_word(level)}")
-            self._levels[name] = level
+        self._levels |= levels
         return ", ".join(changes)
-
-    def _note_calibration(self, data: bytes) -> None:
-        try:
-            estimate: Any = deserialize_message(data, FaultEstimate)
-        except Exception:  # whatever the middleware makes of what is no message
-            return
-        if estimate.calibration_id:
-            name = _CALIBRATION.format(estimate.actuator_id)
-            self.bag.custom_data[name] = estimate.calibration_id
 
 
 def _word(level: int) -> str:

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-from ema_bags.reader import Bag, MessagePlace
+from ema_bags.reader import Bag, MessagePlace, Recorded
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_ros.messages import description_from_message, telemetry_from_message
@@ -68,14 +68,12 @@ class RecordedTelemetry:
             When there is a block of another actuator and it was not said which one is wanted.
         """
         topics = [self.topic, *self.bag.topics_of(DESCRIPTION_TYPE)]
-        for place, item in self.bag.placed_messages(topics, first, last):
+        for item in self.bag.messages(topics, first, last):
             is_block = item.topic == self.topic
             if item.message.actuator_id == self.actuator_id:
-                found = _block(item.message) if is_block else _description(item.message)
-                if isinstance(found, Malformed):
-                    self.bag.note_malformed(item.topic, place, found.reason)
+                found = _converted(self.bag, item)
                 if is_block or not isinstance(found, Malformed):
-                    yield place, found
+                    yield item.place, found
             elif is_block and not self.skips_others:
                 there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
@@ -125,18 +123,18 @@ def _find_telemetry(bag: Bag, topic: str | None, actuator_id: str | None) -> Rec
             f"{bag.path} has telemetry on several topics: {there}: choose one by topic or "
             "actuator_id (--topic, --actuator-id)"
         )
-    chosen_id = first_ids[candidates[0]] if actuator_id is None else actuator_id
-    return RecordedTelemetry(
-        bag, candidates[0], chosen_id, actuator_id is not None, _descriptions(bag, chosen_id)
-    )
+    [chosen] = candidates
+    of = first_ids[chosen] if actuator_id is None else actuator_id
+    return RecordedTelemetry(bag, chosen, of, actuator_id is not None, _descriptions(bag, of))
 
 
 def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
-    wanted = TELEMETRY_TYPE
     present = ", ".join(f"{name} ({item.type_name})" for name, item in bag.topics.items())
-    names = bag.topics_of(wanted)
+    names = bag.topics_of(TELEMETRY_TYPE)
     if not names:
-        raise ValueError(f"{bag.path} has no topic of {wanted}; topics: {present or 'none'}")
+        raise ValueError(
+            f"{bag.path} has no topic of {TELEMETRY_TYPE}; topics: {present or 'none'}"
+        )
     if topic is not None and topic not in names:
         raise ValueError(f"{bag.path} has no telemetry on {topic!r}; topics: {present}")
     filled = [name for name in names if bag.topics[name].count and topic in (None, name)]
@@ -149,29 +147,22 @@ def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
     return (item.message.actuator_id for item in bag.messages([topic]))
 
 
-def _block(message: Any) -> Telemetry | Malformed:
+def _converted(bag: Bag, item: Recorded) -> Telemetry | Malformed | ActuatorDescription:
     try:
-        return telemetry_from_message(message)
+        if item.type_name == TELEMETRY_TYPE:
+            return telemetry_from_message(item.message)
+        return description_from_message(item.message)
     except ValueError as error:
-        return Malformed(stamp_from_message(message.header.stamp), str(error))
-
-
-def _description(message: Any) -> ActuatorDescription | Malformed:
-    try:
-        return description_from_message(message)
-    except ValueError as error:
-        return Malformed(stamp_from_message(message.header.stamp), str(error))
+        is_block = item.type_name == TELEMETRY_TYPE
+        bag.note_malformed(item, f"{'' if is_block else 'the description is impossible: '}{error}")
+        return Malformed(stamp_from_message(item.message.header.stamp), str(error))
 
 
 def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
     descriptions: list[ActuatorDescription] = []
-    for place, item in bag.placed_messages(bag.topics_of(DESCRIPTION_TYPE)):
+    for item in bag.messages(bag.topics_of(DESCRIPTION_TYPE)):
         if item.message.actuator_id == actuator_id:
-            found = _description(item.message)
-            if isinstance(found, Malformed):
-                bag.note_malformed(
-                    item.topic, place, f"the description is impossible: {found.reason}"
-                )
-            elif not descriptions or found != descriptions[-1]:
+            found = _converted(bag, item)
+            if isinstance(found, ActuatorDescription) and found not in descriptions[-1:]:
                 descriptions.append(found)
     return tuple(descriptions)

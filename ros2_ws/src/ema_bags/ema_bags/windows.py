@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
+# Place, index of the first sample, and index after the last one, of each block.
+_Places = deque[tuple[MessagePlace, int, int]]
 
 
 @dataclass(frozen=True)
@@ -167,10 +169,7 @@ class BagWindows:
     def with_measured(self, measured: tuple[CauseEstimate, ...]) -> Self:
         """Return the same with causes that were measured throughout, beside those recorded.
 
-        Parameters
-        ----------
-        measured
-            As `measured_causes` returns them; each takes the place of what the bag holds of it.
+        Each takes the place of what the bag holds of it.
         """
         return replace(
             self,
@@ -193,31 +192,6 @@ class BagWindows:
         """Return the true faults, ``(8,)``, of a window by its start; None where not recorded."""
         truth = truth_at(self.truths, start_ns)
         return None if truth is None else truth.faults
-
-
-class _LatestBlocks:
-    """Places of the latest blocks without a gap, as many as a window may reach back over."""
-
-    def __init__(self, recorded: RecordedTelemetry, finder: WindowFinder) -> None:
-        self._recorded = recorded
-        self._finder = finder
-        self._blocks: deque[tuple[MessagePlace, int, int]] = deque()
-
-    def append(self, place: MessagePlace, block: Telemetry) -> None:
-        """Add the next block."""
-        if self._blocks and self._blocks[-1][2] != block.first_index:
-            self._blocks.clear()
-        self._blocks.append((place, block.first_index, block.first_index + len(block)))
-        oldest = block.first_index - round(self._finder.window_s / block.sample_period) - 1
-        while self._blocks[0][2] <= oldest:
-            self._blocks.popleft()
-
-    def place_of(self, window: Window) -> WindowPlace:
-        """Return where the samples of a window are that the last block completed."""
-        start = window.telemetry.first_index
-        place, first_index, _ = next(item for item in self._blocks if item[2] > start)
-        last = self._blocks[-1][0]
-        return WindowPlace(self._recorded, place, last, start - first_index, len(window.telemetry))
 
 
 class WindowsOnDemand(Sequence[Window]):
@@ -300,72 +274,75 @@ def find_recorded_windows(
     ValueError
         When there is no usable telemetry, or no description.
     """
-    path = recorded.bag.path
+    bag, unit = recorded.bag, recorded.actuator_id
     if description is None and not recorded.descriptions:
-        reason = f"{path} has no description of actuator {recorded.actuator_id!r}: give one"
-        raise ValueError("; ".join(filter(None, (reason, recorded.bag.damage))))
-    settings = settings or TriggerSettings()
-    finder = WindowFinder(settings, description or recorded.descriptions[0])
-    latest = _LatestBlocks(recorded, finder)
-    first: Telemetry | None = None
-    blocks = samples = defects = 0
-    windows: list[RecordedWindow] = []
-    named_defects: list[Defect] = []
+        reason = f"{bag.path} has no description of actuator {unit!r}: give one"
+        raise ValueError("; ".join(filter(None, (reason, bag.damage))))
+    finder = WindowFinder(settings or TriggerSettings(), description or recorded.descriptions[0])
     measurements, wrong = _recorded_measurements(recorded)
+    # Places of the latest blocks without a gap, as many as a window may reach back over.
+    latest: _Places = deque()
+    first: Telemetry | None = None
+    blocks = samples = last_ns = 0
+    windows: list[RecordedWindow] = []
+    defects: list[Defect] = []
     flown: list[tuple[int, FlownDuty]] = []
-    meter, last_ns = None, 0
+    meter = None
     if with_duty:
         from ema_monitor.prognosis.duty.meter import DutyMeter  # the compiler only for it
 
         meter = DutyMeter()
+
+    def take(events: Iterable[Segment | Defect]) -> None:
+        for event in events:
+            if isinstance(event, Defect):
+                defects.append(event)
+                continue
+            window = _recorded_window(event, recorded, latest)
+            measured = measurements.at(unit, window.start_ns, measured_max_age_s)
+            windows.append(replace(window, measured=measured))
+
     for place, item in recorded.items():
         if isinstance(item, ActuatorDescription):
-            events = finder.describe(item) if description is None else []
+            take(finder.describe(item) if description is None else [])
         elif isinstance(item, Malformed):
-            events = finder.reject(item.stamp_ns, item.reason)
+            take(finder.reject(item.stamp_ns, item.reason))
         else:
             first = first or item.part(0, 1)
             blocks, samples = blocks + 1, samples + len(item)
-            latest.append(place, item)
             last_ns = item.stamp_at(len(item) - 1)
+            if latest and latest[-1][2] != item.first_index:
+                latest.clear()
+            latest.append((place, item.first_index, item.first_index + len(item)))
+            oldest = item.first_index - round(finder.window_s / item.sample_period) - 1
+            while latest[0][2] <= oldest:
+                latest.popleft()
             if meter is not None and finder.description is not None:
-                age_s = measured_max_age_s
-                rise = measurements.winding_rise(recorded.actuator_id, item.stamp_ns, age_s)
+                rise = measurements.winding_rise(unit, item.stamp_ns, measured_max_age_s)
                 meter.add(item, finder.description.parameters, rise)
-            events = finder.feed(item)
+            take(finder.feed(item))
             if on_block is not None:
                 on_block(item)
-        for event in events:
-            if isinstance(event, Segment):
-                windows.append(_recorded_window(event, latest))
-                if meter is not None:
-                    flown.append((event.window.end_ns, meter.take()))
-            else:
-                defects += 1
-                named_defects += [event] if defects <= _MOST_DEFECTS else []
+        if meter is not None:
+            flown += [(one.end_ns, meter.take()) for one in windows[len(flown) :]]
     obstacle = finder.shortage or finder.obstacle
-    windows += [
-        _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
-    ]
+    take(event for event in finder.finish() if isinstance(event, Segment))
     if meter is not None:
         flown.append((last_ns, meter.take()))
     truths = _recorded_truths(recorded)
-    for number, item in enumerate(windows):
-        measured = measurements.at(recorded.actuator_id, item.start_ns, measured_max_age_s)
-        windows[number] = replace(item, measured=measured)
     first_ns = first.stamp_ns if first else 0
     remarks = [
         f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}"
-        for defect in named_defects
+        for defect in defects[:_MOST_DEFECTS]
     ]
-    if defects > _MOST_DEFECTS:
-        remarks.append(f"and {counted(defects - _MOST_DEFECTS, 'more defect')} of the telemetry")
+    if more := defects[_MOST_DEFECTS:]:
+        remarks.append(f"and {counted(len(more), 'more defect')} of the telemetry")
     if wrong:
         said = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
-    remarks += recorded.bag.remarks
+    remarks += bag.remarks
     if first is None or finder.description is None:
-        raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
+        raise ValueError(f"{bag.path} has no usable telemetry: {'; '.join(remarks)}")
     return BagWindows(
         finder.description,
         first_ns,
@@ -382,16 +359,21 @@ def find_recorded_windows(
     )
 
 
-def _recorded_window(found: Segment, latest: _LatestBlocks) -> RecordedWindow:
-    window = found.window
-    is_whole = isinstance(window, Window)
+def _recorded_window(
+    found: Segment, recorded: RecordedTelemetry, latest: _Places
+) -> RecordedWindow:
+    """Return a window that the last block completed, with the place of its samples."""
+    window, play = found.window, None
+    place: WindowPlace | Refusal
+    if isinstance(window, Refusal):
+        place = window
+    else:
+        start, samples = window.telemetry.first_index, len(window.telemetry)
+        first, index, _ = next(item for item in latest if item[2] > start)
+        place = WindowPlace(recorded, first, latest[-1][0], start - index, samples)
+        play = window.play
     return RecordedWindow(
-        found.number,
-        found.description,
-        window.start_ns,
-        window.end_ns,
-        window.play if is_whole else None,
-        latest.place_of(window) if is_whole else window,
+        found.number, found.description, window.start_ns, window.end_ns, play, place
     )
 
 
@@ -409,12 +391,12 @@ def _recorded_measurements(recorded: RecordedTelemetry) -> tuple[MeasurementLog,
 
 def _recorded_truths(recorded: RecordedTelemetry) -> list[StampedFaults]:
     bag, truths = recorded.bag, []
-    for place, item in bag.placed_messages(bag.topics_of(TRUE_FAULTS_TYPE)):
+    for item in bag.messages(bag.topics_of(TRUE_FAULTS_TYPE)):
         if item.message.actuator_id == recorded.actuator_id:
             try:
                 truths.append(stamped_faults_from_message(item.message))
             except ValueError as error:
-                bag.note_malformed(item.topic, place, str(error))
+                bag.note_malformed(item, str(error))
     return truths
 
 

@@ -6,41 +6,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 
-from ema_bags.bag_file import BagFile, RecordedType
+from ema_bags.bag_file import BagFile, WrittenTopic
 from ema_bags.gaps import Gap
-from ema_bags.message_type import type_hash, type_name
-from ema_bags.metadata import (
-    METADATA_FILE,
-    FileInformation,
-    TopicInformation,
-    bag_information,
-    write_metadata,
-)
-from ema_bags.qos import offered_qos, offered_qos_profiles
-from ema_bags.schema import schema_text, trimmer
+from ema_bags.message_type import type_name
+from ema_bags.metadata import METADATA_FILE, FileInformation, bag_information, write_metadata
 from ema_core.steady_thread import SteadyThread
-from ema_interfaces.msg import ActuatorDescription, Usage
 
 _WRITE_BYTES: Final = 64 * 1024
 _MOST_WAITING: Final = 16 * 1024 * 1024
-_DESCRIBING: Final = (ActuatorDescription, Usage)
-
-
-@dataclass(frozen=True)
-class _Topic:
-    """A topic that is written; ``says_state``: its latest message holds until the next one."""
-
-    message_class: Any
-    recorded: RecordedType
-    says_state: bool
-    trim: Callable[[bytes], bytes]
 
 
 class BagWriter(AbstractContextManager["BagWriter", None]):
@@ -100,7 +79,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     FileExistsError
         When the target is there already and is not to be replaced, or is no recording.
     ValueError
-        When a setting is impossible.
+        When a setting is impossible, or the recording is closed.
+    OSError
+        When the recording could not be written, now or before, and does not wait for room.
     """
 
     def __init__(
@@ -126,7 +107,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         _clear(self.path, overwrite)
         (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         self.custom_data: dict[str, str] = {}
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, WrittenTopic] = {}
         # The latest message of each topic and actuator that says how things stand.
         self._states: dict[tuple[str, str], tuple[bytes, int]] = {}
         self._ended: list[FileInformation] = []
@@ -156,31 +137,21 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     @property
     def waiting(self) -> int:
         """How much waits to be written, without the chunk that is being gathered [B]."""
-        return self._file.waiting + sum(file.waiting for file in self._unwritten)
+        return sum(file.waiting for file in (self._file, *self._unwritten))
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
-        """Add a topic; it must be added before it is written.
-
-        Parameters
-        ----------
-        qos
-            What its publisher offers.
+        """Add a topic with what its publisher offers; it must be added before it is written.
 
         Raises
         ------
         ValueError
             When the topic was added before, or the type is not installed.
         """
-        name = type_name(message_class)
-        information = TopicInformation(topic, name, type_hash(name), offered_qos(qos))
-        recorded = RecordedType(information, schema_text(name), offered_qos_profiles(qos))
-        is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        says_state = is_latched or issubclass(message_class, _DESCRIBING)
-        added = _Topic(message_class, recorded, says_state, trimmer(name))
+        added = WrittenTopic(topic, message_class, qos)
         with self._writing():
             if topic in self._topics:
                 raise ValueError(f"topic {topic} was added before")
-            self._file.add_topic(recorded)
+            self._file.add_topic(added)
             self._topics[topic] = added
 
     def write(
@@ -215,32 +186,29 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     ) -> bool:
         """Write a message that is serialised already, as a raw subscription gives it.
 
-        Parameters and errors as for :meth:`write`.
-
-        Returns
-        -------
-        bool
-            Whether it is, or will be, recorded; always, but while there is no room.
+        Parameters and errors are those of :meth:`write`. Return whether it is, or will be,
+        recorded: always, but while there is no room.
         """
         if publish_time_ns is None:
             publish_time_ns = log_time_ns
         for name, value in (("log_time_ns", log_time_ns), ("publish_time_ns", publish_time_ns)):
             if not 0 <= value < 2**63:
                 raise ValueError(f"{name} = {value!r} ns on topic {topic} is outside [0, 2^63) ns")
-        data = self._topic(topic).trim(data)
+        written = self._topic(topic)
+        data = written.trim(data)
         with self._writing():
             if self.failure and self.waiting > _MOST_WAITING:
                 if self._gap is None:
                     self._gap = Gap(str(self.failure), log_time_ns, log_time_ns)
                     self.gaps.append(self._gap)
                 self._gap.add(log_time_ns)
-                self._note_state(topic, data, publish_time_ns)
+                self._note_state(written, data, publish_time_ns)
                 return False
             if self._is_full(log_time_ns) and not self.failure:
                 with self._trying():
                     self._begin_next(log_time_ns)
-            self._write(topic, data, log_time_ns, publish_time_ns)
-            self._note_state(topic, data, publish_time_ns)
+            self._file.write(written, data, log_time_ns, publish_time_ns)
+            self._note_state(written, data, publish_time_ns)
             if self._file.waiting >= _WRITE_BYTES:
                 with self._trying():
                     self._file.write_waiting()
@@ -254,18 +222,11 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
         The next file begins with it if its topic is latched, or describes an actuator.
         """
-        self._topic(topic)
         with self._writing():
-            self._note_state(topic, data, publish_time_ns)
+            self._note_state(self._topic(topic), data, publish_time_ns)
 
     def note_gap(self, gap: Gap) -> None:
-        """Tell of messages that did not come here.
-
-        Raises
-        ------
-        ValueError, OSError
-            As of :meth:`write`.
-        """
+        """Tell of messages that did not come here."""
         with self._writing():
             self.gaps.insert(len(self.gaps) - (self._gap is not None), gap)
             self._tell(gap)
@@ -273,28 +234,15 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def begin_next_file(self, log_time_ns: int) -> None:
         """Begin the next file, unless nothing has been written to this one.
 
-        Parameters
-        ----------
-        log_time_ns
-            Log time of the messages that say how things stand, with which it begins [ns].
-
-        Raises
-        ------
-        ValueError, OSError
-            As for :meth:`write`; ValueError also when the recording is one file.
+        It begins with the messages that say how things stand, at a log time [ns]. ValueError when
+        the recording is one file.
         """
         with self._writing():
             self._require_folder()
             self._begin_next(log_time_ns)
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system.
-
-        Raises
-        ------
-        OSError
-            When that could not be written, of a recording that does not wait for room.
-        """
+        """Hand everything written so far to the operating system."""
         with self._writing():
             self._flush()
 
@@ -325,7 +273,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _topic(self, topic: str) -> _Topic:
+    def _topic(self, topic: str) -> WrittenTopic:
         if topic not in self._topics:
             known = ", ".join(self._topics) or "none"
             raise ValueError(f"topic {topic!r} was not added to the recording; added: {known}")
@@ -372,6 +320,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             path.unlink(missing_ok=True)
             raise
         self._number += 1
+        for topic in self._topics.values():
+            file.add_topic(topic)
         return file
 
     def _is_full(self, log_time_ns: int) -> bool:
@@ -387,44 +337,33 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         if self._file.information.count:
             following = self._next_file()
             self._end_file()
-            self._go_on_in(following)
+            self._file = following
         self._write_states(log_time_ns)
         self._write_ended()
-
-    def _go_on_in(self, file: BagFile) -> None:
-        self._file = file
-        for topic in self._topics.values():
-            file.add_topic(topic.recorded)
 
     def _write_states(self, log_time_ns: int) -> None:
         """Write how things stand, for a reader of this file alone."""
         for (topic, _), (data, publish_time_ns) in self._states.items():
-            self._write(topic, data, log_time_ns, publish_time_ns)
+            self._file.write(self._topics[topic], data, log_time_ns, publish_time_ns)
 
-    def _write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        information = self._topics[topic].recorded.information
-        self._file.write(topic, data, log_time_ns, publish_time_ns, information.count)
-        information.count += 1
-
-    def _note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
+    def _note_state(self, topic: WrittenTopic, data: bytes, publish_time_ns: int) -> None:
         """Take a message for the latest of its topic and actuator."""
-        written, actuator = self._topics[topic], ""
-        if not written.says_state:
+        if not topic.says_state:
             return
-        if "actuator_id" in written.message_class.get_fields_and_field_types():
+        actuator = ""
+        if topic.has_actuator:
             try:
-                message: Any = deserialize_message(data, written.message_class)
+                message: Any = deserialize_message(data, topic.message_class)
             except Exception:  # whatever the middleware makes of what is no message
                 return
             actuator = message.actuator_id
-        self._states.pop((topic, actuator), None)  # it becomes the last one
-        self._states[topic, actuator] = data, publish_time_ns
+        self._states.pop((topic.name, actuator), None)  # it becomes the last one
+        self._states[topic.name, actuator] = data, publish_time_ns
 
     def _end_file(self) -> None:
         """End the file; what is left of it waits to be written."""
-        topics = [topic.recorded.information for topic in self._topics.values()]
         self._ended.append(self._file.information)
-        self._metadata = bag_information(self._ended, topics, self.custom_data)
+        self._metadata = bag_information(self._ended, self._topics.values(), self.custom_data)
         self._file.finish(self._metadata)
         self._unwritten.append(self._file)
 
@@ -455,14 +394,13 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         reason = f"{gone.path} was removed or moved while it was recorded"
         if not self._waits_for_room:
             raise FileNotFoundError(errno.ENOENT, reason)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         if self._folder is not None:
-            self._folder.mkdir(exist_ok=True)
             self._ended = [one for one in self._ended if (self._folder / one.name).exists()]
-        self._go_on_in(self._next_file())
+        self._file = self._next_file()
         gone.abandon()
         for name, topic in self._topics.items():
-            topic.recorded.information.count -= gone.counts[name]
+            topic.count -= gone.counts[name]
         gap = Gap(reason, span.start_ns, span.end_ns, span.count)
         self.removed.append(str(gap))
         self.gaps.append(gap)

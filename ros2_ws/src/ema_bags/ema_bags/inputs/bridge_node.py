@@ -1,7 +1,7 @@
 """The bridge: topics of other makes in, telemetry of an actuator out."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -163,7 +163,7 @@ class BridgeNode(ManagedNode):
                 continue
             self._missing.pop(topic, None)
             request = common_offer([item.qos_profile for item in publishers], _DEPTH)
-            receive: Callable[..., None] = partial(self._receive, topic)
+            receive: Any = partial(self._receive, topic)
             self._inputs[topic] = self.create_subscription(kind, topic, receive, request)
             self.get_logger().info(f"listening to {name}")
 
