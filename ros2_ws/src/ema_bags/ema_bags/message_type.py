@@ -13,13 +13,7 @@ from typing import Any
 
 
 def type_name(message_class: type) -> str:
-    """Return the name of a message class, such as ``std_msgs/msg/Header``.
-
-    Raises
-    ------
-    ValueError
-        When it is not the class of a message.
-    """
+    """Return the name of a message class, such as ``std_msgs/msg/Header``; ValueError if none."""
     if not hasattr(message_class, "get_fields_and_field_types"):
         raise ValueError(f"{message_class!r}: expected the class of a ROS message")
     package, kind = message_class.__module__.split(".")[:2]
@@ -27,13 +21,7 @@ def type_name(message_class: type) -> str:
 
 
 def message_class(name: str) -> Any:
-    """Return the class of a message type.
-
-    Raises
-    ------
-    ValueError
-        When the type is not installed.
-    """
+    """Return the class of a message type; ValueError when it is not installed."""
     package, kind, short = _parts(name)
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), short)
@@ -42,24 +30,12 @@ def message_class(name: str) -> Any:
 
 
 def definition(name: str) -> str:
-    """Return the text of the ``.msg`` file of a message type.
-
-    Raises
-    ------
-    ValueError
-        When the type is not installed, or not as a ``.msg`` file.
-    """
+    """Return the text of the ``.msg`` file of a message type; ValueError without one."""
     return _shared_file(name, ".msg").read_bytes().decode()  # line ends stay as they are
 
 
 def type_hash(name: str) -> str:
-    """Return the hash of a message type, ``RIHS01_...``, by which ROS 2 distinguishes versions.
-
-    Raises
-    ------
-    ValueError
-        When the type is not installed.
-    """
+    """Return the hash of a message type, ``RIHS01_...``; ValueError when it is not installed."""
     description = json.loads(_shared_file(name, ".json").read_text(encoding="utf-8"))
     hashes = {item["type_name"]: item["hash_string"] for item in description["type_hashes"]}
     return hashes[name]

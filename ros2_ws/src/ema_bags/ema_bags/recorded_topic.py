@@ -30,13 +30,7 @@ class SequenceGaps:
         self._unconfirmed = 0
 
     def count(self, number: int | None) -> None:
-        """Count a message that was received.
-
-        Parameters
-        ----------
-        number
-            Its sequence number; None where the middleware gives none.
-        """
+        """Count a message by its sequence number; None where the middleware gives none."""
         if number is None:
             return
         if self._last is not None and number > self._last:

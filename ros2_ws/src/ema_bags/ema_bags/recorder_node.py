@@ -2,9 +2,10 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -141,11 +142,12 @@ class RecorderNode(ManagedNode):
             return []
         bag, settings = recorded.bag, self._settings.value
         topics = dict(self._topics)
-        lost = sum(topic.lost for topic in topics.values())
-        gone = [name for name, topic in topics.items() if not topic.has_publisher]
+        lost = {name: topic.lost for name, topic in sorted(topics.items()) if topic.lost}
+        gone = ", ".join(name for name, topic in topics.items() if not topic.has_publisher)
         missing = sorted((self._wanted or set()) - topics.keys() - self._skipped.keys())
-        remarks = [f"{counted(lost, 'message')} lost"] if lost else []
-        remarks += [f"{', '.join(gone)}: the publisher is gone"] if gone else []
+        remarks = [bag.flusher.failure] if bag.flusher.failure else []
+        remarks += [f"{counted(sum(lost.values()), 'message')} lost"] if lost else []
+        remarks += [f"{gone}: the publisher is gone"] if gone else []
         remarks += [f"{', '.join(missing)}: no publisher yet"] if missing else []
         remarks += [f"{name}: not recorded, {why}" for name, why in self._skipped.items()]
         remarks += [
@@ -158,12 +160,9 @@ class RecorderNode(ManagedNode):
                 f"max_cache_size = {settings.max_cache_size} B holds {recorded.kept_s:.3g} of "
                 f"{settings.snapshot_duration:g} s"
             )
-        doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
         if not topics and not missing:
             remarks.append("nothing is published yet")
         remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
-        if bag.flusher.failure:
-            remarks.insert(0, bag.flusher.failure)
         is_wrong = bag.failure or bag.flusher.failure or bag.removed
         level = ERROR if is_wrong else WARN if remarks else OK
         values = {
@@ -171,18 +170,17 @@ class RecorderNode(ManagedNode):
             "file": bag.file_path.name,
             "messages": recorded.messages,
             "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
-            "lost messages": lost,
-            "lost by topic": ", ".join(
-                f"{name} {topic.lost}" for name, topic in sorted(topics.items()) if topic.lost
-            ),
+            "lost messages": sum(lost.values()),
+            "lost by topic": ", ".join(f"{name} {count}" for name, count in lost.items()),
             "standstills": self._standstills,
             "waiting [B]": bag.waiting,
             "messages without room": sum(gap.messages for gap in bag.gaps),
             "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
-            "publisher gone": ", ".join(gone),
+            "publisher gone": gone,
             "not recorded": ", ".join(self._skipped),
         }
+        doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
         if settings.snapshot_duration:
             values |= {
                 "snapshots": recorded.snapshots,
@@ -231,10 +229,11 @@ class RecorderNode(ManagedNode):
             self._update_publishers()
             for name, topic in self._topics.items():
                 if topic.subscription is None:
+                    receive: Any = partial(self._receive, name)
                     topic.subscription = self.create_subscription(
                         topic.message_class,
                         name,
-                        self._receiver(name, topic),
+                        receive,
                         topic.request,
                         callback_group=self._receiving,
                         raw=True,
@@ -273,23 +272,20 @@ class RecorderNode(ManagedNode):
         for name, topic in self._topics.items():
             topic.set_publishers(self.get_publishers_info_by_topic(name))
 
-    def _receiver(self, name: str, topic: RecordedTopic) -> Callable[..., None]:
-        def receive(data: bytes, information: Mapping[str, Any]) -> None:
-            log_time_ns = information["received_timestamp"]
-            if self._uses_sim_time or not log_time_ns:
-                log_time_ns = self.get_clock().now().nanoseconds
-            publish_time_ns = information["source_timestamp"] or None
-            with self._writing:
-                recorded = self._recorded
-                if recorded is None:
-                    return
-                reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
-                topic.count(data, information["publication_sequence_number"])
-                if reason:
-                    with suppress(OSError):  # it is logged
-                        self._write_snapshot(recorded, reason)
-
-        return receive
+    def _receive(self, name: str, data: bytes, information: Mapping[str, Any]) -> None:
+        log_time_ns = information["received_timestamp"]
+        if self._uses_sim_time or not log_time_ns:
+            log_time_ns = self.get_clock().now().nanoseconds
+        publish_time_ns = information["source_timestamp"] or None
+        with self._writing:
+            recorded = self._recorded
+            if recorded is None:
+                return
+            reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
+            self._topics[name].count(data, information["publication_sequence_number"])
+            if reason:
+                with suppress(OSError):  # it is logged
+                    self._write_snapshot(recorded, reason)
 
     def _write_snapshot(self, recorded: Recording, reason: str) -> str:
         """Write a snapshot, and log what became of it; errors as of ``Recording``."""

@@ -17,29 +17,24 @@ from rosbags.typesys.store import Typestore
 
 from ema_bags.message_type import definition, type_hash
 
-_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "string", "wstring"}
-_PRIMITIVES |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _MOST_BEHIND = 16
 _SEPARATOR = "=" * 80 + "\nMSG: "
-# Type, bounds and name of a field. Names of constants are in capitals.
+# Type, name and default of a field. Names of constants are in capitals.
 _DEFAULT = re.compile(
     r"^[ \t]*([a-z]\w*)[ \t]+([a-z]\w*)[ \t]+([^#=\s][^#=\n]*?)[ \t]*(?:#.*)?$", re.MULTILINE
 )
 _FIELD = re.compile(
     r"^[ \t]*([A-Za-z][\w/]*)((?:<=\d+)?(?:\[[<=\d]*\])?)[ \t]+([a-z]\w*)", re.MULTILINE
 )
+_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "string", "wstring"}
+_PRIMITIVES |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 
 
 def schema_text(name: str) -> str:
     """Return the schema of an installed message type as rosbag2 stores it (``ros2msg``).
 
     The definition comes first, then every type that it contains, once each, depth first, those
-    side by side in alphabetical order.
-
-    Raises
-    ------
-    ValueError
-        When the type, or one that it contains, is not installed.
+    side by side in alphabetical order. ValueError when one of them is not installed.
     """
     return "\n".join(_definitions(name, set()))
 
@@ -58,11 +53,10 @@ def _definitions(name: str, seen: set[str]) -> Iterator[str]:
 
 def _fields(text: str, package: str) -> list[tuple[str, str, str]]:
     """Type, bounds and name of every field; types of the package itself get its name in front."""
-    fields = []
-    for field_type, bounds, name in _FIELD.findall(text):
-        own = field_type not in _PRIMITIVES and "/" not in field_type
-        fields.append((f"{package}/{field_type}" if own else field_type, bounds, name))
-    return fields
+    return [
+        (kind if kind in _PRIMITIVES or "/" in kind else f"{package}/{kind}", bounds, name)
+        for kind, bounds, name in _FIELD.findall(text)
+    ]
 
 
 def to_installed(
@@ -90,24 +84,31 @@ def to_installed(
     installed_hash = type_hash(name)
     if recorded_hash == installed_hash:
         return None
-    differences = _differences(name, recorded_text)
-    if not differences and not recorded_hash:
+    recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
+    if recorded == installed and not recorded_hash:
         return None
-    if lacking := _lacking(name, recorded_text):
-        return _upgrade(name, recorded_text, lacking)
-    words = "; ".join(differences) or f"{recorded_hash} there, {installed_hash} here"
+    own = name.replace("/msg/", "/")
+    older, newer = recorded.get(own, []), installed[own]
+    defaults = _defaults(definition(name))
+    lacking = {item.rpartition(" ")[2] for item in newer if item not in older}
+    if (
+        lacking
+        and lacking <= defaults.keys()
+        and recorded | {own: newer} == installed
+        and [item for item in newer if item in older] == older
+    ):
+        kept = [item.rpartition(" ")[2] for item in older]
+        return _upgrade(name, recorded_text, kept, {item: defaults[item] for item in lacking})
+    words = _differences(recorded, installed) or f"{recorded_hash} there, {installed_hash} here"
     raise ValueError(f"the recorded {name} is not the installed one: {words}")
 
 
 def _upgrade(
-    name: str, recorded_text: str, lacking: dict[str, bool | int | float | str]
+    name: str, recorded_text: str, kept: list[str], lacking: dict[str, bool | int | float | str]
 ) -> Callable[[bytes], bytes]:
     """Return what adds the fields that a recorded type lacks to its messages."""
     decode, store = decoder(name, recorded_text), typestore(name, schema_text(name))
     installed = store.types[name]
-    # Constants are attributes, too: only fields are passed on.
-    recorded = _field_lists(name, recorded_text)[name.replace("/msg/", "/")]
-    kept = [field.rpartition(" ")[2] for field in recorded]
 
     def upgrade(data: bytes) -> bytes:
         message = decode(data)
@@ -115,26 +116,6 @@ def _upgrade(
         return bytes(store.serialize_cdr(installed(**values, **lacking), name))
 
     return upgrade
-
-
-def _lacking(name: str, recorded_text: str) -> dict[str, bool | int | float | str]:
-    """Return the defaults of the fields that an older definition lacks.
-
-    Empty where it differs in anything else from the installed one.
-    """
-    recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
-    own = name.replace("/msg/", "/")
-    older, newer = recorded.pop(own, []), installed.pop(own)
-    defaults = _defaults(definition(name))
-    added = [field for field in newer if field not in older]
-    names = [field.rpartition(" ")[2] for field in added]
-    if (
-        recorded != installed
-        or [field for field in newer if field in older] != older
-        or not all(field in defaults for field in names)
-    ):
-        return {}
-    return {field: defaults[field] for field in names}
 
 
 def _defaults(text: str) -> dict[str, bool | int | float | str]:
@@ -156,11 +137,6 @@ def trimmer(name: str) -> Callable[[bytes], bytes]:
 
     ROS reserves the padding of empty sequences, does not use it, and leaves it behind the message.
     Readers that check where a message ends refuse more than 3 bytes there.
-
-    Raises
-    ------
-    ValueError
-        When the type is not installed.
     """
     store = typestore(name, schema_text(name))
     definition = store.get_msgdef(name)
@@ -180,16 +156,8 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     """Return the function that decodes messages of a type.
 
     The messages have the attributes that the definition names; sequences of numbers are arrays.
-
-    Parameters
-    ----------
-    schema
-        Its definition and those of all that it contains (``ros2msg``).
-
-    Raises
-    ------
-    ValueError
-        When the definition cannot be read; the function, when a message is none of the type.
+    ValueError when the definition (``ros2msg``, with those of all that it contains) cannot be read;
+    of the function, when a message is none of the type.
     """
     store = typestore(type_name, schema)
 
@@ -226,8 +194,7 @@ def typestore(type_name: str, schema: str) -> Typestore:
     return store
 
 
-def _differences(name: str, recorded_text: str) -> list[str]:
-    recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
+def _differences(recorded: dict[str, list[str]], installed: dict[str, list[str]]) -> str:
     differences = []
     for short in dict.fromkeys([*installed, *recorded]):
         there, here = recorded.get(short, []), installed.get(short, [])
@@ -239,7 +206,7 @@ def _differences(name: str, recorded_text: str) -> list[str]:
                 if only_there or only_here
                 else f"{short} has the same fields in another order"
             )
-    return differences
+    return "; ".join(differences)
 
 
 def _field_lists(name: str, text: str) -> dict[str, list[str]]:
