@@ -4,13 +4,12 @@ from functools import lru_cache
 from urllib.parse import quote
 
 from ema_archive.sources import local_copy, mark_of, time_of
+from ema_core.description import UnitKey
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 
-_KEPT = 256
 
-
-def calibration_of(source: str, actuator_id: str, serial_number: str) -> AnyCalibration | str:
+def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
     """Return the calibration of a unit, or why there is none.
 
     Parameters
@@ -26,24 +25,17 @@ def calibration_of(source: str, actuator_id: str, serial_number: str) -> AnyCali
     """
     if not source:
         return Calibration.builtin()
-    url = _url(source, actuator_id, serial_number)
+    url = _url(source, unit)
     mark = mark_of(url)
-    if not mark:
-        return f"there is no calibration: {url} is missing"
-    return _loaded(url, mark)
+    return _loaded(url, mark) if mark else f"there is no calibration: {url} is missing"
 
 
-def changed_ns(source: str, actuator_id: str, serial_number: str) -> int | None:
+def changed_ns(source: str, unit: UnitKey) -> int | None:
     """Return when the calibration of a unit was changed [ns]; arguments as of `calibration_of`.
 
     None for the shipped one, one that is missing, and where the store does not tell.
-
-    Raises
-    ------
-    OSError
-        When the store is out of reach.
     """
-    return time_of(_url(source, actuator_id, serial_number)) if source else None
+    return time_of(_url(source, unit)) if source else None
 
 
 def identity_of(calibration: AnyCalibration | str) -> str:
@@ -51,13 +43,13 @@ def identity_of(calibration: AnyCalibration | str) -> str:
     return "" if isinstance(calibration, str) else calibration.calibration_id
 
 
-def _url(source: str, actuator_id: str, serial_number: str) -> str:
-    for name, value in (("actuator_id", actuator_id), ("serial_number", serial_number)):
+def _url(source: str, unit: UnitKey) -> str:
+    for name, value in zip(("actuator_id", "serial_number"), unit, strict=True):
         source = source.replace(f"{{{name}}}", quote(value, safe=" "))
     return source
 
 
-@lru_cache(_KEPT)
+@lru_cache(256)
 def _loaded(url: str, mark: str) -> AnyCalibration | str:
     with local_copy(url) as path:
         try:

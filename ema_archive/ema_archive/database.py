@@ -2,7 +2,8 @@
 
 import fcntl
 import sqlite3
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -11,9 +12,10 @@ from ema_archive.partitions import TABLES
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
-_VERSION: Final = 4
+_VERSION: Final = 5
 _TABLES: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+INSERT INTO meta VALUES ('settings', ''), ('sources', '[]'), ('scan', '0');
 CREATE TABLE bag (
     url TEXT PRIMARY KEY, size INTEGER NOT NULL, mark TEXT NOT NULL,
     beside TEXT NOT NULL, scan INTEGER NOT NULL, state TEXT NOT NULL DEFAULT 'new',
@@ -23,8 +25,8 @@ CREATE TABLE bag (
     windows INTEGER NOT NULL DEFAULT 0, valid INTEGER NOT NULL DEFAULT 0
 ) WITHOUT ROWID;
 CREATE TABLE part (
-    url TEXT NOT NULL, unit TEXT NOT NULL, model TEXT NOT NULL, source TEXT NOT NULL,
-    calibration_id TEXT NOT NULL, months TEXT NOT NULL, last_ns INTEGER NOT NULL,
+    url TEXT NOT NULL, unit TEXT NOT NULL, model TEXT NOT NULL, months TEXT NOT NULL,
+    calibration_id TEXT NOT NULL, last_ns INTEGER NOT NULL,
     PRIMARY KEY (url, unit, model)
 ) WITHOUT ROWID;
 CREATE INDEX bag_of_content ON bag (sha256);
@@ -32,13 +34,15 @@ CREATE INDEX part_of_unit ON part (unit, last_ns);
 CREATE TABLE unit (
     unit TEXT PRIMARY KEY, actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL,
     model TEXT NOT NULL, is_due INTEGER NOT NULL, made_by TEXT NOT NULL DEFAULT '',
-    latest TEXT, growth TEXT NOT NULL DEFAULT '[]', record TEXT NOT NULL DEFAULT '{}'
+    summary TEXT NOT NULL DEFAULT '{}'
 ) WITHOUT ROWID;
+CREATE TABLE kept (
+    unit TEXT PRIMARY KEY, made_by TEXT, tests INTEGER, digest TEXT, history BLOB
+);
 CREATE TABLE file (
-    path TEXT PRIMARY KEY, size INTEGER NOT NULL, changed_ns INTEGER NOT NULL, sha256 TEXT NOT NULL
-) WITHOUT ROWID;
-CREATE TEMP TABLE current (source TEXT, unit TEXT, id TEXT, PRIMARY KEY (source, unit))
-    WITHOUT ROWID;
+    path TEXT PRIMARY KEY, unit TEXT NOT NULL, month TEXT NOT NULL,
+    size INTEGER NOT NULL, changed_ns INTEGER NOT NULL, sha256 TEXT NOT NULL
+) WITHOUT ROWID
 """
 
 _REMEDY: Final = (
@@ -67,22 +71,9 @@ class Database(AbstractContextManager[Any, None]):
     """
 
     def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
-        path = archive / FILE
-        if path.exists() and not path.stat().st_size and (archive / TABLES).exists():
-            raise ValueError(f"{path} is empty, although there are tables: {_REMEDY}")
-        if not path.exists():
-            if not is_new:
-                raise ValueError(
-                    f"{archive} is no archive, it has no {FILE}: `ema archive scan {archive} "
-                    "FOLDER` makes one"
-                )
-            if archive.exists() and any(archive.iterdir()):
-                raise ValueError(
-                    f"{archive} is a folder with other files: an archive is made in a new folder"
-                )
-            archive.mkdir(parents=True, exist_ok=True)
-        self.archive = archive
+        self.archive, self._path = archive, archive / FILE
         self._lock: Any = None
+        self._check(is_new)
         if writes:
             self._lock = (archive / ".lock").open("w")
             try:
@@ -90,13 +81,13 @@ class Database(AbstractContextManager[Any, None]):
             except BlockingIOError as error:
                 self._lock.close()
                 raise ValueError(f"{archive} is being changed by another command") from error
-        self._db = sqlite3.connect(path, timeout=30.0, isolation_level=None)
+        self._db = sqlite3.connect(self._path, timeout=30.0, isolation_level=None)
         try:
-            self._prepare(path)
+            self._prepare()
         except BaseException as error:
             self._close()
             if isinstance(error, sqlite3.Error | UnicodeDecodeError):
-                raise ValueError(f"{path} cannot be used: {error}; {_REMEDY}") from error
+                raise ValueError(f"{self._path} cannot be used: {error}; {_REMEDY}") from error
             raise
 
     def __enter__(self) -> Self:
@@ -106,80 +97,70 @@ class Database(AbstractContextManager[Any, None]):
         self._close()
         if isinstance(error, sqlite3.DatabaseError | UnicodeDecodeError):
             # Of a read: it is held by another program, or damaged.
-            words = f"{self.archive / FILE} cannot be used: {error}; {_REMEDY}"
-            raise OSError(words) from error
+            raise OSError(f"{self._path} cannot be used: {error}; {_REMEDY}") from error
 
     def _close(self) -> None:
         self._db.close()
         if self._lock is not None:
             self._lock.close()
 
-    def _prepare(self, path: Path) -> None:
-        db = self._db
-        version = db.execute("PRAGMA user_version").fetchone()[0]
+    def _check(self, is_new: bool) -> None:
+        """Check that there is an archive, or a place for a new one."""
+        archive, path = self.archive, self._path
+        if path.exists():
+            if not path.stat().st_size and (archive / TABLES).exists():
+                raise ValueError(f"{path} is empty, although there are tables: {_REMEDY}")
+            return
+        if not is_new:
+            raise ValueError(
+                f"{archive} is no archive, it has no {FILE}: `ema archive scan {archive} FOLDER` "
+                "makes one"
+            )
+        if archive.exists() and any(archive.iterdir()):
+            raise ValueError(
+                f"{archive} is a folder with other files: an archive is made in a new folder"
+            )
+        archive.mkdir(parents=True, exist_ok=True)
+
+    def _prepare(self) -> None:
+        version = self._db.execute("PRAGMA user_version").fetchone()[0]
         if version not in (0, _VERSION):
             raise ValueError(
-                f"{path} has version {version}, expected {_VERSION}: scan the bags to a new archive"
+                f"{self._path} has version {version}, expected {_VERSION}: scan the bags to a new "
+                "archive"
             )
-        *tables, current = _TABLES.split(";\n")[:-1]
         if version == 0:
-            db.execute("PRAGMA journal_mode = WAL")
-            with transaction(db):
-                for statement in tables:
-                    db.execute(statement)
-                db.execute(f"PRAGMA user_version = {_VERSION}")
+            self._db.execute("PRAGMA journal_mode = WAL")
+            with self._changing():
+                for statement in _TABLES.split(";\n"):
+                    self._db.execute(statement)
+                self._db.execute(f"PRAGMA user_version = {_VERSION}")
         # A kill loses nothing that was committed; a loss of power may lose the last commits, whose
         # bags are then done again.
-        db.execute("PRAGMA synchronous = NORMAL")
-        db.execute(current)
+        self._db.execute("PRAGMA synchronous = NORMAL")
 
-    @property
-    def there(self) -> str:
-        """Condition of bags that the last scan has found."""
-        return f"(scan >= {int(self._get('scan', '0'))})"
+    @contextmanager
+    def _changing(self) -> Iterator[sqlite3.Connection]:
+        """Change the database in one transaction: all of the block, or nothing.
 
-    def _count(self, what: str, values: Any = ()) -> int:
-        return self._db.execute(f"SELECT count(*) FROM {what}", values).fetchone()[0]
-
-    def _get(self, name: str, default: str) -> str:
-        row = self._db.execute("SELECT value FROM meta WHERE name = ?", (name,)).fetchone()
-        return row[0] if row else default
-
-    def _set(self, name: str, value: str) -> None:
-        self._db.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (name, value))
-
-
-class transaction(AbstractContextManager[None, None]):
-    """A transaction of a database in autocommit mode: all of its block, or nothing.
-
-    Parameters
-    ----------
-    kind
-        When the database is locked: "IMMEDIATE", or "DEFERRED" until it is changed.
-
-    Raises
-    ------
-    OSError
-        When it cannot be written.
-    """
-
-    def __init__(self, db: sqlite3.Connection, kind: str = "IMMEDIATE") -> None:
-        self._db, self._kind = db, kind
-
-    def __enter__(self) -> None:
+        Raises
+        ------
+        OSError
+            When it cannot be written.
+        """
         try:
-            self._db.execute(f"BEGIN {self._kind}")
+            self._db.execute("BEGIN IMMEDIATE")
+            with self._db:
+                yield self._db
         except sqlite3.OperationalError as error:
-            raise OSError(f"{FILE} cannot be written: {error}") from error
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if error is None:
-            try:
-                self._db.execute("COMMIT")
-            except sqlite3.Error as failure:
-                error = failure
-        if error is not None and self._db.in_transaction:
-            self._db.execute("ROLLBACK")
-        if isinstance(error, sqlite3.OperationalError):
             # A full disk, above all; or another program that holds it.
             raise OSError(f"{FILE} cannot be written: {error}") from error
+
+    def _rows(self, query: str, values: Any = ()) -> list[tuple[Any, ...]]:
+        return self._db.execute(query, values).fetchall()
+
+    def _count(self, what: str, values: Any = ()) -> int:
+        return self._rows(f"SELECT count(*) FROM {what}", values)[0][0]
+
+    def _get(self, name: str) -> str:
+        return self._rows("SELECT value FROM meta WHERE name = ?", (name,))[0][0]

@@ -2,21 +2,19 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import time
 from dataclasses import dataclass
 from datetime import datetime
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from threading import Event, Timer
+from threading import Timer
 from typing import Any, Final
 
 import duckdb
 
 from ema_archive.partitions import TABLES
 from ema_archive.query import opened
-from ema_archive.survival import SurvivalStep, survival
+from ema_archive.survival import survival
 
 MOST_ROWS: Final = 1000
 """Most units, and models, that a summary lists."""
@@ -87,26 +85,33 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
         raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
     if not (archive / TABLES).is_dir():
         raise ValueError(f"{archive} has no tables: `ema archive run` makes them")
-    found = {}
-    with opened(archive, has_tests=False) as db, _limited(db, limit_s) as require_time:
-        for name, query in _queries().items():
-            found[name] = _rows(db, query, most)
-            require_time()
-    [levels] = found["levels"]
-    lives = found["lives"]
+    text = files("ema_archive").joinpath("fleet_queries.sql").read_text()
+    _, *parts = re.split(r"^-- name: (\w+)$", text, flags=re.MULTILINE)
+    end_s, found = time.monotonic() + limit_s, {}
+    with opened(archive, has_tests=False) as db:
+        for name, query in zip(parts[::2], parts[1::2], strict=True):
+            timer = Timer(max(end_s - time.monotonic(), 0.0), db.interrupt)
+            timer.start()
+            try:
+                found[name] = _rows(db, query, most)
+            except duckdb.InterruptException:
+                end_s = 0.0
+            finally:
+                timer.cancel()
+            if time.monotonic() > end_s:
+                raise ValueError(f"the summary takes more than {limit_s:g} s")
+    [found["levels"]], lives = found["levels"], found.pop("lives")
     columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
+    steps = [_plain(step._asdict()) for step in survival(*columns)]
+    # Not more than a picture can show, the last among them.
+    every = max(1, math.ceil(len(steps) / _MOST_STEPS))
+    found["months"].reverse()
     return FleetSummary(
-        levels=levels,
-        worst=found["worst"],
-        models=found["models"],
-        ages=found["ages"],
-        survival=[_plain(step._asdict()) for step in _thinned(survival(*columns))],
+        **found,
+        survival=steps[::-every][::-1],
         lives=len(lives),
         failures=sum(life["has_failed"] for life in lives),
         longest_age=max((life["to_age"] for life in lives), default=0.0),
-        calibrations=found["calibrations"],
-        recent=found["recent"],
-        months=found["months"][::-1],
     )
 
 
@@ -123,57 +128,18 @@ def state_of_tables(archive: Path) -> tuple[int, ...]:
     return found.st_mtime_ns, found.st_ino
 
 
-@cache
-def _queries() -> dict[str, str]:
-    text = files("ema_archive").joinpath("fleet_queries.sql").read_text()
-    parts = re.split(r"^-- name: (\w+)$", text, flags=re.MULTILINE)[1:]
-    return dict(zip(parts[::2], parts[1::2], strict=True))
-
-
 def _rows(db: duckdb.DuckDBPyConnection, query: str, most: int) -> list[Row]:
-    given = {"most": most} if "$most" in query else None
-    answer = db.execute(query, given)
+    answer = db.execute(query, {"most": most} if "$most" in query else None)
     names = [column[0] for column in answer.description or []]
     return [_plain(dict(zip(names, row, strict=True))) for row in answer.fetchall()]
 
 
-def _thinned(steps: list[SurvivalStep]) -> list[SurvivalStep]:
-    """Return steps that are not more than a picture can show, the last among them."""
-    every = math.ceil(len(steps) / _MOST_STEPS)
-    return steps[::-every][::-1] if every > 1 else steps
-
-
-def _plain(row: Mapping[str, Any]) -> Row:
+def _plain(row: Row) -> Row:
     """Return a row as JSON can say it: times as text, and None for what is no number."""
-    found = {}
-    for name, value in row.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            value = None
-        elif isinstance(value, datetime):
-            value = f"{value.isoformat(timespec='seconds')}Z"
-        found[name] = value
-    return found
 
+    def plain(value: Any) -> Any:
+        if isinstance(value, datetime):
+            return f"{value.isoformat(timespec='seconds')}Z"
+        return None if isinstance(value, float) and not math.isfinite(value) else value
 
-@contextmanager
-def _limited(db: duckdb.DuckDBPyConnection, limit_s: float) -> Iterator[Callable[[], None]]:
-    """Interrupt a query after a time; yields what raises where it is over between two queries."""
-    over = Event()
-
-    def end() -> None:
-        over.set()
-        db.interrupt()
-
-    def require_time() -> None:
-        if over.is_set():
-            raise duckdb.InterruptException
-
-    timer = Timer(limit_s, end)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield require_time
-    except duckdb.InterruptException as error:
-        raise ValueError(f"the summary takes more than {limit_s:g} s") from error
-    finally:
-        timer.cancel()
+    return {name: plain(value) for name, value in row.items()}

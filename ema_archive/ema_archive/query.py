@@ -9,8 +9,8 @@ from typing import Any, Final
 import duckdb
 import pyarrow as pa
 
-from ema_archive.partitions import SCHEMAS, TABLES
-from ema_archive.summaries import SUMMARIES
+from ema_archive.partitions import STAMPS, TABLES
+from ema_archive.tables import PARTITIONED, WHOLE
 from ema_core.files import complete_file
 
 VIEWS: Final = (
@@ -28,11 +28,6 @@ VIEWS: Final = (
 )
 """Ready views, beside the tables."""
 
-_PARTITIONED: Final = {
-    "estimates": ("model", "unit", "month"),
-    "usage": ("model", "unit", "month"),
-    "health": ("model", "unit"),
-}
 FORMATS: Final = (".csv", ".parquet")
 """Suffixes of the files to which a table is exported."""
 
@@ -54,12 +49,21 @@ def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPy
         When a table is damaged, or what the block asks cannot be answered: some errors come only
         while rows are read.
     """
+    tables = (archive / TABLES).resolve()
     try:
         with duckdb.connect() as db:
-            tables = (archive / TABLES).resolve()
-            _make_views(db, tables)
+            for name, schema in WHOLE.items():
+                _make_view(db, name, schema, tables, f"{name}.parquet")
+            _execute(db, "unit_views.sql")
+            for name, schema in PARTITIONED.items() if has_tests else ():
+                keys = ("model", "unit", "month") if name in STAMPS else ("model", "unit")
+                pattern = "/".join([name, *("*" for _ in keys), "*.parquet"])
+                schema = pa.schema([*schema, *((key, pa.string()) for key in keys)])
+                types = ", ".join(f"'{key}': VARCHAR" for key in keys)
+                options = f", hive_partitioning = true, hive_types = {{{types}}}"
+                _make_view(db, name, schema, tables, pattern, options)
             if has_tests:
-                _make_views_of_tests(db, tables)
+                _execute(db, "views.sql")
             db.execute(f"SET allowed_directories = [{_text(f'{tables}/')}]")
             db.execute("SET enable_external_access = false")
             db.execute("SET lock_configuration = true")
@@ -70,17 +74,15 @@ def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPy
 
 def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
     """Return name and type of each column, by table and view."""
+    found: dict[str, list[tuple[str, str]]] = {}
     with opened(archive) as db:
-        names = [
-            row[0]
-            for row in db.execute(
-                "SELECT view_name FROM duckdb_views() WHERE NOT internal ORDER BY 1"
-            ).fetchall()
-        ]
-        return {
-            name: [(row[0], row[1]) for row in db.execute(f"DESCRIBE {name}").fetchall()]
-            for name in names
-        }
+        for view, column, kind in db.execute(
+            "SELECT view_name, column_name, data_type FROM duckdb_views() AS view "
+            "JOIN duckdb_columns() ON table_name = view_name WHERE NOT view.internal "
+            "ORDER BY view_name, column_index"
+        ).fetchall():
+            found.setdefault(view, []).append((column, kind))
+    return found
 
 
 def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:
@@ -146,31 +148,13 @@ def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelat
     if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
         raise ValueError(
             'expected one query, such as "select * from worst_first limit 20"; tables: '
-            f"{', '.join((*_PARTITIONED, 'bags', 'units'))}; views: {', '.join(VIEWS)}"
+            f"{', '.join((*PARTITIONED, 'bags', 'units'))}; views: {', '.join(VIEWS)}"
         )
     return db.sql(statements[0].query)
 
 
 def _first_line(error: Exception) -> str:
     return " ".join(str(error).split("\n\n")[0].split())
-
-
-def _make_views(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
-    for name, schema in SUMMARIES.items():
-        path = tables / f"{name}.parquet"
-        _make_view(db, name, schema, path if path.exists() else None)
-    _execute(db, "unit_views.sql")
-
-
-def _make_views_of_tests(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
-    for name, keys in _PARTITIONED.items():
-        pattern = "/".join([*("*" for _ in keys), "*.parquet"])
-        schema = pa.schema([*SCHEMAS[name], *((key, pa.string()) for key in keys)])
-        types = ", ".join(f"'{key}': VARCHAR" for key in keys)
-        options = f", hive_partitioning = true, hive_types = {{{types}}}"
-        has_files = next((tables / name).glob(pattern), None) is not None
-        _make_view(db, name, schema, tables / name / pattern if has_files else None, options)
-    _execute(db, "views.sql")
 
 
 def _execute(db: duckdb.DuckDBPyConnection, name: str) -> None:
@@ -184,18 +168,16 @@ def _make_view(
     db: duckdb.DuckDBPyConnection,
     name: str,
     schema: pa.Schema,
-    path: Path | None,
+    tables: Path,
+    pattern: str,
     options: str = "",
 ) -> None:
     """Make a view of files, or a table without rows where there are none."""
-    if path is not None:
-        read = f"read_parquet({_text(str(path))}{options})"
-        db.execute(f"CREATE VIEW {name} AS SELECT * FROM {read}")
-        return
-    db.register("_empty", schema.empty_table())
-    db.execute(f"CREATE TABLE _no_{name} AS SELECT * FROM _empty")
-    db.unregister("_empty")
-    db.execute(f"CREATE VIEW {name} AS SELECT * FROM _no_{name}")
+    source = f"read_parquet({_text(str(tables / pattern))}{options})"
+    if next(tables.glob(pattern), None) is None:
+        source = f"_no_{name}"
+        db.from_arrow(schema.empty_table()).create(source)
+    db.execute(f"CREATE VIEW {name} AS SELECT * FROM {source}")
 
 
 def _text(words: str) -> str:

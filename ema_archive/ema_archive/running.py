@@ -1,25 +1,36 @@
 """Bring an archive up to date: bags to estimates, then units to health and life."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diagnose_bag
-from ema_archive.manifest import Manifest
-from ema_archive.partitions import read_state, read_unit, replace_rows, write_health, write_state
-from ema_archive.provenance import estimation_software, prognosis_software
-from ema_archive.settings import ArchiveSettings
+from ema_archive.manifest import Manifest, UnitEntry
+from ema_archive.partitions import (
+    STAMPS,
+    TABLES,
+    month_of,
+    path_of,
+    read_unit,
+    replace_rows,
+    write_health,
+    write_table,
+)
+from ema_archive.settings import ArchiveSettings, estimation_software, prognosis_software
 from ema_archive.sources import full_url, list_bags
-from ema_archive.summaries import write_summaries
-from ema_archive.unit_records import UnitEntry
-from ema_archive.unit_task import UnitResult, UnitTask, follow_unit
+from ema_archive.tables import WHOLE
+from ema_archive.unit_task import UnitTask, follow_unit
+from ema_core.files import complete_file
 from ema_core.tasks import Outcome, WorkerLostError, Workers
 
 _MOST_GATHERED: Final = 2000
 _GATHERED_S: Final = 5.0
+_ROWS: Final = 50_000
 _OTHER_SOFTWARE: Final = (
     "the worker has other software than this command: install the same version on all machines"
 )
@@ -27,17 +38,7 @@ _OTHER_SOFTWARE: Final = (
 
 @dataclass(frozen=True)
 class RunProgress:
-    """How far a run is.
-
-    Attributes
-    ----------
-    what
-        "bags" or "units".
-    done, total
-        How many are done, of how many.
-    failures
-        How many of those done could not be used.
-    """
+    """How many "bags" or "units" are done of how many, and how many of those could not be used."""
 
     what: str
     done: int
@@ -147,10 +148,7 @@ def run_bags(
     follow(RunProgress("bags", 0, total))
     gathered: list[BagResult] = []
     began = time.monotonic()
-    tasks = (
-        BagTask(url, mark, settings.calibration or beside, settings)
-        for url, mark, beside in manifest.due(settings)
-    )
+    tasks = (BagTask(*bag, settings) for bag in manifest.due(settings))
     try:
         # Closed, so that another run may use the workers.
         with closing(workers.run(diagnose, tasks)) as outcomes:
@@ -172,15 +170,11 @@ def run_bags(
 
 def _bag_result(outcome: Outcome) -> BagResult:
     task, error = outcome.item, outcome.error
-    if error is None:
-        result: BagResult = outcome.value
-        if result.software != estimation_software():
-            return BagResult(task, FAILED, _OTHER_SOFTWARE)
-        return result
-    if isinstance(error, WorkerLostError):
-        # Of the bag nothing is known: the machine may have run out of memory.
-        return BagResult(task, FAILED, str(error))
-    return BagResult(task, FAILED, f"{type(error).__name__}: {error}")
+    if error is None and outcome.value.software == estimation_software():
+        return outcome.value
+    words = _OTHER_SOFTWARE if error is None else f"{type(error).__name__}: {error}"
+    # Of a bag that ends its worker nothing is known: the machine may have run out of memory.
+    return BagResult(task, FAILED, str(error) if isinstance(error, WorkerLostError) else words)
 
 
 def write_results(
@@ -197,15 +191,15 @@ def write_results(
     # Without rows: those that they have are taken away.
     left = [BagResult(BagTask(url, "", "", settings), DONE) for url in moved]
     parts = {(one.task.url, part.model, part.unit): part for one in kept for part in one.units}
-    archive, files = manifest.archive, []
-    for place, urls in sorted(manifest.begin([*kept, *left]).items()):
-        model, unit, month = place
+    places = manifest.begin([*kept, *left])
+    for (model, unit, month), urls in sorted(places.items()):
         found = [part for url in sorted(urls) if (part := parts.get((url, model, unit)))]
-        for table in ("estimates", "usage"):
-            rows = [row for part in found for row in part.rows(table, month)]
-            files.append(replace_rows(archive, table, place, urls, rows))
-    manifest.note_files(files)
-    manifest.commit(results, settings, moved)
+        for table, stamp in STAMPS.items():
+            rows = [row for part in found for row in getattr(part, table)]
+            rows = [row for row in rows if month_of(row[stamp]) == month]
+            path = path_of(manifest.archive, table, model, unit, month)
+            replace_rows(path, table, urls, rows)
+    manifest.commit(results, settings, moved, places)
 
 
 def run_units(
@@ -213,41 +207,60 @@ def run_units(
 ) -> None:
     """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
     settings = manifest.settings
-    due = manifest.units_due(settings)
-    follow(RunProgress("units", 0, len(due)))
-    entries = {entry.unit: entry for entry in due}
-    tasks = (_unit_task(manifest.archive, entry, settings) for entry in due)
-    for outcome in workers.run(follow_unit, tasks):
-        unit = outcome.item.unit
-        if outcome.error is not None:
+    entries = {entry.unit: entry for entry in manifest.units_due(settings)}
+    follow(RunProgress("units", 0, len(entries)))
+    for outcome in workers.run(follow_unit, _unit_tasks(manifest, entries.values(), settings)):
+        entry, result = entries[outcome.item.unit], outcome.value
+        if outcome.error is not None or result.software != prognosis_software():
             # The others are followed all the same; this one stays due.
-            words = f"{type(outcome.error).__name__}: {outcome.error}"
-            tally.not_followed[unit] = words
+            error = outcome.error
+            words = f"{type(error).__name__}: {error}" if error else _OTHER_SOFTWARE
+            tally.not_followed[entry.unit] = words
             continue
-        result: UnitResult = outcome.value
-        if result.software != prognosis_software():
-            tally.not_followed[unit] = _OTHER_SOFTWARE
-            continue
-        entry = entries[unit]
-        manifest.begin_unit(entry)
-        file = write_health(manifest.archive, entry.model, entry.unit, result.health)
-        manifest.note_files([file])
-        write_state(manifest.archive, entry.unit, result.kept)
+        manifest.begin_unit(entry.unit)
+        write_health(manifest.archive, entry.model, entry.unit, result.health)
         manifest.commit_unit(entry, result)
         tally.units += 1
-        tally.followed += result.repeated
-        follow(RunProgress("units", tally.units, len(due)))
+        tally.followed += result.followed
+        follow(RunProgress("units", tally.units, len(entries)))
 
 
-def _unit_task(archive: Path, entry: UnitEntry, settings: ArchiveSettings) -> UnitTask:
-    return UnitTask(
-        entry.unit,
-        entry.actuator_id,
-        entry.serial_number,
-        entry.source,
-        settings,
-        read_unit(archive, "estimates", entry.unit),
-        read_unit(archive, "usage", entry.unit),
-        read_unit(archive, "health", entry.unit),
-        read_state(archive, entry.unit),
-    )
+def _unit_tasks(
+    manifest: Manifest, entries: Iterable[UnitEntry], settings: ArchiveSettings
+) -> Iterator[UnitTask]:
+    for entry in entries:
+        kept = manifest.kept_history(entry.unit)
+        tables = [
+            read_unit(manifest.archive, name, entry.unit)
+            for name in ("estimates", "usage", "health")
+        ]
+        names = (entry.unit, entry.actuator_id, entry.serial_number, entry.source)
+        yield UnitTask(*names, settings, *tables, kept)
+
+
+def write_summaries(manifest: Manifest) -> None:
+    """Write the tables that are one file each, as the archive is.
+
+    Raises
+    ------
+    OSError
+        When they cannot be written; those before stay.
+    """
+    folder = manifest.archive / TABLES
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in WHOLE if name != "bags"}
+    for model, unit, summary in manifest.units():
+        for name, found in summary.items():
+            rows[name] += [row | {"model": model, "unit": unit} for row in found]
+    for name, found in rows.items():
+        write_table(folder / f"{name}.parquet", pa.Table.from_pylist(found, WHOLE[name]))
+    # By parts: of millions of bags there is no need to hold all.
+    schema = WHOLE["bags"]
+    with (
+        complete_file(folder / "bags.parquet") as partial,
+        pq.ParquetWriter(partial, schema, compression="zstd") as writer,
+    ):
+        bags = manifest.bags()
+        while page := bags.fetchmany(_ROWS):
+            found = [dict(zip(schema.names, row, strict=True)) for row in page]
+            found = [row | {"is_there": bool(row["is_there"])} for row in found]
+            writer.write_table(pa.Table.from_pylist(found, schema))

@@ -1,11 +1,13 @@
-"""What an archive is computed with, as values that a file keeps and tasks are given."""
+"""What the results of an archive follow from: settings that a file keeps, and the software."""
 
 import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from functools import cache
+from typing import Any, Final, Self
 
+from ema_core.source_digest import source_digest
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measurements import MAX_AGE_S
@@ -14,6 +16,47 @@ from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.trigger import TriggerSettings
+
+ESTIMATION: Final = (
+    "ema_core",
+    "ema_monitor.calibration",
+    "ema_monitor.identification",
+    "ema_monitor.model",
+    "ema_monitor.optimizers",
+    "ema_monitor.current_balance",
+    "ema_monitor.windows",
+    "ema_bags",
+    "ema_ros",
+    "ema_archive.bag_task",
+    "ema_archive.calibrations",
+    "ema_archive.tables",
+)
+"""Sources that the estimates of a bag depend on."""
+
+PROGNOSIS: Final = (
+    "ema_core",
+    "ema_monitor.calibration",
+    "ema_monitor.health",
+    "ema_monitor.identification.estimate",
+    "ema_monitor.model",
+    "ema_monitor.prognosis",
+    "ema_archive.calibrations",
+    "ema_archive.tables",
+    "ema_archive.unit_task",
+)
+"""Sources that health and life depend on, beside the estimates."""
+
+
+@cache
+def estimation_software() -> str:
+    """Return a digest of all sources that the estimates of a bag depend on."""
+    return source_digest(ESTIMATION)
+
+
+@cache
+def prognosis_software() -> str:
+    """Return a digest of all sources that health and life depend on, beside the estimates."""
+    return source_digest(PROGNOSIS)
 
 
 @dataclass(frozen=True)
@@ -46,12 +89,12 @@ class ArchiveSettings:
     def estimation_id(self) -> str:
         """Identity of what estimates follow from."""
         values = self.as_mapping()
-        return digest({name: values[name] for name in ("trigger", "measured_max_age_s", "search")})
+        return _digest({name: values[name] for name in ("trigger", "measured_max_age_s", "search")})
 
     @property
     def prognosis_id(self) -> str:
         """Identity of what health and life follow from."""
-        return digest(self.as_mapping()["prognosis"])
+        return _digest(self.as_mapping()["prognosis"])
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values, for `of_mapping`."""
@@ -62,13 +105,7 @@ class ArchiveSettings:
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Return the settings of plain values.
-
-        Raises
-        ------
-        ValueError, KeyError, TypeError
-            When they are none.
-        """
+        """Return the settings of plain values; raise ValueError, KeyError or TypeError for none."""
         prognosis = values["prognosis"]
         tracker = dict(prognosis["tracker"])
         laws = {name: KnownLaw(**law) for name, law in tracker.pop("laws").items()}
@@ -86,7 +123,6 @@ class ArchiveSettings:
         )
 
 
-def digest(values: Any) -> str:
-    """Return an identity of plain values: equal ones have an equal one."""
+def _digest(values: Any) -> str:
     text = json.dumps(values, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

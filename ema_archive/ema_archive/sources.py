@@ -20,7 +20,6 @@ CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""
 
 _OF_THE_LOCAL_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE)
-_CHUNK: Final = 1 << 20
 _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
 
 
@@ -46,7 +45,7 @@ class Listed:
     beside: str
 
 
-def list_bags(source: str, without: Path | None = None) -> Iterator[list[Listed]]:
+def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
     """Yield the bags of each folder of a source, folder by folder.
 
     Parameters
@@ -65,40 +64,34 @@ def list_bags(source: str, without: Path | None = None) -> Iterator[list[Listed]
     """
     files, root = _opened(source)
     with _clear_errors(source):
-        yield from _listed(files, root, source, without)
+        if not files.isdir(root):
+            with suppress(FileNotFoundError):
+                # Raises what keeps a store from its answer, which looks like no folder until here.
+                files.info(root)
+                raise NotADirectoryError(f"{source}: this is a file, not a folder of bags")
+            raise FileNotFoundError(f"{source}: there is no such folder")
+        for folder, folders, entries in files.walk(root, detail=True, on_error="raise"):
+            if isinstance(files, LocalFileSystem) and Path(folder) == without:
+                folders.clear()
+            elif bags := _bags_in(files, folders, entries):
+                yield sorted(bags, key=lambda bag: bag.url)
 
 
-def _listed(files: Any, root: str, source: str, without: Path | None) -> Iterator[list[Listed]]:
-    """Yield the bags of each folder of a source in a store."""
-    if not files.isdir(root):
-        with suppress(FileNotFoundError):
-            # Raises what keeps a store from its answer, which looks like no folder until here.
-            files.info(root)
-            raise NotADirectoryError(f"{source}: this is a file, not a folder of bags")
-        raise FileNotFoundError(f"{source}: there is no such folder")
-    for folder, folders, entries in files.walk(root, detail=True, on_error="raise"):
-        if without is not None and isinstance(files, LocalFileSystem) and Path(folder) == without:
-            folders.clear()
-            continue
-        beside = entries.get(CALIBRATION_FILE)
-        calibration = _url(files, beside["name"]) if beside else ""
-        found = [(info, [info]) for name, info in entries.items() if name.endswith(".mcap")]
-        for name, info in sorted(folders.items()):
-            inside = files.ls(info["name"], detail=True)
-            if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):
-                del folders[name]
-                found.append((info, sorted(inside, key=lambda item: item["name"])))
-        bags = [
-            Listed(
-                _url(files, info["name"]),
-                sum(int(item["size"] or 0) for item in parts),
-                _mark(parts),
-                calibration,
-            )
-            for info, parts in found
-        ]
-        if bags:
-            yield sorted(bags, key=lambda bag: bag.url)
+def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
+    """Return the bags of one folder; those of its folders that are bags are not walked further."""
+    found = [(info, [info]) for name, info in entries.items() if name.endswith(".mcap")]
+    for name, info in sorted(folders.items()):
+        inside = files.ls(info["name"], detail=True)
+        if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):
+            del folders[name]
+            found.append((info, sorted(inside, key=lambda item: item["name"])))
+    beside = entries.get(CALIBRATION_FILE)
+    calibration = _url(files, beside["name"]) if beside else ""
+    sizes = [sum(int(item["size"] or 0) for item in parts) for _, parts in found]
+    return [
+        Listed(_url(files, info["name"]), size, _mark(parts), calibration)
+        for (info, parts), size in zip(found, sizes, strict=True)
+    ]
 
 
 @contextmanager
@@ -123,16 +116,12 @@ def local_copy(url: str) -> Iterator[Path]:
 
 def content_digest(path: Path) -> str:
     """Return a SHA-256 of a file, or of the files of a folder and their names."""
-    digest = hashlib.sha256()
-    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-        if not file.is_file():
-            continue
-        if file != path:
-            digest.update(f"{file.relative_to(path)}\0".encode())
-        with file.open("rb") as opened:
-            while chunk := opened.read(_CHUNK):
-                digest.update(chunk)
-    return digest.hexdigest()
+    if not path.is_dir():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    files = sorted(file for file in path.rglob("*") if file.is_file())
+    parts = "".join(f"{file.relative_to(path)}\0{content_digest(file)}\n" for file in files)
+    return hashlib.sha256(parts.encode()).hexdigest()
 
 
 def mark_of(url: str) -> str:
@@ -160,8 +149,7 @@ def time_of(url: str) -> int | None:
 
 def full_url(source: str) -> str:
     """Return the address of a source that holds wherever a process works."""
-    files, root = _opened(source)
-    return _url(files, root)
+    return _url(*_opened(source))
 
 
 @contextmanager

@@ -15,120 +15,141 @@ from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 
+_TEXT: Final = pa.string()
+_INT: Final = pa.int64()
+_FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
-_CAUSE: Final = pa.struct([("name", pa.string()), ("value", pa.float64()), ("sigma", pa.float64())])
-_EVENT: Final = pa.struct(
-    [
-        ("stamp_ns", pa.int64()),
-        ("hours", pa.float64()),
-        ("kind", pa.string()),
-        ("text", pa.string()),
-    ]
-)
-_PROVENANCE: Final = [
-    ("bag", pa.string()),
-    ("bag_sha256", pa.string()),
-    ("software", pa.string()),
-    ("settings", pa.string()),
-]
-_UNIT: Final = [("actuator_id", pa.string()), ("serial_number", pa.string())]
-_TYPES: Final = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
-_FLAGS: Final = ("unobservable", "insignificant")
-_CAUSES: Final = ("causes", "measured")
-_PLAIN: Final = [
-    (item.name, _TYPES[item.type])  # pyright: ignore[reportArgumentType]
-    for item in fields(Estimate)
-    if item.type in _TYPES
-]
-
-ESTIMATES: Final = pa.schema(
-    [
-        *_UNIT,
-        ("tested", _STAMP),
-        *_PLAIN,
-        *((name, pa.float64()) for name in FAULT_NAMES),
-        *((f"{name}_sigma", pa.float64()) for name in FAULT_NAMES),
-        ("covariance", pa.list_(pa.float64())),
-        *((name, pa.list_(pa.string())) for name in _FLAGS),
-        *((name, pa.list_(_CAUSE)) for name in _CAUSES),
-        ("alternatives", pa.list_(pa.list_(pa.string()))),
-        ("number", pa.int32()),
-        *_PROVENANCE,
-    ]
-)
-"""A row for each window, valid or not; ``tested`` is its end."""
-
-USAGE: Final = pa.schema(
-    [
-        *_UNIT,
-        ("counted", _STAMP),
-        ("stamp_ns", pa.int64()),
-        ("hours", pa.float64()),
-        ("cycles", pa.int64()),
-        ("number", pa.int32()),
-        ("bag", pa.string()),
-    ]
-)
-"""A row for each count of service hours."""
-
+_CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
+_EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
+_UNIT: Final = {"actuator_id": _TEXT, "serial_number": _TEXT}
+_MADE_BY: Final = {"software": _TEXT, "settings": _TEXT}
+_TYPES: Final = {int: _INT, float: _FLOAT, bool: pa.bool_(), str: _TEXT}
 _LIVES: Final = ("rul", "rul_faults", "rul_requirements")
-_LIFE: Final = [
-    ("{}_known", pa.bool_()),
-    ("{}_05", pa.float64()),
-    ("{}_50", pa.float64()),
-    ("{}_95", pa.float64()),
-    ("{}_criterion", pa.string()),
-    ("{}_reason", pa.string()),
-]
-
+_LIFE: Final = {
+    "{}_known": pa.bool_(),
+    "{}_05": _FLOAT,
+    "{}_50": _FLOAT,
+    "{}_95": _FLOAT,
+    "{}_criterion": _TEXT,
+    "{}_reason": _TEXT,
+}
 _REMOVAL: Final = ("risk", "hours", "cycles", "days")
+_PLACE: Final = {"model": _TEXT, "unit": _TEXT}
 
+_ESTIMATES: Final = pa.schema(
+    {
+        **_UNIT,
+        "tested": _STAMP,
+        **{
+            item.name: _TYPES[item.type]  # pyright: ignore[reportArgumentType]
+            for item in fields(Estimate)
+            if item.type in _TYPES
+        },
+        **dict.fromkeys(FAULT_NAMES, _FLOAT),
+        **{f"{name}_sigma": _FLOAT for name in FAULT_NAMES},
+        "covariance": pa.list_(_FLOAT),
+        **dict.fromkeys(("unobservable", "insignificant"), pa.list_(_TEXT)),
+        **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
+        "alternatives": pa.list_(pa.list_(_TEXT)),
+        "number": pa.int32(),
+        "bag": _TEXT,
+        "bag_sha256": _TEXT,
+        **_MADE_BY,
+    }
+)
+_USAGE: Final = pa.schema(
+    {
+        **_UNIT,
+        "counted": _STAMP,
+        "stamp_ns": _INT,
+        "hours": _FLOAT,
+        "cycles": _INT,
+        "number": pa.int32(),
+        "bag": _TEXT,
+    }
+)
 HEALTH: Final = pa.schema(
-    [
-        *_UNIT,
-        ("tested", _STAMP),
-        ("stamp_ns", pa.int64()),
-        ("hours", pa.float64()),
-        ("cycles", pa.int64()),
-        ("hours_per_cycle", pa.float64()),
-        ("level", pa.int8()),
-        ("last_level", pa.int8()),
-        ("health_index", pa.float64()),
-        ("severity", pa.int8()),
-        ("confidence", pa.float64()),
-        ("dominant_fault", pa.string()),
-        *((name.format(life), kind) for life in _LIVES for name, kind in _LIFE),
-        ("events", pa.list_(_EVENT)),
-        ("reason", pa.string()),
-        *((f"removal_{name}", pa.float64()) for name in _REMOVAL),
-        ("calibration_id", pa.string()),
-        ("entry_hours", pa.float64()),
-        ("count_ns", pa.int64()),
-        ("count_hours", pa.float64()),
-        ("count_cycles", pa.int64()),
-        ("alarms", pa.list_(pa.struct([("name", pa.string()), ("level", pa.int8())]))),
-        ("software", pa.string()),
-        ("settings", pa.string()),
-    ]
+    {
+        **_UNIT,
+        "tested": _STAMP,
+        "stamp_ns": _INT,
+        "hours": _FLOAT,
+        "cycles": _INT,
+        "hours_per_cycle": _FLOAT,
+        "level": pa.int8(),
+        "last_level": pa.int8(),
+        "health_index": _FLOAT,
+        "severity": pa.int8(),
+        "confidence": _FLOAT,
+        "dominant_fault": _TEXT,
+        **{name.format(life): kind for life in _LIVES for name, kind in _LIFE.items()},
+        "events": pa.list_(_EVENT),
+        "reason": _TEXT,
+        **{f"removal_{name}": _FLOAT for name in _REMOVAL},
+        "calibration_id": _TEXT,
+        **_MADE_BY,
+    }
 )
 """A row for each test, valid or refused: health and remaining life after it."""
 
-GROWTH: Final = pa.schema(
-    [
-        *_UNIT,
-        ("item", pa.string()),
-        ("is_requirement", pa.bool_()),
-        ("level", pa.int8()),
-        ("value", pa.float64()),
-        ("sigma", pa.float64()),
-        ("limit", pa.float64()),
-        ("limit_is_lower", pa.bool_()),
-        ("share", pa.float64()),
-        ("trend_per_hour", pa.float64()),
-        *((name.format("rul"), kind) for name, kind in _LIFE),
-    ]
-)
-"""A row for each fault and requirement of a unit, after its latest valid test."""
+PARTITIONED: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "health": HEALTH}
+"""Columns of the tables with files for each unit: a row for each window (``tested`` is its end),
+count of service hours, and test."""
+
+WHOLE: Final = {
+    "bags": pa.schema(
+        {
+            "bag": _TEXT,
+            "bytes": _INT,
+            "is_there": pa.bool_(),
+            "state": _TEXT,
+            "bag_sha256": _TEXT,
+            **_MADE_BY,
+            "reason": _TEXT,
+            "remarks": _TEXT,
+            "windows": pa.int32(),
+            "valid": pa.int32(),
+        }
+    ),
+    "units": pa.schema(
+        {**_PLACE, **{item.name: item.type for item in HEALTH}, "calibrated": _STAMP}
+    ),
+    "growth": pa.schema(
+        {
+            **_PLACE,
+            **_UNIT,
+            "item": _TEXT,
+            "is_requirement": pa.bool_(),
+            "level": pa.int8(),
+            "value": _FLOAT,
+            "sigma": _FLOAT,
+            "limit": _FLOAT,
+            "limit_is_lower": pa.bool_(),
+            "share": _FLOAT,
+            "trend_per_hour": _FLOAT,
+            **{name.format("rul"): kind for name, kind in _LIFE.items()},
+        }
+    ),
+    "lives": pa.schema(
+        {
+            **_PLACE,
+            "life": pa.int32(),
+            "begin_hours": _FLOAT,
+            "from_age": _FLOAT,
+            "to_age": _FLOAT,
+            "has_failed": pa.bool_(),
+        }
+    ),
+    "months": pa.schema({**_PLACE, "month": _TEXT, "windows": pa.int32(), "valid": pa.int32()}),
+}
+"""Columns of the tables that are one file each.
+
+A row for each bag, the damaged ones included; each unit, its row of health after the newest test
+and when the file of its calibration was changed; each fault and requirement of a unit after its
+latest valid test; each life of a unit, which a repair begins and the first test in ERROR ends: the
+service hours at which it began, its age when it was first tested and when it failed, or was last
+tested; and each month with tests of a unit.
+"""
 
 
 def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
@@ -154,18 +175,8 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
 
 def count_row(count: Count, number: int) -> dict[str, Any]:
     """Return a count as a row; bag and unit are the caller's to add."""
-    return {
-        "counted": count.stamp_ns // 1000,
-        "stamp_ns": count.stamp_ns,
-        "hours": float(count.hours),
-        "cycles": count.cycles,
-        "number": number,
-    }
-
-
-def count_from(row: Mapping[str, Any]) -> Count:
-    """Return the count that a row holds."""
-    return Count(row["stamp_ns"], row["hours"], row["cycles"])
+    hours = float(count.hours)
+    return asdict(count) | {"counted": count.stamp_ns // 1000, "hours": hours, "number": number}
 
 
 def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
@@ -195,25 +206,24 @@ def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
 
 def growth_rows(outlook: Outlook) -> list[dict[str, Any]]:
     """Return what is known of each fault and requirement after a test; the unit is to be added."""
-    rows = []
-    requirements = {item.name for item in outlook.health.requirements}
-    for item in (*outlook.health.faults, *outlook.health.requirements):
-        life = outlook.lives.get(item.name)
-        rows.append(
-            {
-                "item": item.name,
-                "is_requirement": item.name in requirements,
-                "level": item.level,
-                "value": float(item.value),
-                "sigma": float(item.sigma),
-                "limit": float(item.limit),
-                "limit_is_lower": item.limit_is_lower,
-                "share": float(item.share),
-                "trend_per_hour": float(outlook.trends.get(item.name, math.nan)),
-                **_life("rul", life or RemainingLife.unknown("", outlook.rul.reason)),
-            }
-        )
-    return rows
+    unknown = RemainingLife.unknown("", outlook.rul.reason)
+    faults, requirements = outlook.health.faults, outlook.health.requirements
+    return [
+        {
+            "item": item.name,
+            "is_requirement": is_requirement,
+            "level": item.level,
+            "value": float(item.value),
+            "sigma": float(item.sigma),
+            "limit": float(item.limit),
+            "limit_is_lower": item.limit_is_lower,
+            "share": float(item.share),
+            "trend_per_hour": float(outlook.trends.get(item.name, math.nan)),
+            **_life("rul", outlook.lives.get(item.name) or unknown),
+        }
+        for items, is_requirement in ((faults, False), (requirements, True))
+        for item in items
+    ]
 
 
 def _life(name: str, life: RemainingLife) -> dict[str, Any]:

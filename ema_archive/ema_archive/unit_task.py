@@ -1,32 +1,46 @@
 """The task of a unit: from the rows of its estimates and counts to those of health and life."""
 
+import hashlib
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import pyarrow as pa
 
 from ema_archive.calibrations import calibration_of, changed_ns, identity_of
-from ema_archive.provenance import prognosis_software
-from ema_archive.resuming import KeptState, can_resume, entry_columns, resumed, state_digest
-from ema_archive.service_record import ServiceRecord, lives_of, months_of
-from ema_archive.settings import ArchiveSettings
-from ema_archive.tables import (
-    HEALTH,
-    count_from,
-    estimate_from,
-    growth_rows,
-    health_row,
-)
+from ema_archive.partitions import month_of
+from ema_archive.settings import ArchiveSettings, prognosis_software
+from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
 from ema_core.faults import FAULT_NAMES
+from ema_core.levels import ERROR
 from ema_monitor.identification.estimate import DEGRADED, FAILED, REFUSED, VALID
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.unit import Unit
+
+Row = Mapping[str, Any]
 
 _TELLING: Final = (VALID, DEGRADED, FAILED)
 _FOUND: Final = ("verdict", "fitness", *FAULT_NAMES)
 """What copies of a test have in common."""
+
+_IDENTITY: Final = ("end_ns", "bag_sha256", "number", "calibration_id", "software", "settings")
+
+
+@dataclass(frozen=True)
+class KeptHistory:
+    """The history of a unit as a file has it, what it follows from, and the windows it rests on."""
+
+    made_by: str
+    tests: int
+    digest: str
+    content: bytes
 
 
 @dataclass(frozen=True)
@@ -35,14 +49,12 @@ class UnitTask:
 
     Attributes
     ----------
-    unit
-        Its name, as in paths.
     source
         Where its calibration comes from.
     estimates, usage, health
         Its rows in these tables, in order of time.
     kept
-        What an earlier task kept; empty when nothing.
+        What an earlier task kept; None where tests are to be followed from the first.
     """
 
     unit: str
@@ -53,7 +65,7 @@ class UnitTask:
     estimates: pa.Table
     usage: pa.Table
     health: pa.Table
-    kept: bytes
+    kept: KeptHistory | None
 
 
 @dataclass(frozen=True)
@@ -68,27 +80,20 @@ class UnitResult:
         Identity of the software of the worker.
     health
         Rows of the table of health, one a test.
-    latest
-        Row of health after the newest test, as plain values; its level is STALE without any.
-    growth
-        Rows of the table of growth.
-    record
-        What it went through.
+    summary
+        Its rows in the tables that are one file each, as plain values, by the names of these.
     kept
-        What a later task goes on from; empty when nothing.
-    repeated
+        What a later task goes on from; None when nothing.
+    followed
         Number of windows that were followed; the others were known.
     """
 
-    unit: str
     made_by: str
     software: str
     health: pa.Table
-    latest: dict[str, Any]
-    growth: list[dict[str, Any]]
-    record: ServiceRecord
-    kept: bytes
-    repeated: int
+    summary: dict[str, list[dict[str, Any]]]
+    kept: KeptHistory | None
+    followed: int
 
 
 def made_by(settings: ArchiveSettings, calibration_id: str) -> str:
@@ -102,51 +107,72 @@ def follow_unit(task: UnitTask) -> UnitResult:
     Where tests are added at the end, those before are not repeated.
     """
     limit_threads(1)
-    key = (task.actuator_id, task.serial_number)
-    calibration = calibration_of(task.source, *key)
+    key, settings = (task.actuator_id, task.serial_number), task.settings.prognosis
+    calibration = calibration_of(task.source, key)
     parameters = None if isinstance(calibration, str) else calibration.unit_parameters
-    settings = task.settings.prognosis
+    names = {"actuator_id": task.actuator_id, "serial_number": task.serial_number}
+    shared = names | {"software": prognosis_software(), "settings": task.settings.prognosis_id}
     maker = made_by(task.settings, identity_of(calibration))
     estimates, usage = _windows(task.estimates), _counts(task.usage)
-    unit, known, rows = _begun(task, maker, estimates, usage)
-    shared = {
-        "actuator_id": task.actuator_id,
-        "serial_number": task.serial_number,
-        "software": prognosis_software(),
-        "settings": task.settings.prognosis_id,
-    }
-    later = (estimate_from(row) for row in estimates[known:])
-    counts = [count_from(row) for row in usage]
-    last = None
-    for estimate, outlook in unit.follow(later, parameters, settings, counts):
-        if outlook is not None:
-            last = outlook
-            row = health_row(outlook, estimate.calibration_id) | shared
-            if estimate.valid:
-                history = unit.history
-                found = history.assessments[outlook.stamp_ns]
-                row |= entry_columns(history.entries[-1], found)
-            rows.append(row)
-    if last is None:
-        last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
+    with TemporaryDirectory(prefix="ema_archive_") as folder:
+        known, history = _history_of(task, maker, estimates, usage, Path(folder))
+        # Stamps of a table are dates when they are read.
+        before = task.health.to_pylist() if known else []
+        rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
+        unit, last = Unit(history, settings), None
+        later = (estimate_from(row) for row in estimates[known:])
+        for estimate, outlook in unit.follow(later, parameters, settings, usage):
+            if outlook is not None:
+                last = outlook
+                rows.append(health_row(outlook, estimate.calibration_id) | shared)
+        if last is None:
+            last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
+        kept = None
+        # Where hours by cycle take the place of counts, that is said once, at the first count.
+        if settings.service.hours_per_cycle == 0.0 and history.entries:
+            path = Path(folder) / "after.sqlite"
+            history.save(path, unit.growth.state())
+            digest = _digest_of(estimates, usage)
+            kept = KeptHistory(maker, len(estimates), digest, path.read_bytes())
+    changed = changed_ns(task.source, key)
     latest = rows[-1] if rows else health_row(last, "") | shared
-    names = {name: shared[name] for name in ("actuator_id", "serial_number")}
-    state = b""
-    if can_resume(settings) and unit.history.entries:
-        digest = state_digest(estimates, usage)
-        growth = unit.growth.state()
-        state = KeptState(maker, len(estimates), digest, growth).as_bytes()
     return UnitResult(
-        task.unit,
         maker,
         prognosis_software(),
         pa.Table.from_pylist(rows, HEALTH),
-        latest,
-        [row | names for row in growth_rows(last)],
-        ServiceRecord(lives_of(rows), months_of(estimates), changed_ns(task.source, *key)),
-        state,
+        {
+            "units": [latest | {"calibrated": None if changed is None else changed // 1000}],
+            "growth": [row | names for row in growth_rows(last)],
+            "lives": lives_of(rows),
+            "months": _months_of(estimates),
+        },
+        kept,
         len(estimates) - known,
     )
+
+
+def _history_of(
+    task: UnitTask, maker: str, estimates: Sequence[Row], usage: Sequence[Count], folder: Path
+) -> tuple[int, History]:
+    """Return how many windows are known already, and the history that they left."""
+    key, kept = (task.actuator_id, task.serial_number), task.kept
+    is_known = kept is not None and kept.made_by == maker
+    if is_known and _digest_of(estimates[: kept.tests], usage) == kept.digest:
+        path = folder / "before.sqlite"
+        path.write_bytes(kept.content)
+        history = History(*key, path)
+        history.close()
+        if not history.problem:
+            return kept.tests, history
+    return 0, History(*key)
+
+
+def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:
+    """Return the identity of windows and of the counts up to the last of them."""
+    last_ns = estimates[-1]["end_ns"] if estimates else 0
+    windows = [[row[name] for name in _IDENTITY] for row in estimates]
+    counts = [count for count in usage if count.stamp_ns <= last_ns]
+    return hashlib.sha256(repr((windows, counts)).encode()).hexdigest()
 
 
 def _windows(table: pa.Table) -> list[dict[str, Any]]:
@@ -170,32 +196,46 @@ def _windows(table: pa.Table) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def _counts(table: pa.Table) -> list[dict[str, Any]]:
-    """Return rows of counts, the same count in several bags once."""
-    rows = table.to_pylist()
-    return list({(row["stamp_ns"], row["hours"], row["cycles"]): row for row in rows}.values())
+def _counts(table: pa.Table) -> list[Count]:
+    """Return counts, the same count in several bags once."""
+    columns = (table[name].to_pylist() for name in ("stamp_ns", "hours", "cycles"))
+    return [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
 
 
-def _begun(
-    task: UnitTask, maker: str, estimates: list[dict[str, Any]], usage: list[dict[str, Any]]
-) -> tuple[Unit, int, list[dict[str, Any]]]:
-    """Return the prognosis to go on from, how many windows it knows, and their rows of health."""
-    key, settings = (task.actuator_id, task.serial_number), task.settings.prognosis
-    kept = KeptState.of_bytes(task.kept) if task.kept else None
-    if kept is not None and kept.made_by == maker and kept.tests <= len(estimates):
-        before, health = estimates[: kept.tests], task.health.to_pylist()
-        if state_digest(before, usage) == kept.digest:
-            stamps = {row["end_ns"] for row in before}
-            valid = {row["end_ns"] for row in before if row["valid"]}
-            # A run that died may have left rows of others beside the state.
-            made = (prognosis_software(), task.settings.prognosis_id)
-            # As they are made: stamps of a table are dates when they are read.
-            rows = [
-                row | {"tested": row["stamp_ns"] // 1000}
-                for row in health
-                if row["stamp_ns"] in stamps and (row["software"], row["settings"]) == made
-            ]
-            unit = resumed(key, kept, settings, before, rows)
-            if unit is not None and valid <= {row["stamp_ns"] for row in rows}:
-                return unit, kept.tests, rows
-    return Unit(History(*key), settings), 0, []
+def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
+    """Return the lives of a unit.
+
+    Parameters
+    ----------
+    health
+        Its rows of health in order of time; those at unknown service hours tell no age.
+    """
+    lives: list[dict[str, Any]] = []
+    repairs = 0
+    for row in health:
+        repairs += any(event["kind"] == "repair" for event in row["events"])
+        hours = row["hours"]
+        if not math.isfinite(hours):
+            continue
+        if not lives or lives[-1]["life"] != repairs:
+            # The first one began with the unit; what it went through before its first test is
+            # not known.
+            begin = hours if repairs else 0.0
+            life = {"life": repairs, "begin_hours": begin, "from_age": hours - begin}
+            lives.append(life | {"has_failed": False})
+        life = lives[-1]
+        if not life["has_failed"]:
+            life["to_age"] = hours - life["begin_hours"]
+            life["has_failed"] = row["level"] == ERROR
+    return lives
+
+
+def _months_of(estimates: Iterable[Row]) -> list[dict[str, Any]]:
+    """Return the months in which a unit was tested."""
+    stamped = [(month_of(row["end_ns"]), row["valid"]) for row in estimates]
+    windows = Counter(month for month, _ in stamped)
+    valid = Counter(month for month, is_valid in stamped if is_valid)
+    return [
+        {"month": month, "windows": windows[month], "valid": valid[month]}
+        for month in sorted(windows)
+    ]

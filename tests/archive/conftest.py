@@ -11,11 +11,14 @@ import pyarrow as pa
 import pytest
 from click.testing import CliRunner, Result
 
+from ema_archive.manifest import Manifest
 from ema_archive.partitions import TABLES
+from ema_archive.running import run, scan
 from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import calibration_of_life, simulated_tests, unit_of_life
 from ema_cli.main import main
 from ema_core.faults import fault_vector
+from ema_core.tasks import Workers
 from ema_monitor.model.threads import limit_threads
 from ema_sim.lives import SimulatedLife, WindowKind
 
@@ -53,6 +56,18 @@ def made_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
             # Names whose order is not that of the tests.
             write_test(folder / f"{9 - test.number}.mcap", test, description)
     return root
+
+
+@pytest.fixture(scope="session")
+def whole(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An archive of the fleet that no test changes."""
+    folder = tmp_path_factory.mktemp("whole") / "archive"
+    with Manifest(folder, is_new=True) as manifest, Workers("processes", 2) as pool:
+        scan(manifest, [str(made_fleet)])
+        run(manifest, pool)
+        status = manifest.status(manifest.settings)
+    assert (status.bags, status.due, status.units_due, status.damaged_files) == (10, 0, 0, 0)
+    return folder
 
 
 @pytest.fixture

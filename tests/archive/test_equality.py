@@ -3,53 +3,47 @@
 import json
 import math
 import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
+from ema_archive import settings
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_unit
 from ema_archive.running import scan
-from ema_archive.tables import ESTIMATES, estimate_from, estimate_row
+from ema_archive.tables import PARTITIONED, estimate_from, estimate_row
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.identification.estimate import estimate_record
 
-from .conftest import exactly, table_of
+from .conftest import exactly
 
+pytestmark = pytest.mark.slow
 
-@pytest.fixture(scope="module")
-def archive(ema, made_fleet, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("whole") / "archive"
-    assert ema("archive", "scan", folder, made_fleet).exit_code == 0
-    result = ema("archive", "run", folder, "--workers", "2")
-    assert result.exit_code == 0, result.output
-    assert result.stdout.endswith("all is up to date\n")
-    return folder
+SAME = ("cycles", "level", "health_index", "dominant_fault")
+RUNS_IT = {f"ema_archive.{name}" for name in ("partitions", "settings", "sources")}
+"""Modules that say where rows lie, or whose values are part of the settings' identity."""
 
 
 def units(archive):
     with Manifest(archive, writes=False) as manifest:
-        return [known.entry for known in manifest.units()]
+        return list(manifest.units())
 
 
-@pytest.mark.slow
-def test_estimates_are_those_of_the_command(ema, archive, made_fleet):
+def finite(value):
+    return value if math.isfinite(value) else None
+
+
+def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
     compared = 0
-    for number, entry in enumerate(units(archive)):
+    for number, (_, unit, _) in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
-        rows = read_unit(archive, "estimates", entry.unit).to_pylist()
+        rows = read_unit(whole, "estimates", unit).to_pylist()
+        calibration = ("--calibration", folder / "calibration.yaml")
         for bag in sorted(folder.glob("*.mcap")):
-            told = json.loads(
-                ema(
-                    "estimate",
-                    bag,
-                    "--no-warm-start",
-                    "--calibration",
-                    folder / "calibration.yaml",
-                    "--json",
-                ).stdout
-            )
+            result = ema("estimate", bag, "--no-warm-start", *calibration, "--json")
+            told = json.loads(result.stdout)
             kept = [row for row in rows if row["bag"] == str(bag)]
             assert len(kept) == len(told)
             for row, said in zip(kept, told, strict=True):
@@ -62,15 +56,11 @@ def test_estimates_are_those_of_the_command(ema, archive, made_fleet):
     assert compared >= 10
 
 
-@pytest.mark.slow
-def test_health_and_life_are_those_of_the_command(ema, archive, made_fleet):
-    for number, entry in enumerate(units(archive)):
-        told = json.loads(
-            ema("prognose", made_fleet / f"unit_{number}", "--no-warm-start", "--json").stdout
-        )
-        rows = table_of(archive, "health").to_pylist()
-        rows = [row for row in rows if row["serial_number"] == entry.serial_number]
-        rows.sort(key=lambda row: row["stamp_ns"])
+def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
+    for number, (_, unit, summary) in enumerate(units(whole)):
+        folder = made_fleet / f"unit_{number}"
+        told = json.loads(ema("prognose", folder, "--no-warm-start", "--json").stdout)
+        rows = read_unit(whole, "health", unit).to_pylist()
         tests = [test for test in told["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2
         for row, test in zip(rows, tests, strict=True):
@@ -84,59 +74,62 @@ def test_health_and_life_are_those_of_the_command(ema, archive, made_fleet):
                 said = test[life]
                 assert row[f"{life}_known"] == said["known"]
                 for quantile in ("05", "50", "95"):
-                    value = row[f"{life}_{quantile}"]
-                    assert (value if math.isfinite(value) else None) == said[f"hours_{quantile}"]
+                    assert finite(row[f"{life}_{quantile}"]) == said[f"hours_{quantile}"]
         assert rows[-1]["severity"] == told["severity"]
-        growth = archive / "tables" / "growth.parquet"
         said = {item["name"]: item for item in (*told["faults"], *told["requirements"])}
-        kept = [row for row in table_of_file(growth) if row["unit"] == entry.unit]
-        assert {row["item"] for row in kept} == set(said)
-        for row in kept:
-            for name, value in (("value", "value"), ("sigma", "sigma"), ("limit", "limit")):
-                here = row[name] if math.isfinite(row[name]) else None
-                assert here == said[row["item"]][value]
+        assert {row["item"] for row in summary["growth"]} == set(said)
+        for row in summary["growth"]:
+            for name in ("value", "sigma", "limit"):
+                assert finite(row[name]) == said[row["item"]][name]
 
 
-SAME = ("cycles", "level", "health_index", "dominant_fault")
-
-
-def table_of_file(path):
-    import pyarrow.parquet as pq
-
-    return pq.read_table(path).to_pylist()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "where",
-    [
-        ("threads", "--workers", "2"),
-        pytest.param(("dask", "--workers", "2"), marks=pytest.mark.long),
-    ],
-    ids=lambda where: where[0],
+    "executor", ["threads", pytest.param("dask", marks=pytest.mark.long)], ids=str
 )
-def test_executor_and_workers_change_nothing(archive, made_fleet, tmp_path, where):
+def test_executor_and_workers_change_nothing(whole, made_fleet, tmp_path, executor):
     other = tmp_path / "other"
     with Manifest(other, is_new=True) as manifest:
         # The units the other way round.
         scan(manifest, [str(made_fleet / "unit_1"), str(made_fleet / "unit_0")])
     # A process of its own: the threads of Dask's client stay until its end.
     done = subprocess.run(
-        ["ema", "archive", "run", other, "--executor", *where],
+        ["ema", "archive", "run", other, "--executor", executor, "--workers", "2"],
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("10 bags done, 2 units followed; 0 damaged, 0 could not be read")
+    assert done.stdout == (
+        "10 bags done, 2 units followed; 0 damaged, 0 could not be read\nall is up to date\n"
+    )
     for name in ("estimates", "usage", "health"):
-        assert exactly(other, name) == exactly(archive, name), name
+        assert exactly(other, name) == exactly(whole, name), name
 
 
-def test_row_holds_every_figure_of_an_estimate_to_the_bit(archive):
-    table = read_unit(archive, "estimates", units(archive)[0].unit)
-    for row in table.to_pylist():
-        estimate = estimate_from(row)
-        again = pa.Table.from_pylist([estimate_row(estimate, row["number"])], ESTIMATES)
+def test_row_holds_every_figure_of_an_estimate_to_the_bit(whole):
+    for row in read_unit(whole, "estimates", units(whole)[0][1]).to_pylist():
+        again = estimate_row(estimate_from(row), row["number"])
+        table = pa.Table.from_pylist([again], PARTITIONED["estimates"])
         for name in ("covariance", *FAULT_NAMES, "fitness", "unexplained_share"):
-            np.testing.assert_array_equal(again[name].to_pylist()[0], row[name])
+            np.testing.assert_array_equal(table[name].to_pylist()[0], row[name])
+
+
+@pytest.mark.parametrize(
+    ("task", "covered", "packages"),
+    [
+        ("bag_task", settings.ESTIMATION, ("ema_core", "ema_bags", "ema_ros", "ema_archive")),
+        ("unit_task", settings.PROGNOSIS, ("ema_core", "ema_archive", "ema_monitor.prognosis")),
+    ],
+)
+def test_digest_of_the_software_covers_what_a_task_imports(task, covered, packages):
+    script = f"import sys, ema_archive.{task}; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+
+    def of(names, module):
+        return any(f"{module}.".startswith(f"{name}.") for name in names)
+
+    imported = {name for name in done.stdout.split() if of(packages, name)} - {*packages}
+    assert imported
+    assert {name for name in imported - RUNS_IT if not of(covered, name)} == set()

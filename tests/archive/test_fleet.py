@@ -10,10 +10,10 @@ import pyarrow as pa
 import pytest
 
 from ema_archive.fleet import fleet_summary
-from ema_archive.partitions import write_whole
-from ema_archive.service_record import lives_of
-from ema_archive.summaries import SUMMARIES
+from ema_archive.partitions import TABLES, write_table
 from ema_archive.survival import survival
+from ema_archive.tables import WHOLE
+from ema_archive.unit_task import lives_of
 
 LATEST = datetime(2031, 5, 20, tzinfo=UTC)
 # Weeks of remission under 6-MP, and whether it ended (Freireich et al., 1963): the textbook case.
@@ -89,7 +89,7 @@ def archive(tmp_path):
         for unit, month, valid in (("a", "2031-04", 9), ("a", "2031-05", 8), ("b", "2031-05", 10))
     ]
     for name, rows in (("units", units), ("lives", lives), ("months", months), ("bags", [])):
-        write_whole(tmp_path, name, pa.Table.from_pylist(rows, SUMMARIES[name]))
+        write_table(tmp_path / TABLES / f"{name}.parquet", pa.Table.from_pylist(rows, WHOLE[name]))
     return tmp_path
 
 
@@ -139,7 +139,7 @@ def test_a_summary_is_bounded(archive, tmp_path):
         with pytest.raises(ValueError, match=f"most = {most}: expected 1 to 1000"):
             fleet_summary(archive, most)
     rows = [{"from_age": 0.0, "to_age": 1.0 + i % 97, "has_failed": False} for i in range(400_000)]
-    write_whole(archive, "lives", pa.Table.from_pylist(rows, SUMMARIES["lives"]))
+    write_table(archive / TABLES / "lives.parquet", pa.Table.from_pylist(rows, WHOLE["lives"]))
     with pytest.raises(ValueError, match=r"takes more than 1e-05 s"):
         fleet_summary(archive, limit_s=1e-5)
 

@@ -8,23 +8,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from ema_archive.bag_task import unit_name
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import replace_rows, write_health
+from ema_archive.partitions import path_of, read_unit, replace_rows, shortened, write_health
 from ema_archive.query import VIEWS, answer, columns_of, export
-from ema_archive.running import run, scan
+from ema_archive.running import scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
 from ema_core.faults import FAULT_NAMES
-from ema_core.tasks import Workers
-
-
-@pytest.fixture(scope="module")
-def archive(made_fleet, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("asked") / "archive"
-    with Manifest(folder, is_new=True) as manifest, Workers("threads", 2) as pool:
-        scan(manifest, [str(made_fleet)])
-        run(manifest, pool)
-    return folder
 
 
 def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
@@ -53,47 +44,47 @@ def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
         ("", "expected one query"),
     ],
 )
-def test_question_that_is_none_or_reaches_outside_is_refused(archive, question, message):
+def test_question_that_is_none_or_reaches_outside_is_refused(whole, question, message):
     with pytest.raises(ValueError, match=message):
-        answer(archive, question)
+        answer(whole, question)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["worst_first", "select serial_number, level from units"])
-def test_export_writes_what_a_query_gives(ema, archive, tmp_path, what):
+def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
     for name in ("told.csv", "told.parquet"):
-        result = ema("archive", "export", archive, what, "-o", tmp_path / name)
+        result = ema("archive", "export", whole, what, "-o", tmp_path / name)
         assert (result.exit_code, result.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
     table = pq.read_table(tmp_path / "told.parquet")
     with (tmp_path / "told.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == table.column_names
     assert [row["serial_number"] for row in rows] == table["serial_number"].to_pylist()
-    again = ema("archive", "export", archive, what, "-o", tmp_path / "told.csv")
+    again = ema("archive", "export", whole, what, "-o", tmp_path / "told.csv")
     assert again.exit_code == 1
     assert "is there already: --replace replaces it" in again.stderr
     for name in ("told.csv", "told.parquet"):
         # Also what a killed export left does not hinder it.
         (tmp_path / f"{name}.partial").write_text("left")
-        forced = ema("archive", "export", archive, "units", "-o", tmp_path / name, "--replace")
+        forced = ema("archive", "export", whole, "units", "-o", tmp_path / name, "--replace")
         assert (forced.exit_code, forced.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
     assert "dominant_fault" in pq.read_table(tmp_path / "told.parquet").column_names
     assert not list(tmp_path.glob("*.partial"))
-    other = ema("archive", "export", archive, what, "-o", tmp_path / "told.txt")
+    other = ema("archive", "export", whole, what, "-o", tmp_path / "told.txt")
     assert "expected a name that ends in .csv or .parquet" in other.stderr
 
 
 @pytest.mark.slow
-def test_export_that_fails_leaves_the_file_as_it_was(ema, archive, tmp_path):
+def test_export_that_fails_leaves_the_file_as_it_was(ema, whole, tmp_path):
     path = tmp_path / "told.csv"
     path.write_text("before")
     question = "select unit::int from estimates"
-    result = ema("archive", "export", archive, question, "-o", path, "--replace")
+    result = ema("archive", "export", whole, question, "-o", path, "--replace")
     assert result.exit_code == 1
     assert "Conversion Error" in result.stderr
     assert path.read_text() == "before"
     assert list(tmp_path.iterdir()) == [path]
-    result = ema("archive", "export", archive, "units", "-o", tmp_path / "none" / "told.csv")
+    result = ema("archive", "export", whole, "units", "-o", tmp_path / "none" / "told.csv")
     assert result.exit_code == 1
     assert f"{tmp_path / 'none' / 'told.csv'}: cannot be written" in result.stderr
 
@@ -162,7 +153,7 @@ def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
         shared | {"end_ns": number, "valid": True, "friction": 0.1 * number, "bag": str(number)}
         for number in range(len(levels))
     ]
-    replace_rows(tmp_path, "estimates", place, set(), estimates)
+    replace_rows(path_of(tmp_path, "estimates", *place), "estimates", set(), estimates)
     names, rows = answer(tmp_path, "select * from runs_to_failure")
     assert {*FAULT_NAMES, *(f"{name}_sigma" for name in FAULT_NAMES)} <= {*names}
     found = [dict(zip(names, row, strict=True)) for row in rows]
@@ -183,12 +174,34 @@ def test_settings_of_the_archive_are_kept_exactly():
     assert again.estimation_id == ArchiveSettings().estimation_id
 
 
-def test_text_that_a_spreadsheet_would_compute_is_quoted_in_csv(archive, tmp_path):
+def test_text_that_a_spreadsheet_would_compute_is_quoted_in_csv(whole, tmp_path):
     path = tmp_path / "told.csv"
     texts = ("=HYPERLINK('http://x')", "-1", "+a", "@b", "plain", "\ta")
     question = " UNION ALL ".join(
         f"SELECT '{text.replace(chr(39), chr(39) * 2)}' AS told" for text in texts
     )
-    export(archive, question, path)
+    export(whole, question, path)
     lines = path.read_text().splitlines()[1:]
     assert [line.strip('"')[0] for line in lines] == ["'", "'", "'", "'", "p", "'"]
+
+
+LONG = "левый закрылок внешний"
+NAMES = ("flap", "a/b", "é", LONG, 5 * LONG, "x" * 240, "x" * 241, "x" * 1000)
+
+
+@pytest.mark.parametrize("actuator_id", NAMES)
+def test_unit_of_any_name_has_its_files(tmp_path, actuator_id):
+    unit, model = unit_name(actuator_id, LONG), shortened(actuator_id)
+    rows = pa.Table.from_pylist([{"actuator_id": actuator_id, "stamp_ns": 1}], HEALTH)
+    write_health(tmp_path, model, unit, rows)
+    assert read_unit(tmp_path, "health", unit).to_pylist() == rows.to_pylist()
+    assert answer(tmp_path, "select model, unit, actuator_id from health")[1] == [
+        (model, unit, actuator_id)
+    ]
+
+
+def test_long_names_stay_apart():
+    units = {unit_name(name, serial) for name in NAMES for serial in ("1", "2", LONG, 3 * LONG)}
+    assert len(units) == 4 * len(NAMES)
+    assert unit_name("left flap", "2031/7") == "left flap+2031%2F7"
+    assert shortened("x" * 240) == "x" * 240

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ema_archive.partitions import write_whole
-from ema_archive.summaries import SUMMARIES
+from ema_archive.partitions import TABLES, write_table
+from ema_archive.tables import WHOLE
 from ema_dashboard.contents import FleetDocument
 
 LATEST = datetime(2031, 5, 20, 14, 30, tzinfo=UTC)
@@ -65,7 +65,7 @@ def write(folder: Path, count: int) -> None:
             valid = int(rng.binomial(windows, 0.97))
             rows["months"].append(place | {"month": name, "windows": windows, "valid": valid})
     for name, found in rows.items():
-        write_whole(folder, name, pa.Table.from_pylist(found, SUMMARIES[name]))
+        write_table(folder / TABLES / f"{name}.parquet", pa.Table.from_pylist(found, WHOLE[name]))
 
 
 if __name__ == "__main__":

@@ -16,8 +16,7 @@ from rich.text import Text
 
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
-from ema_archive.running import RunProgress, run, scan
-from ema_archive.summaries import write_summaries
+from ema_archive.running import RunProgress, run, scan, write_summaries
 from ema_cli.archive_options import GivenSettings, settings_options
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options

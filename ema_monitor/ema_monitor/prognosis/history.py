@@ -154,6 +154,14 @@ class History:
             except sqlite3.Error as error:
                 self._trouble = f"the history {self.path} cannot be written: {_reason_of(error)}"
 
+    def save(self, path: Path, growth: bytes) -> None:
+        """Write all tests, what was found after them and what is known of growth to a new file."""
+        self.path = path
+        self._forget_written()
+        self.write_assessments()
+        self.keep_growth(growth)
+        self.close()
+
     def _write(self, *, with_assessments: bool = False) -> None:
         if self.path is None:
             self._changed.clear()

@@ -5,8 +5,8 @@ import json
 import pyarrow as pa
 import pytest
 
-from ema_archive.partitions import write_whole
-from ema_archive.summaries import SUMMARIES
+from ema_archive.partitions import TABLES, write_table
+from ema_archive.tables import WHOLE
 from ema_dashboard.contents import FleetDocument
 
 UNIT = {"model": "F", "actuator_id": "flap", "serial_number": "7", "level": 1, "hours": 12.0}
@@ -14,7 +14,7 @@ UNIT = {"model": "F", "actuator_id": "flap", "serial_number": "7", "level": 1, "
 
 def write(archive, units):
     for name, rows in (("units", units), ("bags", [])):
-        write_whole(archive, name, pa.Table.from_pylist(rows, SUMMARIES[name]))
+        write_table(archive / TABLES / f"{name}.parquet", pa.Table.from_pylist(rows, WHOLE[name]))
 
 
 @pytest.fixture
