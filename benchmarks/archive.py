@@ -31,10 +31,10 @@ from targets import Row
 
 from ema_archive.bag_task import BagTask, diagnose_bag
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import write_whole
+from ema_archive.partitions import TABLES, write_table
 from ema_archive.query import answer
-from ema_archive.running import RunTally, run_bags, run_units, scan
-from ema_archive.summaries import UNITS, write_summaries
+from ema_archive.running import RunTally, run_bags, run_units, scan, write_summaries
+from ema_archive.tables import WHOLE
 from ema_bags.reader import Bag
 from ema_core.linear_algebra import one_thread
 from ema_core.tasks import Workers
@@ -136,7 +136,8 @@ def of_queries(place: Path, tests: int, units: int) -> dict[str, Any]:
     """Return how long the worst twenty take, by the latest rows and by all rows of health."""
     latest = write_drawn_health(place, units, tests // units)
     named = [row | {"model": MODEL, "unit": f"flap+{row['serial_number']}"} for row in latest]
-    write_whole(place, "units", pa.Table.from_pylist(named, UNITS))
+    table = pa.Table.from_pylist(named, WHOLE["units"])
+    write_table(place / TABLES / "units.parquet", table)
     questions = {
         "worst_s": "select * from worst_first limit 20",
         "worst_of_all_rows_s": "select * from health qualify row_number() over "

@@ -9,7 +9,7 @@ from prognosis_whole import estimate_of_measurement
 
 from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
 from ema_archive.partitions import write_health
-from ema_archive.provenance import estimation_software
+from ema_archive.settings import estimation_software
 from ema_archive.sources import content_digest
 from ema_archive.tables import HEALTH, count_row, estimate_row
 from ema_core.faults import N_FAULTS, fault_vector

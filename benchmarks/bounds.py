@@ -43,13 +43,7 @@ class Bound(NamedTuple):
 
 
 class Spectrum:
-    """Spectrum of the noise of a window: that of the current, and with the speed beside it.
-
-    Parameters
-    ----------
-    windows
-        Healthy windows of the same command, without or with the noise of sensors.
-    """
+    """Spectrum of the noise of a window: that of the current, and with the speed beside it."""
 
     def __init__(self, windows: list[Window]) -> None:
         signals = np.array([[w.current, w.telemetry.speed[1:]] for w in windows])
@@ -64,15 +58,7 @@ class Spectrum:
     def information(
         self, jacobian: NDArray[np.float64], *, with_speed: bool = False
     ) -> NDArray[np.float64]:
-        """Return the Fisher information, ``(d, d)``.
-
-        Parameters
-        ----------
-        jacobian
-            Derivatives of current and speed, ``(2, n, d)``.
-        with_speed
-            Whether the speed counts, too.
-        """
+        """Return the Fisher information, ``(d, d)``."""
         signals = 2 if with_speed else 1
         transformed = np.fft.rfft(jacobian[:signals], axis=1).transpose(1, 0, 2)
         weighted = np.linalg.solve(self._power[:, :signals, :signals], transformed)
@@ -89,13 +75,6 @@ def sensor_information(
     jacobian: NDArray[np.float64], *, with_speed: bool = False
 ) -> NDArray[np.float64]:
     """Return the Fisher information if nothing but noise and resolution of the sensors were there.
-
-    Parameters
-    ----------
-    jacobian
-        Derivatives of current and speed, ``(2, n, d)``.
-    with_speed
-        Whether the speed counts, too.
     """
     current, speed = jacobian
     # The rounding error of a resolution is uniform.
@@ -112,15 +91,6 @@ def jacobian(
 
     In the places of eccentricity and phase are ``zeta cos(phi)`` and ``zeta sin(phi)``. The
     differences are central, and one-sided at the end of a range.
-
-    Parameters
-    ----------
-    window
-        Gives command and initial state.
-    calibration
-        Gives the model.
-    faults
-        Where to differentiate, eight values.
     """
     play = 0.0 if window.play is None else window.play
     coordinates = Coordinates(play, cartesian=True)
@@ -137,15 +107,7 @@ def jacobian(
 
 
 def bound(information: NDArray[np.float64], faults: tuple[float, ...]) -> Bound:
-    """Return the bound that an information means.
-
-    Parameters
-    ----------
-    information
-        About the components, eccentricity and phase as ``zeta cos(phi)`` and ``zeta sin(phi)``.
-    faults
-        The truth, eight values.
-    """
+    """Return the bound that an information means."""
     zeta = faults[ECCENTRICITY]
     phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
     turn = np.eye(N_FAULTS)

@@ -117,15 +117,7 @@ class Case:
         return actuator.advance(np.concatenate([stir, _CYCLE.samples[below:_END]]))
 
     def window(self, telemetry: Telemetry, *, noisy: bool) -> Window:
-        """Return the window in this case's telemetry.
-
-        Parameters
-        ----------
-        telemetry
-            What ``telemetry`` returned.
-        noisy
-            Whether the sensors have noise and a finite resolution.
-        """
+        """Return the window in this case's telemetry."""
         if noisy:
             rng = np.random.default_rng([*self.seed, 1])
             telemetry = Sensors(CURRENT_NOISE, RESOLUTIONS, rng).measure(telemetry)
@@ -183,17 +175,7 @@ def healthy(count: int, purpose: Literal["healthy", "calibration"] = "healthy") 
 
 
 def step(fault: int, size: float, count: int) -> list[Case]:
-    """Return cases with a single small fault; of gain in either sense, of eccentricity anywhere.
-
-    Parameters
-    ----------
-    fault
-        Which component.
-    size
-        Its distance from healthy [-].
-    count
-        How many cases.
-    """
+    """Return cases with a single small fault; of gain in either sense, of eccentricity anywhere."""
 
     def draw(rng: np.random.Generator) -> NDArray[np.float64]:
         k = healthy_faults()
@@ -206,17 +188,7 @@ def step(fault: int, size: float, count: int) -> list[Case]:
 
 
 def plants(faulty: list[Case], count: int, healthy_count: int) -> list[Plant]:
-    """Return plants off their nominal parameters, with the given faults dealt among them.
-
-    Parameters
-    ----------
-    faulty
-        The faults of these cases are used.
-    count
-        How many plants.
-    healthy_count
-        How many healthy cases each has.
-    """
+    """Return plants off their nominal parameters, with the given faults dealt among them."""
     result = []
     for number in range(count):
         parameters = _off_nominal(np.random.default_rng(_seed("plant", number)))

@@ -10,10 +10,8 @@ foreign actuators (`foreign`, effects for development), which the design knows n
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-import click
 import numpy as np
 from cases import CURRENT_NOISE, RESOLUTIONS
 from foreign.effects import DEVELOPMENT, draw_plant
@@ -22,8 +20,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 from tables import target_table
-from targets import Row
-from trials import Workers, difference, run_benchmark, workers
+from targets import Row, all_of, untargeted
+from trials import Workers, command, difference, workers
 from trust_cases import moderate_faults
 
 from ema_cli.rehearsal import Rehearsal
@@ -53,14 +51,6 @@ _CALIBRATION_WINDOWS: Final = 12
 _STIR: Final = 1.2e-5
 _MODERATE: Final[Mapping[str, float]] = {"travel": 0.03, "current": 15.0, "speed": 400.0}
 _SEED: Final = 31_415
-
-
-class Sizes(NamedTuple):
-    """How many simulated tests of a condition, foreign plants, and tests of each."""
-
-    repetitions: int = 120
-    plants: int = 6
-    tests: int = 15
 
 
 @dataclass(frozen=True)
@@ -176,48 +166,37 @@ def _foreign_window(
     return window
 
 
-def measure(progress: Progress, sizes: Sizes) -> dict[str, Any]:
-    """Return all figures.
-
-    Parameters
-    ----------
-    progress
-        Where progress is shown.
-    sizes
-        How many windows.
-    """
+def measure(progress: Progress, repetitions: int, plants: int, tests: int) -> dict[str, Any]:
+    """Print promises beside simulated tests of each condition, and tests of foreign plants."""
     with workers(progress) as pool:
         within = [("moderate limits", _MODERATE), ("limits of the chirp itself", chirp_demands())]
         designs = pool.map("designs", designed, within)
-        command = Command(**designs[0]["command"])
+        designed_command = Command(**designs[0]["command"])
         conditions = [
             Condition("chirp, 10 kHz", THESIS_CHIRP),
             Condition("chirp, 1 kHz", THESIS_CHIRP, 1e-3),
             Condition("chirp, coarse and noisy", THESIS_CHIRP, 1e-4, 0.2, _COARSE),
             Condition("chirp, 1 kHz, coarse and noisy", THESIS_CHIRP, 1e-3, 0.2, _COARSE),
             Condition("sine, 10 kHz", _SINE),
-            Condition("designed, 10 kHz", command),
-            Condition("designed, coarse and noisy", command, 1e-4, 0.2, _COARSE),
+            Condition("designed, 10 kHz", designed_command),
+            Condition("designed, coarse and noisy", designed_command, 1e-4, 0.2, _COARSE),
         ]
         certificates = pool.map(
-            "certificates", certified, [(one, sizes.repetitions) for one in conditions]
+            "certificates", certified, [(one, repetitions) for one in conditions]
         )
-        outside = _outside(pool, command, sizes)
+        outside = _outside(pool, designed_command, plants, tests)
     return {
-        "sizes": sizes._asdict(),
         "designs": designs,
         "certificates": certificates,
         "foreign": outside,
     }
 
 
-def _outside(pool: Workers, command: Command, sizes: Sizes) -> dict[str, dict[str, Any]]:
+def _outside(pool: Workers, command: Command, plants: int, tests: int) -> dict[str, dict[str, Any]]:
     """Return the scores of chirp and designed command on foreign plants."""
     commands = {"chirp": THESIS_CHIRP, "designed": command}
     work = [
-        (number, name, one, sizes.tests)
-        for number in range(sizes.plants)
-        for name, one in commands.items()
+        (number, name, one, tests) for number in range(plants) for name, one in commands.items()
     ]
     rows = [row for rows in pool.map("foreign plants", foreign, work) for row in rows]
     scores = {}
@@ -237,13 +216,7 @@ def _outside(pool: Workers, command: Command, sizes: Sizes) -> dict[str, dict[st
 
 
 def rows(figures: dict[str, Any]) -> list[Row]:
-    """Return the rows of the targets.
-
-    Parameters
-    ----------
-    figures
-        What ``measure`` returns.
-    """
+    """Return the rows of the targets."""
     first, own = figures["designs"]
     ratios = {name: _of_chirp(first, name) for name in first["wanted"]}
     worst = max(ratios, key=lambda name: ratios[name])
@@ -260,26 +233,23 @@ def rows(figures: dict[str, Any]) -> list[Row]:
             f"{ratios[worst]:.2f} ({worst.replace('_', ' ')})",
             first["reached"],
         ),
-        Row("  within the chirp's own demands", "", f"{own['ratio']:.2f}", None),
+        untargeted("  within the chirp's own demands", f"{own['ratio']:.2f}"),
     ]
     shares = _predictions(figures)
-    inside = sum(abs(ratio - 1.0) <= WITHIN for ratio in shares.values())
     name = max(shares, key=lambda key: abs(np.log(shares[key])))
     result.append(
-        Row(
+        all_of(
             "predicted sigma within 25 % of simulated tests",
-            f"{len(shares)}",
-            f"{inside}; {shares[name]:.2f} ({name})",
-            inside == len(shares),
+            [abs(ratio - 1.0) <= WITHIN for ratio in shares.values()],
+            f"{shares[name]:.2f} ({name})",
+        )
         )
     )
     for name, one in figures["foreign"].items():
         result.append(
-            Row(
+            untargeted(
                 f"foreign plants, {name}: median, 90th percentile [%], coverage",
-                "",
                 f"{one['median']:.2f}, {one['p90']:.2f}, {100.0 * one['coverage']:.0f} %",
-                None,
             )
         )
     return result
@@ -302,15 +272,7 @@ def _predictions(figures: dict[str, Any]) -> dict[str, float]:
 
 
 def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables.
-
-    Parameters
-    ----------
-    console
-        Where to.
-    figures
-        What ``measure`` returns.
-    """
+    """Print the tables."""
     console.print(target_table("design", rows(figures), beside=""))
     table = Table("sigma over the chirp's, error", *map(_label, COMPONENTS), "duration\ns")
     for one in figures["designs"]:
@@ -342,14 +304,14 @@ def _label(name: str) -> str:
     return name.replace("_", "\n")
 
 
-@click.command()
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--quick", is_flag=True, help="About half of everything.")
-def main(output: Path | None, quick: bool) -> None:
-    """Print the tables and write the JSON file."""
-    sizes = Sizes(60, 3, 8) if quick else Sizes()
-    run_benchmark(lambda progress: measure(progress, sizes), show, output, 140)
-
+main = command(
+    measure,
+    show,
+    quick={"repetitions": 60, "plants": 3, "tests": 8},
+    repetitions=120,
+    plants=6,
+    tests=15,
+)
 
 if __name__ == "__main__":
     main()

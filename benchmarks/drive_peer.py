@@ -75,15 +75,7 @@ PLANTS: Final = {"built-in, 48 V, P = 2": _BUILT_IN, "270 V, P = 4": _LARGE}
 
 
 class SampledControl:
-    """Position and speed loop of ours (M1) with the current control of motulator.
-
-    Parameters
-    ----------
-    parameters
-        The actuator.
-    command
-        Angle of the user shaft at the samples of the telemetry, the first one at the start [rad].
-    """
+    """Position and speed loop of ours (M1) with the current control of motulator."""
 
     def __init__(
         self,

@@ -39,15 +39,7 @@ MOST: Final = 1.1
 
 
 def peak_mib(bag: Path, command: str) -> float:
-    """Return the largest resident set of a command in a process of its own [MiB].
-
-    Parameters
-    ----------
-    bag
-        The bag that it reads.
-    command
-        Name of the command.
-    """
+    """Return the largest resident set of a command in a process of its own [MiB]."""
     arguments = [command, str(bag), *OPTIONS[command]]
     done = subprocess.run(
         [sys.executable, "-c", CHILD, *arguments],

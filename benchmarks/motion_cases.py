@@ -139,15 +139,7 @@ class Recording:
 
 
 def faulty(kind: Kind, plants: int, motion: str, calibrated_on: str, count: int) -> list[Recording]:
-    """Return recordings with one to three faults and a load of up to 30 % of the torque limit.
-
-    Parameters
-    ----------
-    kind, plants, count
-        Kind of the units, how many there are, and how many recordings are dealt among them.
-    motion, calibrated_on
-        As of `Recording`.
-    """
+    """Return recordings with one to three faults and a load of up to 30 % of the torque limit."""
     return _recordings(kind, plants, motion, calibrated_on, count, stream=1)
 
 

@@ -6,18 +6,15 @@ Under the thesis's chirp, of the simulator's own actuator and of foreign ones he
 tests beyond the twelve that each normal is learned from, and the hidden causes of trust.py.
 """
 
-from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
-import click
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 from tables import target_table
-from targets import Row
-from trials import run_benchmark, workers
+from targets import Row, at_least, at_most
+from trials import command, workers
 from trust_cases import HIDDEN, Kind, Task, Unit, hidden, units
 
 from ema_monitor.normal.features import mean_of, parts_of
@@ -42,7 +39,7 @@ def test_of(task: Task) -> HealthyTest | str:
 
 
 def measure(progress: Progress, healthy: int, each: int) -> dict[str, Any]:
-    """Return the figures."""
+    """Print departures of healthy tests of each kind of unit, and of tests of each hidden cause."""
     figures: dict[str, Any] = {"kinds": {}}
     with workers(progress) as pool:
         for kind in KINDS:
@@ -86,24 +83,16 @@ def rows(figures: dict[str, Any]) -> list[Row]:
     for kind, by_name in figures["kinds"].items():
         healthy = np.array(by_name["healthy"])
         alarms = int(np.sum(healthy < DEPARTED))
-        result.append(
-            Row(
-                f"{kind}: departures of {len(healthy)} healthy tests",
-                f"<= {MOST_ALARMS * 1000:.0f} in 1000",
-                str(alarms),
-                alarms <= MOST_ALARMS * len(healthy),
-            )
-        )
         failed = np.concatenate([by_name[name] for name in FAILURES]) < DEPARTED
-        share = float(np.mean(failed))
-        result.append(
-            Row(
-                f"{kind}: {', '.join(FAILURES)} depart [%]",
-                f">= {100 * FOUND:.0f}",
-                f"{100.0 * share:.1f}",
-                share >= FOUND,
-            )
-        )
+        share = 100.0 * float(np.mean(failed))
+        result += [
+            at_most(
+                f"{kind}: departures of {len(healthy)} healthy tests, in 1000",
+                1000.0 * alarms / len(healthy),
+                1000.0 * MOST_ALARMS,
+            ),
+            at_least(f"{kind}: {', '.join(FAILURES)} depart [%]", share, 100.0 * FOUND),
+        ]
     return result
 
 
@@ -118,14 +107,7 @@ def show(console: Console, figures: dict[str, Any]) -> None:
     console.print(table)
 
 
-@click.command()
-@click.option("--json", "output", type=click.Path(path_type=Path), help="Write the figures to it.")
-@click.option("--healthy", type=int, default=1000, help="Healthy tests of each kind of unit.")
-@click.option("--each", type=int, default=12, help="Tests of each hidden cause.")
-def main(output: Path | None, healthy: int, each: int) -> None:
-    """Measure departures with and without a cause."""
-    run_benchmark(partial(measure, healthy=healthy, each=each), show, output, 110)
-
+main = command(measure, show, 110, healthy=1000, each=12)
 
 if __name__ == "__main__":
     main()

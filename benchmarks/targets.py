@@ -1,5 +1,6 @@
 """The targets of accuracy and what was measured of them, as rows of a table."""
 
+from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -28,14 +29,30 @@ class Row(NamedTuple):
     thesis: str = ""
 
 
-def rows(figures: dict[str, Any]) -> list[Row]:
-    """Return the rows for the figures of a run.
+def at_most(what: str, value: float, limit: float, measured: str = "", published: str = "") -> Row:
+    """Return the row of a value that is to be at most so large."""
+    return Row(what, f"<= {limit:g}", measured or f"{value:.2f}", bool(value <= limit), published)
 
-    Parameters
-    ----------
-    figures
-        What `accuracy.measure` returns.
-    """
+
+def at_least(what: str, value: float, limit: float, measured: str = "") -> Row:
+    """Return the row of a value that is to be at least so large."""
+    return Row(what, f">= {limit:g}", measured or f"{value:.2f}", bool(value >= limit))
+
+
+def all_of(what: str, met: Iterable[bool], worst: str = "") -> Row:
+    """Return the row of conditions that are all to be met, with the worst in words."""
+    flags = list(met)
+    measured = f"{sum(flags)}; {worst}" if worst else str(sum(flags))
+    return Row(what, str(len(flags)), measured, len(flags) > 0 and all(flags))
+
+
+def untargeted(what: str, measured: str) -> Row:
+    """Return the row of a figure without a target."""
+    return Row(what, "", measured, None)
+
+
+def rows(figures: dict[str, Any]) -> list[Row]:
+    """Return the rows for the figures of a run."""
     return [
         *_thesis_rows(figures),
         *_random_rows(figures["errors"]),
@@ -60,7 +77,11 @@ def _thesis_rows(figures: dict[str, Any]) -> list[Row]:
             ("high", 0.5, thesis.MEAN_HIGH_PERCENT),
         ):
             mean = float(np.mean([errors[f"{fault} {level}"] for fault in SINGLE]))
-            result.append(_at_most(f"single faults {level}, mean{label} [%]", mean, limit, best))
+            result.append(
+                at_most(
+                    f"single faults {level}, mean{label} [%]", mean, limit, published=f"{best:.2f}"
+                )
+            )
         shares = {
             name: error / case_target_percent(published[name])
             for name, error in errors.items()
@@ -79,7 +100,12 @@ def _thesis_rows(figures: dict[str, Any]) -> list[Row]:
         )
         best = thesis.best_percent(published["multiple"])
         result.append(
-            _at_most(f"multiple fault{label} [%]", errors["multiple"], MULTIPLE_PERCENT, best)
+            at_most(
+                f"multiple fault{label} [%]",
+                errors["multiple"],
+                MULTIPLE_PERCENT,
+                published=f"{best:.2f}",
+            )
         )
     return result
 
@@ -88,27 +114,22 @@ def _random_rows(errors: dict[str, Any]) -> list[Row]:
     clean, noisy, plants, play = (errors[name] for name in ("random", "noisy", "plants", "play"))
     count = clean["cases"]
     return [
-        _at_most(f"{count} random faults, median [%]", clean["median"], 0.5),
-        _at_most("  90th percentile [%]", clean["p90"], 1.2),
-        _at_most("  largest [%]", clean["max"], 5.0),
-        _at_most("the same with noisy sensors, median [%]", noisy["median"], 0.8),
+        at_most(f"{count} random faults, median [%]", clean["median"], 0.5),
+        at_most("  90th percentile [%]", clean["p90"], 1.2),
+        at_most("  largest [%]", clean["max"], 5.0),
+        at_most("the same with noisy sensors, median [%]", noisy["median"], 0.8),
         _tail(noisy),
-        _at_most("the same, noisy, plant 5 % off, median [%]", plants["median"], 1.5),
+        at_most("the same, noisy, plant 5 % off, median [%]", plants["median"], 1.5),
         _tail(plants),
-        Row(
-            f"{play['cases']} wide, noisy, unknown play, median [%]",
-            "",
-            f"{play['median']:.2f}",
-            None,
+        untargeted(
+            f"{play['cases']} wide, noisy, unknown play, median [%]", f"{play['median']:.2f}"
         ),
         _tail(play),
     ]
 
 
 def _tail(errors: dict[str, float]) -> Row:
-    return Row(
-        "  90th percentile, largest [%]", "", f"{errors['p90']:.2f}, {errors['max']:.2f}", None
-    )
+    return untargeted("  90th percentile, largest [%]", f"{errors['p90']:.2f}, {errors['max']:.2f}")
 
 
 def _time_rows(figures: dict[str, Any]) -> list[Row]:
@@ -121,27 +142,18 @@ def _time_rows(figures: dict[str, Any]) -> list[Row]:
         ("swarm", "particle swarm, 200 x 50", 1.0, f"{thesis.SWARM_TIME_S:.0f} s"),
     ):
         one = timing[name]
-        result.append(
-            Row(
-                f"{label}, median (95 %) [s]",
-                f"<= {limit:g}",
-                f"{one['seconds_median']:.3f} ({one['seconds_p95']:.3f})",
-                one["seconds_median"] <= limit,
-                published,
-            )
+        seconds, units = (
+            f"{one[f'{what}_median']:.{digits}f} ({one[f'{what}_p95']:.{digits}f})"
+            for what, digits in (("seconds", 3), ("yardstick_windows", 0))
         )
-        result.append(
-            Row(
-                "  in yardstick windows",
-                "",
-                f"{one['yardstick_windows_median']:.0f} ({one['yardstick_windows_p95']:.0f})",
-                None,
-            )
-        )
+        what = f"{label}, median (95 %) [s]"
+        result += [
+            at_most(what, one["seconds_median"], limit, seconds, published),
+            untargeted("  in yardstick windows", units),
+        ]
     evaluations = figures["errors"]["random"]["evaluations_median"]
     result.insert(
-        2,
-        Row("  evaluations, median", "<= 300", f"{evaluations:.0f}", evaluations <= 300, "10,000"),
+        2, at_most("  evaluations, median", evaluations, 300, f"{evaluations:.0f}", "10,000")
     )
     return result
 
@@ -155,7 +167,7 @@ def _covariance_rows(covariance: dict[str, Any]) -> list[Row]:
             f"{100.0 * share:.1f}",
             0.85 <= share <= 0.95,
         ),
-        Row("  its median width over the bound's", "<= 3", f"{ratio:.2f}", ratio <= 3.0),
+        at_most("  its median width over the bound's", ratio, 3.0),
     ]
 
 
@@ -191,8 +203,3 @@ def _detection_rows(detection: dict[str, Any]) -> list[Row]:
             ),
         ]
     return result
-
-
-def _at_most(what: str, value: float, limit: float, published: float | None = None) -> Row:
-    text = "" if published is None else f"{published:.2f}"
-    return Row(what, f"<= {limit:g}", f"{value:.2f}", value <= limit, text)

@@ -4,13 +4,14 @@ import json
 import multiprocessing
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
+import click
 import numpy as np
 from cases import Case
 from numpy.typing import ArrayLike, NDArray
@@ -65,35 +66,50 @@ class Job(NamedTuple):
     variants: Sequence[Variant]
 
 
-def run_benchmark(
-    measure: Callable[[Progress], dict[str, Any]],
+def command(
+    measure: Callable[..., dict[str, Any]],
     show: Callable[[Console, dict[str, Any]], None],
-    output: Path | None,
-    width: int,
-) -> None:
-    """Measure with progress, print the tables and write the JSON file.
+    width: int = 140,
+    *,
+    quick: Mapping[str, int] | None = None,
+    full: Mapping[str, int] | None = None,
+    **options: int,
+) -> click.Command:
+    """Return the command of a script: it measures with progress, prints, and writes a JSON file.
 
-    Parameters
-    ----------
-    measure
-        Returns the figures, and shows its progress.
-    show
-        Prints them.
-    output
-        File to write; None for none.
-    width
-        Columns of the tables.
+    ``measure`` is given the progress and the options by name, of those for ``--quick`` or
+    ``--full`` where these are given.
     """
-    started = time.perf_counter()
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        figures = measure(progress)
-    figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=width)
-    show(console, figures)
-    console.print(f"{figures['duration_s']:.0f} s in all")
-    if output:
-        output.write_text(json.dumps(figures, indent=1))
+
+    def run(output: Path | None, **given: Any) -> None:
+        chosen = dict(options)
+        for name, sizes in (("quick", quick), ("full", full)):
+            chosen |= (sizes or {}) if given.pop(name, False) else {}
+        chosen |= {name: value for name, value in given.items() if value is not None}
+        started = time.perf_counter()
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+            figures = measure(progress, **chosen)
+        figures["duration_s"] = time.perf_counter() - started
+        console = Console(width=width)
+        show(console, figures)
+        console.print(f"{figures['duration_s']:.0f} s in all")
+        if output:
+            output.write_text(json.dumps(figures, indent=1))
+
+    file = click.Path(path_type=Path, dir_okay=False)
+    parameters = [click.Option(["--json", "output"], type=file, help="File to write.")]
+    for name, sizes in (("quick", quick), ("full", full)):
+        if sizes is not None:
+            words = ", ".join(f"{key} {value}" for key, value in sizes.items())
+            parameters.append(click.Option([f"--{name}"], is_flag=True, help=words))
+    for name, value in options.items():
+        flag: Any = {"is_flag": True} if isinstance(value, bool) else {"type": int}
+        words = "" if isinstance(value, bool) else f"{value} when not given."
+        parameters.append(
+            click.Option([f"--{name.replace('_', '-')}"], default=None, help=words, **flag)
+        )
+    return click.Command(None, callback=run, params=parameters, help=measure.__doc__)
 
 
 class Workers:
@@ -104,17 +120,7 @@ class Workers:
         self._progress = progress
 
     def map(self, what: str, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Return what ``work`` makes of each item.
-
-        Parameters
-        ----------
-        what
-            Name on the progress bar.
-        work
-            Function of a module.
-        items
-            What it is given, one by one.
-        """
+        """Return what ``work`` makes of each item."""
         chunk = max(1, min(8, len(items) // 8))
         results = self._pool.map(work, items, chunksize=chunk)
         return list(self._progress.track(results, total=len(items), description=what))

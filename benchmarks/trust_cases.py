@@ -168,19 +168,7 @@ def faulty(
     calibrated_on: str | None = None,
     stream: int,
 ) -> list[Task]:
-    """Return tasks with random faults, half by the thesis's law and half moderate ones.
-
-    Parameters
-    ----------
-    kind, plants, count
-        Kind of the units, how many there are, and how many tasks are dealt among them.
-    causes
-        Draws the hidden causes of a task; None for none.
-    motion, sample_period, calibrated_on
-        As of ``Task``; calibrated on the same motion when None.
-    stream
-        Number of the stream of random numbers, other for each condition.
-    """
+    """Return tasks with random faults, half by the thesis's law and half moderate ones."""
     chosen = units(kind, plants)
     tasks = []
     for i in range(count):
@@ -309,15 +297,7 @@ def telemetry_of(
     rng: np.random.Generator,
     sample_period: float,
 ) -> Telemetry:
-    """Record a unit from rest at the first of some commands, ``(n,)`` [rad].
-
-    Parameters
-    ----------
-    unit, faults, causes, sample_period
-        As of `Task`.
-    rng
-        Random numbers of all noise.
-    """
+    """Record a unit from rest at the first of some commands, ``(n,)`` [rad]."""
     if unit.kind != "own":
         return _foreign(unit).telemetry(commands, faults, causes, rng, sample_period)
     actuator = SimulatedActuator(_NOMINAL, sample_period=sample_period)

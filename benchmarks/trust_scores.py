@@ -96,11 +96,6 @@ class Judged:
         beyond = away > CONFIDENT_SIGMA * np.array(self.sigma)
         return bool(np.any(beyond & (size > RIGHT_PERCENT / 100.0)))
 
-    def record(self) -> dict[str, Any]:
-        """Return it for the JSON file."""
-        error = self.error_percent
-        return {**vars(self), "error_percent": error if np.isfinite(error) else None}
-
 
 def calibrations(task: Task) -> Calibration:
     """Return the calibration of a task's unit, on its own healthy windows."""
@@ -108,13 +103,7 @@ def calibrations(task: Task) -> Calibration:
 
 
 def judged(work: tuple[Task, Calibration, bool]) -> list[Judged]:
-    """Record a task's window; return what is judged of a cold estimate, and of a warm one if asked.
-
-    Parameters
-    ----------
-    work
-        The task, the calibration of its unit, and whether to start warm, too.
-    """
+    """Record a task's window; return what is judged of a cold and, if asked, a warm estimate."""
     task, calibration, with_warm = work
     window = task.window()
     starts: list[NDArray[np.float64] | None] = [None]
@@ -182,13 +171,7 @@ def claimed_faults(estimate: Estimate, truth: Sequence[float]) -> tuple[str, ...
 
 
 def accuracy(found: Sequence[Judged]) -> dict[str, Any]:
-    """Return the figures of windows with faults.
-
-    Parameters
-    ----------
-    found
-        The estimates.
-    """
+    """Return the figures of windows with faults."""
     errors = np.array([one.error_percent for one in found])
     made = errors[np.isfinite(errors)]
     right = [one for one in found if one.error_percent <= RIGHT_PERCENT]
@@ -213,11 +196,6 @@ def coverage(found: Sequence[Judged]) -> dict[str, Any]:
     """Return how often 90 % intervals of estimates in use cover the truth, by component and unit.
 
     The phase of an eccentricity counts where there is one of more than 0.05.
-
-    Parameters
-    ----------
-    found
-        The estimates.
     """
     used = [one for one in found if one.verdict != _REFUSED]
     shape = (len(used), N_FAULTS)
@@ -239,15 +217,7 @@ def coverage(found: Sequence[Judged]) -> dict[str, Any]:
 
 
 def hidden(found: Sequence[Judged], causes: Mapping[str, float]) -> dict[str, Any]:
-    """Return the figures of healthy windows with hidden causes.
-
-    Parameters
-    ----------
-    found
-        The estimates.
-    causes
-        The causes.
-    """
+    """Return the figures of healthy windows with hidden causes."""
     sizes = [
         max(abs(one.faults[n] - healthy_faults()[n]) for n in range(N_FAULTS) if _claims(one, n))
         for one in found

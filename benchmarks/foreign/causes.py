@@ -15,15 +15,7 @@ COPPER: Final = 3.93e-3
 
 
 def changed(parameters: ActuatorParameters, causes: Mapping[str, float]) -> ActuatorParameters:
-    """Return the parameters of a plant with hidden causes.
-
-    Parameters
-    ----------
-    parameters
-        Without them.
-    causes
-        Causes by name, in the units of the registry; those that change no parameter are ignored.
-    """
+    """Return the parameters of a plant with hidden causes."""
     factors = {
         # The drive goes on reckoning with k_t.
         "k_e": 1.0 + causes.get("torque_constant", 0.0),
@@ -38,15 +30,7 @@ def changed(parameters: ActuatorParameters, causes: Mapping[str, float]) -> Actu
 
 
 def published(telemetry: Telemetry, causes: Mapping[str, float]) -> Telemetry:
-    """Return what sensors with gains, offsets and delays publish of ideal telemetry.
-
-    Parameters
-    ----------
-    telemetry
-        Ideal telemetry.
-    causes
-        Causes by name; those that are none of sensors are ignored.
-    """
+    """Return what sensors with gains, offsets and delays publish of ideal telemetry."""
     columns = {}
     for name in ("command", "current", "position", "speed"):
         values = getattr(telemetry, name)

@@ -67,13 +67,6 @@ def draw_plant(seed: int, effects: frozenset[Effect]) -> ForeignPlant:
 
     Each parameter is off by a share of its own. A figure does not depend on which other effects
     there are.
-
-    Parameters
-    ----------
-    seed
-        Seed of the draw.
-    effects
-        The effects that it has.
     """
 
     def draw(effect: Effect, *bounds: tuple[float, float]) -> NDArray[np.float64]:

@@ -99,19 +99,6 @@ class ForeignPlant:
     ) -> Telemetry:
         """Simulate from rest at the first command, and return what the sensors say.
 
-        Parameters
-        ----------
-        commands
-            Angle of the user shaft at the end of each sample, ``(n,)`` [rad].
-        faults
-            Fault vector, ``(8,)``.
-        causes
-            Hidden causes by name, in the units of the registry.
-        rng
-            Random numbers of all noise.
-        sample_period
-            Period of the samples, a whole multiple of 2 us [s].
-
         Raises
         ------
         ValueError

@@ -148,7 +148,9 @@ class Manifest(Database):
                 self._criteria(settings),
             )
         )
-        [sums] = self._rows("SELECT coalesce(sum(windows), 0), coalesce(sum(valid), 0) FROM bag")
+        [(windows, valid)] = self._rows(
+            "SELECT coalesce(sum(windows), 0), coalesce(sum(valid), 0) FROM bag"
+        )
         return Status(
             self._count("bag"),
             self._count(f"bag WHERE NOT {_THERE}"),
@@ -158,7 +160,8 @@ class Manifest(Database):
             reasons,
             self._count("unit"),
             len(self.units_due(settings)),
-            *sums,
+            windows,
+            valid,
             len(self._damaged_files()),
         )
 

@@ -23,7 +23,7 @@ from ema_archive.partitions import (
 )
 from ema_archive.settings import ArchiveSettings, estimation_software, prognosis_software
 from ema_archive.sources import full_url, list_bags
-from ema_archive.tables import WHOLE
+from ema_archive.tables import PARTITIONED, WHOLE
 from ema_archive.unit_task import UnitTask, follow_unit
 from ema_core.files import complete_file
 from ema_core.tasks import Outcome, WorkerLostError, Workers
@@ -229,13 +229,15 @@ def _unit_tasks(
     manifest: Manifest, entries: Iterable[UnitEntry], settings: ArchiveSettings
 ) -> Iterator[UnitTask]:
     for entry in entries:
-        kept = manifest.kept_history(entry.unit)
-        tables = [
-            read_unit(manifest.archive, name, entry.unit)
-            for name in ("estimates", "usage", "health")
-        ]
-        names = (entry.unit, entry.actuator_id, entry.serial_number, entry.source)
-        yield UnitTask(*names, settings, *tables, kept)
+        yield UnitTask(
+            entry.unit,
+            entry.actuator_id,
+            entry.serial_number,
+            entry.source,
+            settings,
+            **{name: read_unit(manifest.archive, name, entry.unit) for name in PARTITIONED},
+            kept=manifest.kept_history(entry.unit),
+        )
 
 
 def write_summaries(manifest: Manifest) -> None:

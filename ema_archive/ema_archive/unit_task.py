@@ -156,15 +156,15 @@ def _history_of(
 ) -> tuple[int, History]:
     """Return how many windows are known already, and the history that they left."""
     key, kept = (task.actuator_id, task.serial_number), task.kept
-    is_known = kept is not None and kept.made_by == maker
-    if is_known and _digest_of(estimates[: kept.tests], usage) == kept.digest:
-        path = folder / "before.sqlite"
-        path.write_bytes(kept.content)
-        history = History(*key, path)
-        history.close()
-        if not history.problem:
-            return kept.tests, history
-    return 0, History(*key)
+    if kept is None or kept.made_by != maker:
+        return 0, History(*key)
+    if _digest_of(estimates[: kept.tests], usage) != kept.digest:
+        return 0, History(*key)
+    path = folder / "before.sqlite"
+    path.write_bytes(kept.content)
+    history = History(*key, path)
+    history.close()
+    return (0, History(*key)) if history.problem else (kept.tests, history)
 
 
 def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:

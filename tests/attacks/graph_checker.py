@@ -105,13 +105,7 @@ class Run:
 
 
 def check(record: GraphRecord) -> Findings:
-    """Return the rules that what a graph published does not keep.
-
-    Parameters
-    ----------
-    record
-        What was published.
-    """
+    """Return the rules that what a graph published does not keep."""
     findings = Findings()
     add, counts = findings.violations.append, findings.counts
     lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
@@ -136,16 +130,7 @@ def check(record: GraphRecord) -> Findings:
 
 
 def lost_messages(record: GraphRecord, topic: str = "") -> int:
-    """Return how many messages recorders said that they had lost.
-
-    Parameters
-    ----------
-    record
-        What was published.
-    topic
-        Last part of the name of a topic; empty for all of them. A recorder that does not tell of
-        topics may have lost all of its messages on this one.
-    """
+    """Return how many messages recorders said that they had lost."""
     latest = {
         status.name: status for status in record.statuses if status.name.endswith(": recording")
     }

@@ -59,11 +59,6 @@ class Estimate:
 class Graph:
     """Starts nodes as processes, stops, kills and pauses them, and listens to what they say.
 
-    Parameters
-    ----------
-    folder
-        Where the logs of the nodes, and what they keep in ROS_HOME, go.
-
     Attributes
     ----------
     processes
@@ -129,19 +124,7 @@ class Graph:
     def start(
         self, name: str, node: str = "", remaps: Sequence[str] = (), **parameters: Any
     ) -> None:
-        """Start a node.
-
-        Parameters
-        ----------
-        name
-            Its name here, and in the graph.
-        node
-            Which of ``ema_cli.processes.bringup.NODES`` it is; that of its name when empty.
-        remaps
-            Further names as ``name:=value``.
-        parameters
-            Parameters; a dot in a name is written as two underscores.
-        """
+        """Start a node."""
         given = {key.replace("__", "."): value for key, value in parameters.items()}
         words = [word for item in assignments_of(given) for word in ("-p", item)]
         words += [word for item in remaps for word in ("-r", item)]

@@ -138,11 +138,6 @@ class GraphRecord:
 def read_graph(path: Path) -> GraphRecord:
     """Return what a graph published.
 
-    Parameters
-    ----------
-    path
-        A bag, damaged or not.
-
     Raises
     ------
     ValueError, FileNotFoundError

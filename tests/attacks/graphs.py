@@ -41,17 +41,7 @@ _TAKES_S: Final = 1.0
 def run_condition(
     case: Case, name: str, settled_s: float = SETTLED_S, disturbed_s: float = DISTURBED_S
 ) -> None:
-    """Record a graph under a disturbance, and check what it published.
-
-    Parameters
-    ----------
-    case
-        What is random follows from it, and what is found goes to it.
-    name
-        One of ``CONDITIONS``.
-    settled_s, disturbed_s
-        How long it goes on before, and after, it is disturbed [s].
-    """
+    """Record a graph under a disturbance, and check what it published."""
     bag = case.folder / "bag"
     case.count(name)
     with Graph(case.folder / "graph") as graph:

@@ -74,15 +74,6 @@ def check_history(
 ) -> set[int]:
     """Compare what was answered until a kill with what the history has.
 
-    Parameters
-    ----------
-    unit
-        Actuator and serial number.
-    answered
-        Stamps of the tests that were answered, in their order [ns].
-    known
-        Stamps of those that earlier kills lost.
-
     Returns
     -------
         Stamps of those that are not in it [ns].

@@ -39,17 +39,7 @@ _LONGEST_WAIT_S: Final = 3.0
 
 
 class NodeKills:
-    """One graph, and what is done to it.
-
-    Parameters
-    ----------
-    case
-        What is random follows from it, and what is found goes to it.
-    live_kills, player_kills
-        How many there are.
-    standstill_s
-        How long a node stands still [s]; 0: none does.
-    """
+    """One graph, and what is done to it."""
 
     def __init__(
         self,
