@@ -243,7 +243,6 @@ def rows(figures: dict[str, Any]) -> list[Row]:
             [abs(ratio - 1.0) <= WITHIN for ratio in shares.values()],
             f"{shares[name]:.2f} ({name})",
         )
-        )
     )
     for name, one in figures["foreign"].items():
         result.append(
