@@ -78,7 +78,7 @@ def test_no_budget_is_passed(windows_of, calibration, description, counted, know
     done = [generation.evaluations for generation in whole]
     # Three linearisations with the causes, the unit's deviations, and some to spare.
     for evaluations in done[1:4]:
-        for budget in range(evaluations + 145, evaluations + 157):
+        for budget in range(evaluations + 145, evaluations + 157, 4):
             counted.clear()
             settings = SearchSettings(budget=budget)
             estimate = identify(window, description, calibration, settings)

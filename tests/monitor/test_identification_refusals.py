@@ -11,8 +11,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification, identify
+from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
@@ -110,12 +109,6 @@ def test_command_that_the_motion_did_not_follow_is_refused(window, calibration, 
     assert "neither faults nor known causes explain the window" in estimate.reason
 
 
-def test_all_that_does_not_fit_is_named(window, calibration):
-    other = ActuatorDescription(serial_number="SIM-0002", parameters=OTHER_MOTOR.parameters)
-    estimate = identify(window, other, calibration)
-    check_refused(estimate, "serial number 'SIM-0002'", "R_s = 2.3")
-
-
 @pytest.mark.parametrize("force", [False, True])
 def test_calibration_for_another_sample_period_is_refused(window, calibration, description, force):
     slower = changed(window, sample_period=2e-4)
@@ -130,12 +123,6 @@ def test_part_of_a_window_is_estimated_with_the_wider_scatter(window, calibratio
     assert estimation_error(estimate.faults, fault_vector(FAULTS)) < 2.0
     whole = identify(window, description, calibration)
     assert estimate.sigma.friction > whole.sigma.friction
-
-
-def test_refused_identification_has_no_generations(window, calibration):
-    identification = Identification(window, OTHER_UNIT, calibration, SearchSettings())
-    assert list(identification) == []
-    assert identification.estimate is not None
 
 
 @pytest.mark.parametrize(
