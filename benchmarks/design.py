@@ -34,7 +34,7 @@ from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import FINEST, design_command
 from ema_monitor.design.information import Information
 from ema_monitor.design.limits import MotionLimits
-from ema_monitor.identifying import identify
+from ema_monitor.diagnosis import identify
 from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
 

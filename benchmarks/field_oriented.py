@@ -27,8 +27,8 @@ from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 
 _K_T: Final = math.sqrt(3.0) / 2.0 * ActuatorParameters().k_e
 DESCRIPTIONS: Final = {

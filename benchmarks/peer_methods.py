@@ -26,9 +26,9 @@ from scipy.optimize import (  # pyright: ignore[reportMissingImports]
 from trials import ACTUATOR
 
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 from ema_monitor.windows.window import Window
 

@@ -12,9 +12,9 @@ from trials import ACTUATOR
 from ema_core.faults import FAULT_NAMES, TYPICAL
 from ema_core.growth_laws import TypicalGrowth
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import identify
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.lives import NOISE_OF_DISTURBED, SimulatedLife, constant_life, run_to_failure

@@ -25,8 +25,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, healthy_faults, random_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window

@@ -14,9 +14,9 @@ from yardstick import seconds_per_window
 
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
 
 GROWTH: Final = 1.015

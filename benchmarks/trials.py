@@ -28,9 +28,9 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
 from ema_core.linear_algebra import one_thread
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import identify
 from ema_monitor.model.threads import limit_threads
 
 ACTUATOR: Final = ActuatorDescription()

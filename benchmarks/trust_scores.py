@@ -23,8 +23,8 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 
 RIGHT_PERCENT: Final = 2.0
 """Error up to which an estimate is right [%]."""

@@ -22,9 +22,9 @@ from unknown_units import FastUnit, SlowUnit
 
 from ema_core.levels import OK
 from ema_monitor.calibrations import calibrate
+from ema_monitor.diagnosis import identify
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 
 WITHIN: Final = 0.02
 RANKED: Final = 0.95

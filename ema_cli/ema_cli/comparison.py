@@ -14,9 +14,9 @@ from ema_cli.show.progress import progress_bar
 from ema_core.faults import estimation_error
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identifying import Identification
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.window import Window
 

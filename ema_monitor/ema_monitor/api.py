@@ -11,13 +11,12 @@ from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.design.certificate import Certificate, certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import MotionLimits
-from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.diagnosis import Diagnosed, Diagnosis, Identification, identify
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.identifying import Identification, identify
 from ema_monitor.monitor import Monitor, MonitorSettings
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife

@@ -1,23 +1,137 @@
 """Diagnosis of one actuator: windows and stretches of motion in, estimates of its faults out."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.current_balance.combining import CurrentCombination
+from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import Generation
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
-from ema_monitor.identifying import Identification
+from ema_monitor.model.measured import measured_causes
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+
+def _identified(
+    window: Window | Refusal,
+    description: ActuatorDescription,
+    calibration: AnyCalibration | str,
+    settings: SearchSettings,
+    force: bool,
+    previous: ArrayLike | None,
+) -> Generator[Generation, None, Estimate]:
+    """Yield the state after each generation, and return the estimate of any drive."""
+    if isinstance(calibration, UnknownDriveUnit):
+        if isinstance(window, Refusal):
+            return refusal(window, calibration, settings, window.reason)
+        return identify_by_current(window, description, calibration, settings, force=force)
+    faults = None if previous is None else fault_vector(previous)
+    found = yield from ModelIdentification(
+        window, description, calibration, settings, force, faults
+    ).run()
+    return found.estimate
+
+
+class Identification:
+    """One identification: iterate over its generations, then read ``estimate``.
+
+    Parameters
+    ----------
+    window
+        The window, with what was measured beside it, or why there is none: then the estimate is a
+        refusal.
+    description
+        The actuator of the window.
+    calibration
+        Calibration of the actuator, or why there is none. If there is none, or it does not belong
+        to that actuator or to the window's command, the estimate is a refusal. Where the drive is
+        unknown there is no search, and the measured current takes its place.
+    settings
+        How to identify.
+    force
+        Make an estimate all the same; it says so in its reason.
+    previous
+        Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
+        want a warm start.
+
+    Attributes
+    ----------
+    estimate
+        The estimate; None before the iteration has ended.
+    """
+
+    def __init__(
+        self,
+        window: Window | Refusal,
+        description: ActuatorDescription,
+        calibration: AnyCalibration | str,
+        settings: SearchSettings,
+        *,
+        force: bool = False,
+        previous: ArrayLike | None = None,
+    ) -> None:
+        self._run = _identified(window, description, calibration, settings, force, previous)
+        self.estimate: Estimate | None = None
+
+    def __iter__(self) -> Iterator[Generation]:
+        """Yield the state after each generation; there is none where a window is refused."""
+        self.estimate = yield from self._run
+
+
+def identify(
+    window: Window | Refusal,
+    description: ActuatorDescription | None = None,
+    calibration: AnyCalibration | str | None = None,
+    settings: SearchSettings | None = None,
+    *,
+    force: bool = False,
+    previous: ArrayLike | None = None,
+    measured: Mapping[str, tuple[float, float]] | None = None,
+) -> Estimate:
+    """Identify the faults in a window, without progress.
+
+    Parameters
+    ----------
+    window, description, calibration, settings, force, previous
+        As of ``Identification``. Description and calibration are those of the built-in actuator
+        when None.
+    measured
+        Hidden causes that were measured, value and standard deviation by name, as of
+        ``measured_causes``; those of the window when None.
+
+    Raises
+    ------
+    ValueError
+        As of ``measured_causes``.
+    """
+    if measured is not None:
+        known = measured_causes(measured)
+        window = window if isinstance(window, Refusal) else replace(window, measured=known)
+    identification = Identification(
+        window,
+        description or ActuatorDescription(),
+        Calibration.builtin() if calibration is None else calibration,
+        settings or SearchSettings(),
+        force=force,
+        previous=previous,
+    )
+    for _ in identification:
+        pass
+    if identification.estimate is None:
+        raise RuntimeError("the identification ended without an estimate")
+    return identification.estimate
 
 
 class Found(Protocol):
@@ -113,14 +227,11 @@ class Diagnosis:
         if combining is not None:
             yield from self._combine(found, calibration, search, combining, previous, force)
             return
-        run = Identification(
-            found.window, found.description, calibration, search, force=force, previous=previous
+        estimate = yield from _identified(
+            found.window, found.description, calibration, search, force, previous
         )
-        yield from run
-        if run.estimate is None:
-            raise RuntimeError("the identification ended without an estimate")
-        yield Diagnosed(found.number, found.number, found.description, run.estimate)
-        self.begin_at(found.description, run.estimate)
+        yield Diagnosed(found.number, found.number, found.description, estimate)
+        self.begin_at(found.description, estimate)
 
     def finish(self) -> list[Diagnosed]:
         """End the motion; return the estimate of the stretches combined so far, if there is one."""

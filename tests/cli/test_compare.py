@@ -18,8 +18,8 @@ from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification
 from ema_monitor.optimizers import ALGORITHMS
 
 SOURCE = SourceOptions(None, None, 1e-6, 0.02, None)

@@ -12,9 +12,9 @@ from ema_core.faults import estimation_error, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.window_fit import window_fit
-from ema_monitor.identifying import identify
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.plot.fit import plot_fit
 from ema_monitor.windows.finder import Segment, WindowFinder

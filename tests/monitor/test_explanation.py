@@ -8,10 +8,10 @@ import pytest
 from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
-from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window

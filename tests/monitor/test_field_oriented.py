@@ -13,7 +13,7 @@ from ema_core.parameters import ActuatorParameters, FieldOrientedParameters, con
 from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.identifying import identify
+from ema_monitor.diagnosis import identify
 from ema_monitor.model import field_oriented
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.prognosis.requirements.performance import PerformanceModel

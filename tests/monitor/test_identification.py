@@ -17,8 +17,8 @@ from ema_core.faults import (
 )
 from ema_core.parameters import constants
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest

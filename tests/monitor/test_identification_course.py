@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error, fault_vector
+from ema_monitor.diagnosis import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification, identify
 from ema_monitor.model.monitor_model import MonitorModel
 
 from .reference_cases import CASES

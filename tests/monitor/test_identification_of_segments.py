@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.diagnosis import Diagnosed, Diagnosis, Identification, identify
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification, identify
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination
 from ema_monitor.windows.finder import Segment

@@ -12,6 +12,7 @@ from ema_core.faults import (
     fault_vector,
 )
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
 from ema_monitor.identification.uncertainty import (
@@ -20,7 +21,6 @@ from ema_monitor.identification.uncertainty import (
     USUAL_MISFIT,
     sandwich_covariance,
 )
-from ema_monitor.identifying import identify
 from ema_monitor.windows.band import band_limited, rms
 
 from .reference_cases import CASES

@@ -10,8 +10,8 @@ from ema_core.causes import CAUSE_BY_NAME
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 

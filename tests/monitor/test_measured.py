@@ -10,11 +10,11 @@ from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.api import find_windows
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import HIDDEN_CAUSES
 from ema_monitor.model.measured import expected_causes, measured_causes, measured_causes_of
 from ema_monitor.model.measurements import MeasurementLog

@@ -5,8 +5,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.differential_evolution import (
     DifferentialEvolution,

@@ -10,9 +10,9 @@ from ema_core.commands import Command
 from ema_core.faults import GAIN, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.evidence import Evidence
 from ema_monitor.identification.objective import Objective, Relations
-from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import COLUMNS, NAMES, hidden_causes
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.readings import read

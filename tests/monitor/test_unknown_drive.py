@@ -19,11 +19,10 @@ from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.current_balance.columns import MotorMotion
 from ema_monitor.current_balance.play import free_play
 from ema_monitor.current_balance.unit import UnknownDriveUnit
-from ema_monitor.diagnosis import Diagnosed, diagnose
+from ema_monitor.diagnosis import Diagnosed, diagnose, identify
 from ema_monitor.health import TORQUE_PER_AMPERE, HealthLimits, assess
 from ema_monitor.identification.estimate import estimate_of, estimate_record
 from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.identifying import identify
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window

@@ -7,8 +7,8 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import fault_vector
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
-from ema_monitor.identifying import identify
 from ema_monitor.windows.band import rms
 
 from .windows import refused

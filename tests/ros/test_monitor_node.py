@@ -12,8 +12,8 @@ from lifecycle_msgs.msg import Transition
 from ema_core.faults import FAULT_NAMES, estimation_error, healthy_faults
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import identify
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings

@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock
 
 from ema_core.faults import healthy_faults
 from ema_monitor import diagnosis
+from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.estimate import refusal
-from ema_monitor.identifying import Identification
 from ema_monitor.node import worker
 from ema_monitor.unit import Unit
 from ema_monitor.windows.window import Window

@@ -17,9 +17,9 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibrations import AnyCalibration, load_calibration
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import identify
 from ema_ros.messages import faults_from_message
 from ema_ros.stamps import stamp_from_message
 

@@ -27,8 +27,8 @@ from ema_monitor.design.rehearsal import (
     present,
     rehearse,
 )
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate, plain_number
-from ema_monitor.identifying import identify
 from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
 

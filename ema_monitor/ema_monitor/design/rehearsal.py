@@ -21,9 +21,9 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, STRONG_CORRELATION
-from ema_monitor.identifying import identify
 from ema_monitor.windows.window import Window
 
 HALF_WIDTH: Final = 1.645

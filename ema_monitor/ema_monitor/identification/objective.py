@@ -450,12 +450,15 @@ class Objective:
 
         The derivatives of components that are not ``free``, ``(d,)``, are 0.
         """
-        free = np.ones(len(point), dtype=bool) if free is None else free
-        steps = DIFFERENCE * np.eye(len(point))[free]
+        steps = DIFFERENCE * np.eye(len(point))
+        steps = steps if free is None else steps[free]
         below, above = np.maximum(point - steps, 0.0), np.minimum(point + steps, 1.0)
         rows = self.residuals(np.concatenate([point[None], below, above]))
         at_point, at_below, at_above = np.split(rows, [1, 1 + len(steps)])
         widths = np.sum(above - below, axis=1)
-        jacobian = np.zeros((rows.shape[1], len(point)))
-        jacobian[:, free] = (at_above - at_below).T / widths
+        columns = (at_above - at_below).T / widths
+        if free is None:
+            return Linearisation(point, at_point[0], columns)
+        jacobian = np.zeros((len(columns), len(point)))
+        jacobian[:, free] = columns
         return Linearisation(point, at_point[0], jacobian)

@@ -17,8 +17,8 @@ from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate, ForgetActuator
 from ema_monitor.calibrations import calibrate
+from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identifying import Identification
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.actuators import Actuators
