@@ -122,7 +122,8 @@ calibration: setup ## the shipped calibration anew, after a change of either mod
 sample: setup ## the sample bag anew, after a change of the reference actuator or the messages
 	$(activate) && ema simulate --fault friction=0.25 --fault eccentricity=0.1 \
 	    --fault eccentricity_phase=0.7 --current-noise 0.02 \
-	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --replace -o bags/faulty_flap.mcap
+	    -p resolution.current=0.005 -p resolution.position=1e-6 \
+	    -p resolution.speed=0.05 --seed 1 --replace -o bags/faulty_flap.mcap
 
 lock: setup ## compile all locks anew, with hashes (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)

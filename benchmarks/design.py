@@ -24,6 +24,7 @@ from targets import Row, all_of, untargeted
 from trials import Workers, command, difference, workers
 from trust_cases import moderate_faults
 
+from ema_cli.bench import Bench
 from ema_cli.rehearsal import Rehearsal
 from ema_core.commands import THESIS_CHIRP, Command, build_cycle
 from ema_core.description import ActuatorDescription
@@ -37,6 +38,7 @@ from ema_monitor.design.limits import MotionLimits
 from ema_monitor.diagnosis import identify
 from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
+from ema_sim.bench import BenchSettings
 
 RATIO: Final = 0.5
 """Largest duration of the designed command over that of the chirp."""
@@ -66,9 +68,11 @@ class Condition:
     def recorder(self) -> Rehearsal:
         """Return what records its windows."""
         description = ActuatorDescription(sample_period=self.sample_period)
-        return Rehearsal(
-            description, _NOMINAL, self.current_noise, self.resolutions, _SEED, lambda: None
+        settings = BenchSettings(current_noise=self.current_noise, seed=_SEED)
+        given = Bench(
+            description, _NOMINAL, settings, dict(self.resolutions), THESIS_CHIRP, None, None
         )
+        return Rehearsal(given, lambda: None)
 
 
 def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:

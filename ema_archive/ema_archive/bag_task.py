@@ -88,7 +88,7 @@ def unit_name(actuator_id: str, serial_number: str) -> str:
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
-    """Return the estimates of a bag, as ``ema estimate --no-warm-start`` gives them.
+    """Return the estimates of a bag, as ``ema estimate -p warm_start=false`` gives them.
 
     A bag that cannot be used is a result as well, with the reason.
     """

@@ -82,15 +82,7 @@ class GraphNames:
 def node_access(
     namespace: str = topics.NAMESPACE, bridged: Iterable[str] = ()
 ) -> Mapping[str, GraphNames]:
-    """Return what each node has in the graph, by the name of the node.
-
-    Parameters
-    ----------
-    namespace
-        Namespace of the nodes.
-    bridged
-        Topics of the mapping that the bridge is given, full names or relative to the namespace.
-    """
+    """Return what each node has in the graph, by the name of the node."""
     prefix = namespace.rstrip("/")
 
     def full(names: Iterable[str]) -> tuple[str, ...]:

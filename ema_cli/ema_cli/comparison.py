@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.windows import BagWindows, RecordedWindow
-from ema_cli.identification_options import IdentificationOptions
+from ema_cli.bags.identifying import Identifying
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import estimation_error
@@ -78,13 +78,7 @@ class AlgorithmComparison:
 
 
 def choose_window(found: BagWindows, number: int | None) -> RecordedWindow:
-    """Return a window by number, or the first that can be used, or the first of all.
-
-    Raises
-    ------
-    ValueError
-        When there is no window of that number.
-    """
+    """Return a window by number, or the first that can be used, or the first of all."""
     if number is not None:
         if number >= len(found.windows):
             windows = counted(len(found.windows), "window")
@@ -101,35 +95,20 @@ def compare_algorithms(
     found: RecordedWindow,
     algorithms: Sequence[str],
     calibration: Calibration,
-    options: IdentificationOptions,
+    given: Identifying,
     truth: NDArray[np.float64] | None,
-    *,
-    force: bool = False,
 ) -> AlgorithmComparison:
-    """Identify a window by each algorithm from the healthy point, with a progress bar.
-
-    Parameters
-    ----------
-    options
-        How to identify; algorithm and warm start do not count.
-    truth
-        True faults, ``(8,)``, if they are known.
-
-    Raises
-    ------
-    ValueError
-        When the budget is too small for an algorithm.
-    click.Abort
-        On Ctrl-C.
-    """
+    """Identify a window by each algorithm from the healthy point, with a progress bar."""
     window = found.window
     with deferred_signals() as stop, progress_bar() as progress:
         # So that the computing time of the first algorithm is that of an estimate.
         compile_kernels([calibration.form])
         runs = []
         for algorithm in algorithms:
-            search = replace(options.search, algorithm=algorithm, warm_start=False)
-            run = Identification(window, found.description, calibration, search, force=force)
+            search = replace(given.search, algorithm=algorithm, warm_start=False)
+            run = Identification(
+                window, found.description, calibration, search, force=given.accept_defects
+            )
             task = progress.add_task(algorithm, total=search.budget)
             evaluations, costs = [], []
             try:
@@ -151,7 +130,7 @@ def compare_algorithms(
         comparison = AlgorithmComparison(found, runs, truth)
         best = comparison.best
         if truth is not None and best is not None and isinstance(window, Window):
-            objective = Objective(window, calibration, options.search.fitness)
+            objective = Objective(window, calibration, given.search.fitness)
             point = objective.encode(truth, best.estimate.play)
             at_truth = float(np.sum(objective.residuals(point[None]) ** 2))
             comparison = replace(comparison, fitness_at_truth=at_truth)

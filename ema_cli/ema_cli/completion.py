@@ -34,13 +34,7 @@ class Completion:
             self._last.clear()
 
     def add_report(self, telemetry: Mapping[str, Mapping[str, str]]) -> None:
-        """Add a report of a monitor.
-
-        Parameters
-        ----------
-        telemetry
-            Values of the status of each actuator's telemetry, by its name.
-        """
+        """Add a report of a monitor."""
         self._known.update(telemetry)
         if not self._has_ended or not telemetry:
             return

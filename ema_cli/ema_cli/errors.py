@@ -30,13 +30,7 @@ def one_clear_line() -> Iterator[None]:
 
 
 class NameChoice(click.Choice[str]):
-    """One of several names, also written as a label; of a slip it says what was probably meant.
-
-    Parameters
-    ----------
-    kind
-        What is named, such as "fault".
-    """
+    """One of several names, also written as a label; of a slip it says what was probably meant."""
 
     def __init__(self, kind: str, names: Iterable[str]) -> None:
         super().__init__(names)
@@ -52,13 +46,7 @@ class NameChoice(click.Choice[str]):
 
 
 class Assignments(click.ParamType):
-    """``name=value`` or ``name=value,name=value``, as pairs of name and number.
-
-    Parameters
-    ----------
-    as_name
-        Gives the name that is meant by what is left of the equals sign.
-    """
+    """``name=value`` or ``name=value,name=value``, as pairs of name and number."""
 
     name = "name=value"
 

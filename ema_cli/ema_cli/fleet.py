@@ -113,15 +113,7 @@ class HeardFleet:
             one.reported_s = now_s
 
     def rows(self, now_s: float, clock_ns: int) -> list[Row]:
-        """Return the actuators whose health is known, the worst first.
-
-        Parameters
-        ----------
-        now_s
-            Time, of the clock of the messages' reception [s].
-        clock_ns
-            Time, of the clock of their stamps [ns].
-        """
+        """Return the actuators whose health is known, the worst first."""
         rows = [
             self._row(key, one, now_s, clock_ns)
             for key, one in self._actuators.items()

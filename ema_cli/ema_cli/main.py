@@ -65,6 +65,18 @@ class _CommandsOnDemand(click.Group):
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
         return getattr(import_module(f"ema_cli.commands.{name}"), name)
 
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except click.NoSuchOption as error:
+            from ema_cli.parameters import parameter_in_place_of
+
+            instead = parameter_in_place_of(error.option_name)
+            if not instead:
+                raise
+            words = f"{error.message.rstrip('.')}{instead}"
+            raise click.NoSuchOption(error.option_name, words, ctx=error.ctx) from error
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(_COMMANDS.items()))

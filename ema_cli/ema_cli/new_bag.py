@@ -10,15 +10,7 @@ from ema_bags.writer import BagWriter
 
 @contextmanager
 def new_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
-    """Give a bag to write to; nothing is left of one that could not be written.
-
-    Raises
-    ------
-    ValueError
-        When something is there already that is not to be replaced.
-    OSError
-        When it cannot be written; the error names the bag.
-    """
+    """Give a bag to write to; nothing is left of one that could not be written."""
     try:
         with BagWriter(path, overwrite=overwrite) as bag:
             yield bag

@@ -4,16 +4,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_cli.bench import Bench
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
-from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
-from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
@@ -23,7 +23,14 @@ from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
-from ema_sim.bench import ActuatorBench, BenchSettings
+from ema_sim.bench import ActuatorBench
+
+CALIBRATION_OPTION: Final = click.option(
+    "--calibration",
+    "calibration_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Calibration of the unit: the simulated actuator deviates and scatters as it does.",
+)
 
 _PILOT_WINDOWS: Final = 6
 # What a unit deviates by that is no parameter of the simulated plant, but a cause.
@@ -35,76 +42,20 @@ _STEADY: Final = (
 
 
 class Rehearsal(Recorder):
-    """Records windows of a simulated actuator.
-
-    Parameters
-    ----------
-    description
-        The actuator.
-    parameters
-        True parameters of the plant.
-    current_noise, resolutions
-        Of its sensors, as of ``ema_sim.simulate``.
-    seed
-        Seed of all noise.
-    on_cycle
-        Called after each test cycle; it may raise.
-    """
+    """Records windows of a simulated actuator."""
 
     def __init__(
-        self,
-        description: ActuatorDescription,
-        parameters: ActuatorParameters,
-        current_noise: float,
-        resolutions: Mapping[str, float],
-        seed: int,
-        on_cycle: Callable[[], None],
+        self, given: Bench, on_cycle: Callable[[], None], calibration_file: Path | None = None
     ) -> None:
-        self._description = description
-        self._parameters = parameters
-        self._current_noise = current_noise
-        self._resolutions = resolutions
-        self._seeds = np.random.SeedSequence(seed)
+        self._given = given
+        self._description, self._parameters = given.description, given.parameters
+        self._seeds = np.random.SeedSequence(given.settings.seed)
         self._on_cycle = on_cycle
         self._causes: dict[str, float] = {}
         self._added: tuple[float, ...] = (0.0, 0.0)
-
-    @classmethod
-    def of_unit(
-        cls,
-        description: ActuatorDescription,
-        true_values: Mapping[str, float],
-        current_noise: float,
-        resolutions: Mapping[str, float],
-        seed: int,
-        on_cycle: Callable[[], None],
-        calibration_file: Path | None,
-        command: Command,
-    ) -> Self:
-        """Return that of an actuator whose true parameters differ from those described.
-
-        Parameters
-        ----------
-        description, current_noise, resolutions, seed, on_cycle
-            As of the class.
-        true_values
-            True parameters of the plant by name; those of the description where it names none.
-        calibration_file
-            Calibration of the unit to `stand_for`; None for none.
-        command
-            Command to compare the scatter under.
-
-        Raises
-        ------
-        ValueError, OSError
-            When a parameter is impossible, or the calibration does not fit or cannot be read.
-        """
-        parameters = description.parameters.replace(true_values)
-        rehearsal = cls(description, parameters, current_noise, resolutions, seed, on_cycle)
-        compile_kernels([form_of(description.drive)])
+        compile_kernels([form_of(given.description.drive)])
         if calibration_file is not None:
-            rehearsal.stand_for(Calibration.load(calibration_file), command)
-        return rehearsal
+            self._stand_for(Calibration.load(calibration_file))
 
     def __call__(
         self,
@@ -116,7 +67,7 @@ class Rehearsal(Recorder):
         """Return a window from each of some test cycles; see `Recorder`."""
         [seeds] = self._seeds.spawn(1)
         rng = np.random.default_rng(seeds)
-        settings = BenchSettings(current_noise=self._current_noise, seed=int(rng.integers(2**62)))
+        settings = replace(self._given.settings, seed=int(rng.integers(2**62)))
         both = {
             name: self._causes.get(name, 0.0) + causes.get(name, 0.0)
             for name in (*self._causes, *causes)
@@ -125,7 +76,7 @@ class Rehearsal(Recorder):
             self._description,
             settings,
             parameters=self._parameters,
-            resolutions=self._resolutions,
+            resolutions=self._given.resolutions,
             causes=both,
         )
         bench.set_command(command)
@@ -150,24 +101,7 @@ class Rehearsal(Recorder):
             )
         return windows
 
-    def stand_for(self, calibration: Calibration, command: Command) -> None:
-        """Make the actuator deviate and its healthy windows scatter as those of a unit.
-
-        Turns and eccentricity of the healthy unit are left out.
-
-        Parameters
-        ----------
-        calibration
-            That of the unit.
-        command
-            Command to compare the scatter under.
-
-        Raises
-        ------
-        ValueError
-            When the calibration is not of this unit and sample period, or the command makes no
-            window.
-        """
+    def _stand_for(self, calibration: Calibration) -> None:
         if reason := calibration.unit_mismatch(self._description):
             raise ValueError(f"the calibration does not fit: {reason}")
         if calibration.sample_period != self._description.sample_period:
@@ -182,7 +116,7 @@ class Rehearsal(Recorder):
             for name in _STEADY
             if deviations[name] != 0.0
         }
-        healthy = self(command, healthy_faults(), _PILOT_WINDOWS, {})
+        healthy = self(self._given.command, healthy_faults(), _PILOT_WINDOWS, {})
         mine = calibrate_model(healthy, self._description)
         rows = np.random.default_rng(0).standard_normal((100, len(healthy[0])))
         of_white = rms(band_limited(rows, self._description.sample_period))

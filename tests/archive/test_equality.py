@@ -42,7 +42,7 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
         rows = read_unit(whole, "estimates", unit).to_pylist()
         calibration = ("--calibration", folder / "calibration.yaml")
         for bag in sorted(folder.glob("*.mcap")):
-            result = ema("estimate", bag, "--no-warm-start", *calibration, "--json")
+            result = ema("estimate", bag, "-p", "warm_start=false", *calibration, "--json")
             told = json.loads(result.stdout)
             kept = [row for row in rows if row["bag"] == str(bag)]
             assert len(kept) == len(told)
@@ -59,7 +59,7 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
 def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
     for number, (_, unit, summary) in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
-        told = json.loads(ema("prognose", folder, "--no-warm-start", "--json").stdout)
+        told = json.loads(ema("prognose", folder, "-p", "warm_start=false", "--json").stdout)
         rows = read_unit(whole, "health", unit).to_pylist()
         tests = [test for test in told["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows
+from ema_cli.bags.source import Source, read_windows
 from ema_core.causes import CAUSES
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_sim import api
@@ -17,7 +16,7 @@ def simulated(ema, bag, *arguments: str) -> Telemetry:
     result = ema("simulate", *arguments, "--replace", "-o", bag)
     assert result.exit_code == 0, result.stderr
     blocks: list[Telemetry] = []
-    read_windows(bag, SourceOptions(None, None, 1e-6, 0.02), blocks.append)
+    read_windows(bag, Source(), blocks.append)
     return join(blocks)
 
 

@@ -28,7 +28,7 @@ def test_certificate_promises_what_simulated_tests_give(ema):
 def test_slow_coarse_sensors_promise_less_and_a_step_is_refused(ema, tmp_path):
     coarse = ema(
         *("certify", "--sample-rate", "1000", "--current-noise", "0.3"),
-        *("--quantise", "current=0.1,speed=5", "--json"),
+        *("-p", "resolution.current=0.1", "-p", "resolution.speed=5", "--json"),
     )
     assert coarse.exit_code == 0
     certificate = json.loads(coarse.stdout)
@@ -48,7 +48,7 @@ def test_slow_coarse_sensors_promise_less_and_a_step_is_refused(ema, tmp_path):
         (("--require", "friction=0"), ("friction = 0", "more than 0")),
         (("--require", "gain=1,gain=2"), ("gain", "more than once")),
         (("--command", "square"), ("'square'", "chirp")),
-        (("--quantise", "torque=1"), ("'torque'", "current")),
+        (("-p", "resolution.torque=1"), ("'resolution.torque'", "resolution.current")),
         (("--calibration", "missing.yaml"), ("missing.yaml",)),
         (("--monte-carlo", "-1"), ("--monte-carlo", "-1")),
     ],

@@ -10,11 +10,10 @@ import pytest
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli import comparison
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows
+from ema_cli.bags.identifying import Identifying
+from ema_cli.bags.source import Source, read_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.figures.comparison import draw_comparison
-from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration
@@ -22,8 +21,8 @@ from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 
-SOURCE = SourceOptions(None, None, 1e-6, 0.02, None)
-QUICK = ("--algorithms", "least_squares,pso", "--budget", "400")
+SOURCE = Source()
+QUICK = ("--algorithms", "least_squares,pso", "-p", "budget=400")
 DRAWN = {"friction": 0.2, "eccentricity": 0.1, "eccentricity_phase": 0.7, "gain": 0.6}
 
 
@@ -43,7 +42,7 @@ def bag(ema, tmp_path_factory):
 @pytest.fixture(scope="module")
 def compared(ema, bag):
     """All algorithms on the second window, as an object."""
-    result = ema("compare", bag, "--window", "1", "--budget", "400", "--json")
+    result = ema("compare", bag, "--window", "1", "-p", "budget=400", "--json")
     assert result.exit_code in (0, 3)
     assert "case-compare.png" in result.stderr
     return json.loads(result.stdout)
@@ -59,7 +58,7 @@ def shown(ema, bag) -> str:
 @pytest.fixture(scope="module")
 def quick(bag) -> AlgorithmComparison:
     found = read_windows(bag, SOURCE)
-    options = IdentificationOptions(SearchSettings(budget=400), None)
+    options = Identifying(search=SearchSettings(budget=400))
     calibration = Calibration.builtin()
     truth = found.true_faults(found.windows[0].start_ns)
     return compare_algorithms(
@@ -95,7 +94,7 @@ def test_errors_are_those_against_the_recorded_truth(compared):
 def test_each_algorithm_finds_what_it_finds_alone_from_the_healthy_point(
     ema, bag, compared, algorithm
 ):
-    arguments = ("--algorithm", algorithm, "--budget", "400", "--no-warm-start", "--json")
+    arguments = ("--algorithm", algorithm, "-p", "budget=400", "-p", "warm_start=false", "--json")
     alone = json.loads(ema("estimate", bag, *arguments).stdout)[1]
     [beside] = [one for one in compared["estimates"] if one["algorithm"] == algorithm]
     del alone["computing_time_s"]
@@ -226,7 +225,7 @@ def test_first_window_that_can_be_used_is_chosen(
 
 def test_estimates_beyond_the_goodness_limit_are_compared(ema, bag):
     """They are degraded: little of the departure from healthy is unexplained."""
-    result = ema("compare", bag, *QUICK, "--goodness-limit", "0.2")
+    result = ema("compare", bag, *QUICK, "-p", "goodness_limit=0.2")
     assert result.exit_code == 0
     assert "*" in result.stdout.split("fault vectors")[0]
 

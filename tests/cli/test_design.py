@@ -3,12 +3,16 @@
 import json
 
 import pytest
-import yaml
 
-from ema_cli.command_file import command_from, save_command
+from ema_cli.bench import Bench, save_command
+from ema_cli.parameters import Parameters, parameters_in
 from ema_core.commands import Command
 
-NOISE = ("--current-noise", "0.02", "--quantise", "current=0.005,position=1e-6,speed=0.05")
+RESOLUTIONS = ("current=0.005", "position=1e-6", "speed=0.05")
+NOISE = (
+    *("--current-noise", "0.02"),
+    *(word for one in RESOLUTIONS for word in ("-p", f"resolution.{one}")),
+)
 
 
 @pytest.mark.long
@@ -25,8 +29,7 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
     assert design["command"]["duration"] <= 0.3
     for name, demand in design["demands"].items():
         assert demand <= design["limits"][name] * 1.002
-    window = ("--window-s", str(design["command"]["duration"]))
-    command = ("--command", file)
+    window = command = ("--params", file)
     assert ema("simulate", *command, *NOISE, "--cycles", "12", "-o", healthy).exit_code == 0
     assert ema("calibrate", healthy, *window, "-o", calibration).exit_code == 0
     promised = {one["name"]: one for one in design["certificate"]["faults"]}
@@ -50,9 +53,11 @@ def test_what_is_to_be_done_next_is_done_with_the_acquisition_of_the_design(
     ema, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    acquired = ("--sample-rate", "1000", "--sample-current", "filtered", "--current-filter", "2e-4")
+    described = tmp_path / "blind.yaml"
+    described.write_text("acquisition: {current: filtered, current_filter: 2e-4, speed: false}")
+    acquired = ("--sample-rate", "1000", "--actuator", "blind.yaml")
     wish = ("--travel", "0.03", "--current", "15", "--sigma", "friction=0.03,gain=0.02")
-    designed = ema("design", *wish, *acquired, "--no-speed", *NOISE[:2], "-o", "quick.yaml")
+    designed = ema("design", *wish, *acquired, *NOISE[:2], "-o", "quick.yaml")
     assert designed.exit_code == 0, designed.output
     simulate, calibrate, estimate = [
         line.split()[1:] for line in designed.stdout.splitlines() if line.startswith("  ema ")
@@ -111,39 +116,36 @@ def test_design_writes_yaml_only_and_replaces_only_when_forced(ema, tmp_path):
 def test_command_is_read_from_its_file_as_it_was_written(tmp_path):
     file = tmp_path / "quick.yaml"
     swing = Command("swing", amplitude=0.0075, duration=0.21, start_frequency=4.5)
-    save_command(file, swing, 0.21, "made by a test\nof two lines")
-    assert vars(command_from(str(file), {})) == vars(swing)
-    content = yaml.safe_load(file.read_text())
-    assert content["/**/monitor"]["ros__parameters"] == {"window_s": 0.21}
+    save_command(file, swing, "made by a test\nof two lines")
+    given = Bench.of(Parameters(dict(parameters_in(file, "actuator"))))
+    assert vars(given.command) == vars(swing)
+    assert dict(parameters_in(file, "monitor")) == {"window_s": 0.21}
     assert file.read_text().startswith("# made by a test\n# of two lines\n")
 
 
 @pytest.mark.parametrize(
     ("content", "part"),
     [
-        ("[1, 2]", "has no parameters `command`"),
-        ("{", "is not a YAML file"),
+        ("{", "wrong.yaml: expected a parameter file"),
         ("/**/actuator: {ros__parameters: {command: {shape: square}}}", "'square'"),
-        ("/**/actuator: {ros__parameters: {command: {loudness: 1}}}", "'loudness'"),
-        ("/**/actuator: {ros__parameters: {command: {amplitude: 99}}}", "amplitude = 99"),
+        ("/**: {ros__parameters: {command: {amplitude: 99}}}", "command.amplitude = 99"),
     ],
 )
-def test_wrong_command_file_is_refused_by_name(ema, tmp_path, content, part):
+def test_wrong_command_file_is_refused(ema, tmp_path, content, part):
     file = tmp_path / "wrong.yaml"
     file.write_text(content)
-    result = ema("simulate", "--command", file, "-o", tmp_path / "case.mcap")
+    result = ema("simulate", "--params", file, "-o", tmp_path / "case.mcap")
     assert result.exit_code == 1
     assert part in result.stderr
-    assert "wrong.yaml" in result.stderr
 
 
 def test_window_length_of_a_bag_can_be_given(ema, tmp_path):
     case = tmp_path / "case.mcap"
-    swing = ("--command", "swing", "--command-set", "duration=0.25")
+    swing = ("--command", "swing", "-p", "command.duration=0.25")
     assert ema("simulate", *swing, "-o", case).exit_code == 0
-    found = ema("estimate", case, "--window-s", "0.25", "--json")
+    found = ema("estimate", case, "-p", "window_s=0.25", "--json")
     [window] = json.loads(found.stdout)
     assert window["end"] - window["start"] == pytest.approx(0.25)
-    wrong = ema("estimate", case, "--window-s", "0")
+    wrong = ema("estimate", case, "-p", "window_s=0")
     assert wrong.exit_code == 1
     assert "window_s = 0" in wrong.stderr

@@ -78,7 +78,7 @@ def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, tmp_path
     bag = tmp_path / "worn.mcap"
     assert ema("simulate", "--cycles", "3", "--fault", "friction=0.3", "-o", bag).exit_code == 0
     warm = json.loads(ema("estimate", bag, "--json").stdout)
-    cold = json.loads(ema("estimate", bag, "--no-warm-start", "--json").stdout)
+    cold = json.loads(ema("estimate", bag, "-p", "warm_start=false", "--json").stdout)
     assert [one["warm_start"] for one in warm] == [False, True, True]
     assert [one["warm_start"] for one in cold] == [False, False, False]
     assert warm[0]["evaluations"] == cold[0]["evaluations"]
@@ -106,7 +106,7 @@ def test_several_windows_are_a_line_each_and_a_summary(ema, tmp_path):
 
 def test_refused_windows_are_counted_by_reason(ema, tmp_path):
     bag = tmp_path / "other.mcap"
-    unit = ("--serial-number", "SN-7", "--cycles", "2")
+    unit = ("-p", "serial_number=SN-7", "--cycles", "2")
     assert ema("simulate", *unit, "-o", bag).exit_code == 0
     result = ema("estimate", bag)
     assert result.exit_code == 3
@@ -133,7 +133,7 @@ def test_estimate_tells_what_it_rests_on(ema, sample_estimate):
 
 
 def test_goodness_limit_is_that_of_the_option(ema):
-    result = ema("estimate", SAMPLE, "--goodness-limit", "0.2", "--json")
+    result = ema("estimate", SAMPLE, "-p", "goodness_limit=0.2", "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
     assert (estimate["valid"], estimate["verdict"]) == (True, "degraded")
@@ -142,7 +142,7 @@ def test_goodness_limit_is_that_of_the_option(ema):
 
 def test_particle_swarm_and_budget(ema):
     result = ema(
-        "estimate", SAMPLE, "--algorithm", "pso", "--budget", "500", "--seed", "3", "--json"
+        "estimate", SAMPLE, "--algorithm", "pso", "-p", "budget=500", "--seed", "3", "--json"
     )
     [estimate] = json.loads(result.stdout)
     assert estimate["algorithm"] == "pso"
@@ -171,7 +171,7 @@ def test_faults_are_named_in_one_line_the_largest_first(ema, tmp_path):
 
 def test_plant_that_differs_keeps_its_nominal_description(ema, tmp_path):
     bag = tmp_path / "hot.mcap"
-    ema("simulate", "--set", "R_s=2.24", "--fault", "friction=0.2", "-o", bag)
+    ema("simulate", "-p", "plant.R_s=2.24", "--fault", "friction=0.2", "-o", bag)
     result = ema("estimate", bag, "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
@@ -184,7 +184,7 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     healthy, case, calibration = (
         tmp_path / name for name in ("healthy.mcap", "case.mcap", "c.yaml")
     )
-    unit = ("--serial-number", "SN-7")
+    unit = ("-p", "serial_number=SN-7")
     ema("simulate", *unit, "--cycles", "3", "-o", healthy)
     ema("simulate", *unit, "--fault", "gain=0.6", "-o", case)
     result = ema("calibrate", healthy, "-o", calibration)
@@ -263,8 +263,8 @@ def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, 
     assert blind.exit_code == 1
     assert "never rested within 1e-06 rad" in blind.stderr
     calibration = tmp_path / "c.yaml"
-    assert ema("calibrate", bag, "--threshold", "2e-5", "-o", calibration).exit_code == 0
-    [estimate] = json.loads(ema("estimate", bag, "--threshold", "2e-5", "--json").stdout)
+    assert ema("calibrate", bag, "-p", "threshold_urad=20", "-o", calibration).exit_code == 0
+    [estimate] = json.loads(ema("estimate", bag, "-p", "threshold_urad=20", "--json").stdout)
     assert estimate["valid"]
     assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
 

@@ -10,8 +10,8 @@ import pytest
 
 from ema_bags import read_telemetry
 from ema_bags.reader import Bag
+from ema_cli import simulated_lives as making
 from ema_cli.bags.unit_record import CALIBRATION_FILE
-from ema_cli.lives import making
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
 from ema_sim.lives import LifeSettings, constant_life, run_to_failure

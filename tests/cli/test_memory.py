@@ -11,8 +11,7 @@ import pytest
 
 from ema_bags.windows import RecordedWindow, WindowsOnDemand
 from ema_cli.bags.outline import BINS, Outline
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows
+from ema_cli.bags.source import Source, read_windows
 from ema_cli.commands.plot import draw_telemetry
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
@@ -22,7 +21,7 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
-SOURCE = SourceOptions(None, None, 1e-6, 0.02)
+SOURCE = Source()
 SHORT, LONG = 4, 16
 
 

@@ -58,7 +58,7 @@ def test_departure_is_told_with_what_changed(ema, tmp_path, bags, healthy):
 
 def test_estimate_tells_a_departure_that_no_fault_explains(ema, tmp_path, bags, healthy):
     file, calibration = tmp_path / "normal.yaml", tmp_path / "calibration.yaml"
-    window = ("--any-motion", "--window-s", "6")
+    window = ("--any-motion", "-p", "window_s=6")
     assert ema("normal", "learn", file, *healthy).exit_code == 0
     assert ema("calibrate", *healthy, *window, "-o", calibration).exit_code == 0
     command = (*window, "--calibration", calibration, "--normal", file)

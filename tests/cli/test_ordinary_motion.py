@@ -11,14 +11,15 @@ from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_monitor.plot import plot_fit
 
 FAULTS = {"friction": 0.2, "short_circuit_b": 0.1}
-MOVES = ("--command", "moves", "--command-set", "amplitude=0.008,rate=0.3,duration=4,seed=3")
+FIGURES = ("amplitude=0.008", "rate=0.3", "duration=4", "seed=3")
+MOVES = ("--command", "moves", *(word for one in FIGURES for word in ("-p", f"command.{one}")))
 
 
 @pytest.fixture(scope="module")
 def bag(ema, tmp_path_factory) -> Path:
     bag = tmp_path_factory.mktemp("motion") / "motion.mcap"
     faults = [item for name, k in FAULTS.items() for item in ("--fault", f"{name}={k}")]
-    assert ema("simulate", *MOVES, *faults, "--load", "0.3", "-o", bag).exit_code == 0
+    assert ema("simulate", *MOVES, *faults, "-p", "load=0.3", "-o", bag).exit_code == 0
     return bag
 
 
@@ -31,7 +32,7 @@ def test_info_lists_the_stretches(ema, bag):
 
 @pytest.mark.slow
 def test_estimate_combines_stretches_and_says_so(ema, bag):
-    result = ema("estimate", "--any-motion", "--wanted-sigma", "0.02", "--json", bag)
+    result = ema("estimate", "--any-motion", "-p", "wanted_sigma=0.02", "--json", bag)
     assert result.exit_code == 0
     assert "stretches of motion: " in result.stderr
     estimates = json.loads(result.stdout)
@@ -49,7 +50,7 @@ def test_estimate_combines_stretches_and_says_so(ema, bag):
 @pytest.mark.slow
 def test_a_line_names_what_the_motion_does_not_show(ema, bag):
     """With half a per cent wanted, short circuits are not known well enough."""
-    result = ema("estimate", "--any-motion", "--wanted-sigma", "0.005", bag)
+    result = ema("estimate", "--any-motion", "-p", "wanted_sigma=0.005", bag)
     assert result.exit_code == 0
     assert "1 stretch" in result.stdout or " stretches" in result.stdout
     assert "the motion does not show short circuit A" in " ".join(result.stdout.split())
@@ -60,7 +61,7 @@ def test_a_bag_without_motion_is_an_error(ema, tmp_path):
     np.savetxt(command, np.zeros(3000))
     assert ema("simulate", "--command", command, "-o", bag).exit_code == 0
     # The slow approach of the cycle is motion; one that travels a tenth as far is none.
-    result = ema("estimate", "--any-motion", "--threshold", "1", bag)
+    result = ema("estimate", "--any-motion", "-p", "threshold_urad=1e6", bag)
     assert result.exit_code == 1
     assert "no motion to diagnose" in result.stderr
 
@@ -76,7 +77,7 @@ def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(ema, bag, tmp_p
 
     monkeypatch.setattr(fit, "plot_fit", note)
     picture = tmp_path / "fit.png"
-    options = ("--any-motion", "--wanted-sigma", "0.02")
+    options = ("--any-motion", "-p", "wanted_sigma=0.02")
     result = ema("plot", *options, "--window", "0", "-o", picture, bag)
     assert result.exit_code == 0, result.stderr
     assert picture.stat().st_size > 0

@@ -10,15 +10,14 @@ from matplotlib.text import Text
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.bags.source_options import SourceOptions
+from ema_cli.bags.predicting import Predicting
+from ema_cli.bags.source import Source
 from ema_cli.bags.unit_course import Course, follow, true_remaining_life
 from ema_cli.bags.unit_record import CALIBRATION_FILE, UnitRecord, find_bags, read_unit
 from ema_cli.commands import prognose as command
 from ema_cli.figures.prognosis import draw_course
-from ema_cli.lives.files import write_test
-from ema_cli.lives.tests_of_life import simulated_tests
-from ema_cli.prognosis_options import KnownLawType
 from ema_cli.show.prognosis_table import as_values, summary
+from ema_cli.simulated_lives import simulated_tests, write_test
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
@@ -68,10 +67,6 @@ def told(ema, life_folder):
     return json.loads(result.stdout)
 
 
-def source(actuator_id: str | None = None) -> SourceOptions:
-    return SourceOptions(actuator_id, None, 1e-6, 0.05, None)
-
-
 def estimate_of(hours: float, seed: int | None = None, **faults: float) -> Estimate:
     """Estimate at a service hour; with a seed it errs by a standard deviation of 0.003."""
     k = fault_vector(faults)
@@ -110,8 +105,8 @@ def course_of(
 ) -> Course:
     counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
     record = UnitRecord(ActuatorDescription(), [], counts if counted else [], truths or [], [])
-    parameters = Calibration.builtin().unit_parameters
-    return follow(record, estimates, parameters, settings or PrognosisSettings())
+    given = Predicting(prognosis=settings or PrognosisSettings())
+    return follow(record, estimates, Calibration.builtin(), given)
 
 
 def removal(course: Course) -> str:
@@ -209,8 +204,7 @@ def counted_with(number: int, hours: float) -> Course:
     counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
     counts[number] = Count(counts[number].stamp_ns, hours, 0)
     record = UnitRecord(ActuatorDescription(), [], counts, [], [])
-    parameters = Calibration.builtin().unit_parameters
-    return follow(record, estimates, parameters, PrognosisSettings())
+    return follow(record, estimates, Calibration.builtin(), Predicting())
 
 
 def test_futures_leave_out_what_the_prognosis_leaves_out():
@@ -220,8 +214,7 @@ def test_futures_leave_out_what_the_prognosis_leaves_out():
     counts[8] = Count(counts[8].stamp_ns, 30.0, 0)
     estimates.insert(12, estimates[11])
     record = UnitRecord(ActuatorDescription(), [], counts, [], [])
-    parameters = Calibration.builtin().unit_parameters
-    course = follow(record, estimates, parameters, PrognosisSettings())
+    course = follow(record, estimates, Calibration.builtin(), Predicting())
     # The test whose count went back is at interpolated hours.
     assert course.growth.tracker.updates == 20
     assert course.growth.tracker.predict().overall == course.outlooks[-1].rul_faults
@@ -294,16 +287,6 @@ def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
     strict = PrognosisSettings(requirements=RequirementLimits(torque_margin=0.6))
     sooner = true_remaining_life(course_of(estimates, strict, truths=truths))
     assert 0.0 < sooner[0] < left[0] - INTERVAL_H
-
-
-def test_end_that_is_known_from_elsewhere_is_counted_from_each_test():
-    estimates = growing(5e-4, 4)
-    truths = [
-        StampedFaults(e.start_ns, "flap", i, np.array(e.faults)) for i, e in enumerate(estimates)
-    ]
-    course = course_of(estimates, truths=truths)
-    assert np.isnan(true_remaining_life(course)).all()
-    assert true_remaining_life(course, 100.0) == pytest.approx([90.0, 80.0, 70.0, 60.0])
 
 
 @pytest.mark.parametrize("counted", [True, False])
@@ -424,7 +407,7 @@ def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
     error = result.stderr.strip().splitlines()[-1]
     for part in (str(one), str(other), "'rudder'", "--actuator-id"):
         assert part in error
-    record = read_unit([one, other], source("rudder"))
+    record = read_unit([one, other], Source("rudder"))
     assert record.description.actuator_id == "rudder"
     assert len(record.windows) == 1
     assert "passed over" in record.remarks[0]
@@ -433,15 +416,15 @@ def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
 def test_two_serial_numbers_are_two_units(written):
     one, other = written("one.mcap"), written("other.mcap", 2.0, serial_number="0002")
     with pytest.raises(ValueError, match=r"serial number .*'0002': a prognosis is of one unit"):
-        read_unit([one, other], source())
+        read_unit([one, other], Source())
 
 
 def test_two_bags_of_the_same_stamp_are_refused(written):
     one, other = written("one.mcap"), written("other.mcap")
     with pytest.raises(ValueError, match="which test came first"):
-        read_unit([one, other], source())
+        read_unit([one, other], Source())
     # The same bag twice is one.
-    assert len(read_unit([one, one], source()).windows) == 1
+    assert len(read_unit([one, one], Source()).windows) == 1
 
 
 def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
@@ -457,7 +440,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
             writer.write("/ema/usage", message, test.start_ns)
         for block in test.blocks:
             bag.write_block(block)
-    record = read_unit([path], source())
+    record = read_unit([path], Source())
     assert [item.hours for item in record.counts] == [40.0]
     assert record.remarks == [f"{path}: usage of serial number '0002' is passed over"]
 
@@ -491,7 +474,7 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
     description = ActuatorDescription()
     [test] = simulated_tests(life, description, np.random.default_rng(0))
     write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
-    record = read_unit([tmp_path], source())
+    record = read_unit([tmp_path], Source())
     assert record.counts == []
     assert "usage is impossible: flight_hours = -1 h" in record.remarks[0]
 
@@ -502,17 +485,17 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
         (("--duty", "0"), 1, ("duty", "0", "0.001")),
         (("--duty", "nan"), 1, ("duty", "nan")),
         (("--hours-per-cycle", "-1"), 1, ("hours_per_cycle", "-1", "h")),
-        (("--known-law", "rust=linear"), 2, ("'rust'", "friction")),
-        (("--known-law", "friction=square"), 2, ("'square'", "exponential")),
-        (("--known-law", "friction=linear"), 2, ("friction", "exponential", "RATE")),
-        (("--known-law", "friction=linear:fast"), 2, ("'friction=linear:fast'", "RATE")),
-        (("--known-law", "friction=power:1:0"), 2, ("shape", "exponent")),
-        (("--known-law", "friction=linear:1:2:3"), 2, ("3 figures",)),
+        (("--known-law", "rust=linear"), 1, ("'rust'", "friction")),
+        (("--known-law", "friction=square"), 1, ("'square'", "exponential")),
+        (("--known-law", "friction=linear"), 1, ("friction", "exponential", "RATE")),
+        (("--known-law", "friction=linear:fast"), 1, ("'linear:fast'", "RATE")),
+        (("--known-law", "friction=power:1:0"), 1, ("shape", "exponent")),
+        (("--known-law", "friction=linear:1:2:3"), 1, ("3 figures",)),
         (("--limit", "rust=1"), 1, ("'rust'", "friction", "bandwidth")),
         (("--limit", "friction=2"), 1, ("friction", "2", "1")),
-        (("--end-hours", "-1"), 2, ("--end-hours", "-1")),
-        (("--end-hours", "nan"), 2, ("--end-hours", "nan")),
-        (("--end-hours", "inf"), 2, ("--end-hours", "inf")),
+        (("--at", "-1"), 2, ("--at", "-1")),
+        (("--at", "nan"), 2, ("--at", "nan")),
+        (("--at", "inf"), 2, ("--at", "inf")),
         (("-o", "life.xyz"), 1, ("life.xyz", ".png", ".svg")),
         (("-o", "life"), 1, ("life", ".png", ".svg")),
         (("-o", "nowhere/life.png"), 1, ("nowhere/life.png", "no folder nowhere")),
@@ -580,7 +563,7 @@ def test_two_calibrations_beside_the_bags_are_no_choice(ema, written, tmp_path):
 def test_figures_are_printed_even_if_the_picture_cannot_be_written(
     ema, written, monkeypatch, tmp_path, form
 ):
-    def fail(course, end_hours):
+    def fail(course):
         raise OSError("no space left on device")
 
     monkeypatch.setattr(command, "draw_course", fail)
@@ -588,12 +571,3 @@ def test_figures_are_printed_even_if_the_picture_cannot_be_written(
     assert result.exit_code == 1
     assert "no space left on device" in result.stderr
     assert "health_index" in result.stdout if form else "health index" in result.stdout
-
-
-def test_law_with_figures_is_taken_as_given():
-    fault, law = KnownLawType().convert("gain=drift:2e-4:3e-3", None, None)
-    assert (fault, law.law, law.rate, law.diffusion) == ("gain", "drift", 2e-4, 3e-3)
-    assert KnownLawType().convert("friction=exponential", None, None) == (
-        "friction",
-        NOMINAL_LAWS["friction"],
-    )

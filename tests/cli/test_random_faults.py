@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from ema_bags.windows import BagWindows
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows
+from ema_cli.bags.source import Source, read_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.telemetry import Telemetry, join
 
-NOISE = ("--noise-gain", "1", "--current-noise", "0.05")
+NOISE = ("-p", "noise_gain=1", "--current-noise", "0.05")
 SEED_OF_A_CLIPPED_DRAW = 65
 
 
@@ -22,7 +21,7 @@ def simulated(ema, tmp_path):
         result = ema("simulate", *arguments, "--replace", "-o", bag)
         assert result.exit_code == 0, result.stderr
         blocks: list[Telemetry] = []
-        found = read_windows(bag, SourceOptions(None, None, 1e-6, 0.02), blocks.append)
+        found = read_windows(bag, Source(), blocks.append)
         return found, join(blocks), result.stdout
 
     return run

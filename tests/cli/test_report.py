@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from ema_cli.lives.files import write_test
-from ema_cli.lives.tests_of_life import simulated_tests
+from ema_cli.simulated_lives import simulated_tests, write_test
 from ema_core import __version__
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
@@ -217,7 +216,7 @@ def test_page_of_sixty_tests_is_below_a_megabyte(window, of_life):
 
 @pytest.mark.slow
 def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(ema, life, of_life, tmp_path):
-    costs = ("--cost", "removal=2000,failure=50000,lead_time=5", "--cost-unit", "EUR")
+    costs = ("--cost", "removal=2000,failure=50000,lead_time=5", "-p", "costs.unit=EUR")
     page = tmp_path / "r.html"
     assert ema("report", life, *costs, "-o", page).exit_code == 0
     advice = json.loads(ema("prognose", life, *costs, "--json").stdout)["advice"]
@@ -289,9 +288,9 @@ def test_existing_report_is_replaced_only_by_force(ema, tmp_path):
 @pytest.mark.slow
 def test_report_of_any_motion_draws_the_last_stretch(ema, tmp_path):
     bag, page = tmp_path / "motion.mcap", tmp_path / "r.html"
-    motion = ("--command", "moves", "--command-set", "amplitude=0.008,rate=0.3")
+    motion = ("--command", "moves", "-p", "command.amplitude=0.008", "-p", "command.rate=0.3")
     assert ema("simulate", *motion, "--fault", "friction=0.2", "-o", bag).exit_code == 0
-    result = ema("report", "--any-motion", "--wanted-sigma", "0.05", bag, "-o", page)
+    result = ema("report", "--any-motion", "-p", "wanted_sigma=0.05", bag, "-o", page)
     assert result.exit_code == 0, result.stderr
     told = Page(page)
     assert any(words.startswith("Last stretch of the estimate") for words in told.said["desc"])

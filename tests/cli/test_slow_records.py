@@ -53,7 +53,7 @@ def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, desc
         table = written(tmp_path / f"{name}.csv", rate_hz, duration_s, friction_a=friction)
         result = ema("import", table, *described, "-o", tmp_path / f"{name}.mcap")
         assert result.exit_code == 0, result.output
-    window = ("--any-motion", "--window-s", "6")
+    window = ("--any-motion", "-p", "window_s=6")
     calibration = tmp_path / "calibration.yaml"
     result = ema("calibrate", tmp_path / "healthy.mcap", *window, "-o", calibration)
     assert result.exit_code == 0, result.output

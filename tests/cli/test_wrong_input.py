@@ -31,15 +31,15 @@ from ema_ros.messages import telemetry_to_message
         (("--random-faults", "--fault", "gain=0.1"), ("--random-faults", "--fault", "exclude")),
         (("--random-faults", "--seed", "-1"), ("--seed", "-1")),
         (("--random-faults", "--seed", "1.5"), ("--seed", "1.5")),
-        (("--set", "R_s=-2"), ("R_s", "-2", "ohm")),
-        (("--set", "Rs=2"), ("'Rs'", "R_s")),
-        (("--quantise", "torque=0.1"), ("'torque'", "current")),
-        (("--quantise", "current=0"), ("current", "0")),
+        (("-p", "plant.R_s=-2"), ("plant.R_s", "-2", "ohm")),
+        (("-p", "plant.Rs=2"), ("'plant.Rs'", "plant.R_s")),
+        (("-p", "resolution.current"), ("NAME=VALUE",)),
+        (("-p", "resolution.current=-1"), ("resolution.current", "-1", "A")),
         (("--current-noise", "-1"), ("current_noise", "-1", "A")),
         (("--command", "square"), ("'square'", "chirp")),
         (("--command", "missing.csv"), ("missing.csv",)),
-        (("--command-set", "amplitude=99"), ("amplitude", "99", "rad")),
-        (("--command-set", "loudness=1"), ("'loudness'", "amplitude")),
+        (("-p", "command.amplitude=99"), ("command.amplitude", "99", "rad")),
+        (("--set", "R_s=2"), ("'--set'", "-p plant.NAME=VALUE")),
         (("--cycles", "0"), ("--cycles", "0")),
         (("--actuator", "missing.yaml"), ("missing.yaml",)),
     ],
@@ -61,10 +61,10 @@ def test_simulate_refuses_by_name_value_and_range(ema, tmp_path, arguments, part
         (("--algorithms", ""), 2, ("''", "least_squares")),
         (("--algorithms", "pso,pso"), 2, ("pso", "more than once")),
         (("--algorithm", "pso"), 2, ("--algorithm",)),
-        (("--warm-start",), 2, ("--warm-start",)),
+        (("--budget", "9"), 2, ("--budget", "-p budget=VALUE")),
         (("--window", "-1"), 2, ("--window", "-1")),
         (("--window", "1"), 1, ("--window 1", "1 window", "from 0")),
-        (("--algorithms", "pso", "--budget", "60"), 1, ("pso", "budget = 60", "at least")),
+        (("--algorithms", "pso", "-p", "budget=60"), 1, ("pso", "budget = 60", "at least")),
         (("-o", "picture.txt"), 1, ("picture.txt", ".png")),
         (("-o", "nowhere/picture.png"), 1, ("picture.png", "no folder nowhere")),
     ],
@@ -82,12 +82,12 @@ def test_compare_refuses_before_it_draws(ema, record, faulty_blocks, arguments, 
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (("--wanted-sigma", "0"), ("wanted_sigma", "0", "[0.0001, 0.25]")),
-        (("--wanted-sigma", "nan"), ("wanted_sigma", "nan", "[0.0001, 0.25]")),
-        (("--most-stretches", "0"), ("most_stretches", "0", "[1, 10000]")),
-        (("--longest-s", "-1"), ("longest_s", "-1", "[0.01, 1e+07] s")),
-        (("--pause-s", "-1"), ("pause_s", "-1", "[0, 1e+07] s")),
-        (("--fitness", "least_squares"), ("fitness", "'least_squares'", "'band_limited'")),
+        (("-p", "wanted_sigma=0"), ("wanted_sigma", "0", "[0.0001, 0.25]")),
+        (("-p", "wanted_sigma=nan"), ("wanted_sigma", "nan", "[0.0001, 0.25]")),
+        (("-p", "most_stretches=0"), ("most_stretches", "0", "[1, 10000]")),
+        (("-p", "longest_s=-1"), ("longest_s", "-1", "[0.01, 1e+07] s")),
+        (("-p", "pause_s=-1"), ("pause_s", "-1", "[0, 1e+07] s")),
+        (("-p", "fitness=least_squares"), ("fitness", "'least_squares'", "'band_limited'")),
     ],
 )
 def test_estimate_of_any_motion_refuses_by_name_value_and_range(
@@ -138,7 +138,7 @@ def test_dead_sensor_is_not_taken_for_faults(ema, record, faulty_blocks, column)
 
 def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):
     bag = tmp_path / "coarse.mcap"
-    ema("simulate", "--fault", "friction=0.3", "--quantise", "command=1e-6", "-o", bag)
+    ema("simulate", "--fault", "friction=0.3", "-p", "resolution.command=1e-6", "-o", bag)
     result = ema("estimate", bag, "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
@@ -197,7 +197,7 @@ def test_command_that_never_moves(ema, record, faulty_blocks):
 
 def test_command_that_hardly_moves(ema, tmp_path):
     bag = tmp_path / "faint.mcap"
-    ema("simulate", "--command-set", "amplitude=1e-4", "-o", bag)
+    ema("simulate", "-p", "command.amplitude=1e-4", "-o", bag)
     result = ema("estimate", bag, "--json")
     assert result.exit_code == 3
     [estimate] = json.loads(result.stdout)

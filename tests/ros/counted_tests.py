@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.bags.source_options import SourceOptions
+from ema_cli.bags.source import Source
 from ema_cli.bags.unit_record import UnitRecord, read_unit
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
@@ -42,7 +42,7 @@ def recorded(path: Path, tests: Sequence[CountedTest]) -> UnitRecord:
             writer.write(f"{topics.NAMESPACE}/{topics.USAGE}", usage, block.stamp_ns)
             bag.write_block(block, 0.0)
     trigger = TriggerSettings()
-    return read_unit([path], SourceOptions(None, None, trigger.threshold, trigger.rest_s, None))
+    return read_unit([path], Source(trigger=trigger))
 
 
 def let_hear(session: MonitorSession, tests: Sequence[CountedTest]) -> None:

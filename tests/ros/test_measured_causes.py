@@ -9,15 +9,12 @@ import pytest
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.bags.estimates import estimate_windows
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows
-from ema_cli.identification_options import IdentificationOptions
+from ema_cli.bags.identifying import Identifying
+from ema_cli.bags.source import Source, read_windows
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, HiddenCause, MeasuredCauses
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
@@ -101,13 +98,9 @@ def bag(tmp_path_factory, cycles, messages) -> Path:
 def offline(bag: Path) -> list[FaultEstimate]:
     """What `ema estimate` finds, as messages."""
     settings = TriggerSettings()
-    source = SourceOptions(
-        None, None, settings.threshold, settings.rest_s, measured_max_age_s=MAX_AGE_S
-    )
-    found = read_windows(bag, source)
+    found = read_windows(bag, Source(trigger=settings, measured_max_age_s=MAX_AGE_S))
     assert any("1 impossible measurement" in one and "cogging" in one for one in found.remarks)
-    options = IdentificationOptions(SearchSettings(), None)
-    estimates = estimate_windows(found.windows, Calibration.builtin(), options)
+    estimates = Identifying().estimate(found.windows, Calibration.builtin())
     return [
         estimate_to_message(one, item.number, item.description)
         for one, item in zip(estimates, found.windows, strict=True)

@@ -2,15 +2,12 @@
 
 from pathlib import Path
 
-from ema_cli.bags.estimates import estimate_windows
+from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord
-from ema_cli.identification_options import IdentificationOptions
 from ema_interfaces.msg import Health
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import health_to_message
-from ema_monitor.prognosis.settings import PrognosisSettings
 
 from .counted_tests import counted_tests, let_hear, recorded
 from .monitor_session import monitor
@@ -18,10 +15,8 @@ from .worn_actuator import plain
 
 
 def offline(record: UnitRecord) -> list[Health]:
-    options = IdentificationOptions(SearchSettings(), None)
-    calibration = Calibration.builtin()
-    estimates = estimate_windows(record.windows, calibration, options)
-    course = follow(record, estimates, calibration.unit_parameters, PrognosisSettings())
+    calibration, given = Calibration.builtin(), Predicting()
+    course = follow(record, given.estimate(record.windows, calibration), calibration, given)
     return [health_to_message(outlook, record.description) for outlook in course.outlooks]
 
 

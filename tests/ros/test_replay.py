@@ -8,16 +8,13 @@ import pytest
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.bags.estimates import estimate_windows
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows
-from ema_cli.identification_options import IdentificationOptions
+from ema_cli.bags.identifying import Identifying
+from ema_cli.bags.source import Source, read_windows
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_interfaces.msg import FaultEstimate
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_sim.actuator import SimulatedActuator
@@ -51,9 +48,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def offline(bag: Path) -> list[FaultEstimate]:
     """Return what `ema estimate` finds, as messages."""
     settings = TriggerSettings()
-    found = read_windows(bag, SourceOptions(None, None, settings.threshold, settings.rest_s, None))
-    options = IdentificationOptions(SearchSettings(), None)
-    estimates = estimate_windows(found.windows, Calibration.builtin(), options)
+    found = read_windows(bag, Source(trigger=settings))
+    estimates = Identifying().estimate(found.windows, Calibration.builtin())
     return [
         estimate_to_message(estimate, item.number, item.description)
         for estimate, item in zip(estimates, found.windows, strict=True)

@@ -6,15 +6,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from ema_cli.bags.estimates import estimate_windows
+from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord
-from ema_cli.identification_options import IdentificationOptions
 from ema_cli.main import main
 from ema_interfaces.msg import DutyScenario, ScenarioLife
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import message_of
 from ema_monitor.node.scenario_messages import scenarios_from_messages
 from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
@@ -65,12 +63,12 @@ def test_live_and_offline_answers_are_equal_to_the_last_digit(session, record):
     live = asked(session, *SCENARIOS)
     assert live.success, live.message
     calibration = Calibration.builtin()
-    options = IdentificationOptions(SearchSettings(), None)
-    estimates = estimate_windows(record.windows, calibration, options)
-    asked_offline = scenarios_from_messages(SCENARIOS)
-    settings = PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE))
-    parameters = calibration.unit_parameters
-    course = follow(record, estimates, parameters, settings, asked_offline)
+    given = Predicting(
+        prognosis=PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE)),
+        scenarios=scenarios_from_messages(SCENARIOS),
+    )
+    estimates = given.estimate(record.windows, calibration)
+    course = follow(record, estimates, calibration, given)
     told = [message_of(ScenarioLife, scenario_report(*one)) for one in course.scenarios]
     assert [str(one) for one in told] == [str(one) for one in live.scenarios]
     assert course.growth.duty is not None
@@ -121,7 +119,7 @@ def test_command_prints_lives_under_scenarios(record: UnitRecord, tmp_path: Path
     [bag] = set(record.bags.values())
     file = tmp_path / "scenarios.yaml"
     file.write_text("scenarios: [{name: as flown}, {name: idle, travel_per_hour: 1}]")
-    result = ema("prognose", bag, "--scenarios", file, "--damage", f"least_coverage={COVERAGE}")
+    result = ema("prognose", bag, "--scenarios", file, "-p", f"damage.least_coverage={COVERAGE}")
     assert result.exit_code == 0, result.stderr
     assert all(text in result.stdout for text in ("idle", "as flown", "RUL [days]"))
     file.write_text("scenarios: [{name: idle, travel_per_hour: far}]")

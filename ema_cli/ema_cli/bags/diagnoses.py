@@ -83,18 +83,7 @@ class DiagnosisLog:
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def add(self, type_name: str, message: Any, received_ns: int) -> None:
-        """Add a message; one of another actuator than that of the first estimate is ignored.
-
-        Parameters
-        ----------
-        received_ns
-            When it was received [ns].
-
-        Raises
-        ------
-        ValueError
-            When the true faults are impossible.
-        """
+        """Add a message; one of another actuator than that of the first estimate is ignored."""
         if type_name == ESTIMATE_TYPE:
             self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
@@ -123,20 +112,7 @@ class DiagnosisLog:
 
 
 def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
-    """Read the history of an actuator from a bag.
-
-    Parameters
-    ----------
-    actuator_id
-        Which actuator, if it holds estimates of several.
-
-    Raises
-    ------
-    ValueError
-        When the bag cannot be read or has no such estimates, or of several actuators.
-    OSError
-        When it cannot be opened.
-    """
+    """Read the history of an actuator from a bag."""
     bag = Bag(path)
     topics = bag.topics_of(ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE)
     recorded = list(bag.messages(topics))

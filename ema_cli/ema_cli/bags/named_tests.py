@@ -14,15 +14,7 @@ _MOST_SAMPLES: Final = 500_000
 
 
 def read_test(bag: Path, actuator_id: str | None, state: str, condition: str) -> NamedTest:
-    """Return what a bag shows; its name, and that of its folder, is the source of the test.
-
-    Raises
-    ------
-    ValueError
-        When it has no telemetry, no description or no motion in both directions.
-    OSError
-        When it cannot be read.
-    """
+    """Return what a bag shows; its name, and that of its folder, is the source of the test."""
     recorded = read_telemetry(Bag(bag), None, actuator_id)
     description: ActuatorDescription | None = None
     parts: list[Telemetry] = []

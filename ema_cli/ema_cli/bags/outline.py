@@ -25,13 +25,7 @@ class Outline:
         self._high = self._low.copy()
 
     def add(self, block: Telemetry) -> None:
-        """Add telemetry.
-
-        Parameters
-        ----------
-        block
-            Samples; infinite ones, and columns that are not measured, are not drawn.
-        """
+        """Add telemetry."""
         stamps_ns = block.stamps_ns
         if not self._step_ns:
             self._start_ns, self._step_ns = block.stamp_ns, 2e9 * block.sample_period
@@ -54,11 +48,6 @@ class Outline:
         """Return a column as a line to draw: times ``(n,)`` [s] and values ``(n,)``.
 
         It is broken, by NaN, where there is no telemetry.
-
-        Parameters
-        ----------
-        first_ns
-            Stamp from which times count [ns].
         """
         column = COLUMNS.index(name)
         values = np.stack([self._low[:, column], self._high[:, column]], axis=1)

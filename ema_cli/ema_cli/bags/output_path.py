@@ -5,13 +5,7 @@ from pathlib import Path
 
 
 def require_apart(output: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output that is an input, or a file of one that is a folder, by whatever name.
-
-    Raises
-    ------
-    ValueError
-        When they are the same, through links as well.
-    """
+    """Refuse an output that is an input, or a file of one that is a folder, by whatever name."""
     if not output.exists():
         return
     for path in inputs:
@@ -20,13 +14,7 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
 
 
 def require_free(output: Path, inputs: Iterable[Path], *, overwrite: bool) -> None:
-    """Refuse an output that is an input, or any other file unless it is to be replaced.
-
-    Raises
-    ------
-    ValueError
-        When the output may not be written.
-    """
+    """Refuse an output that is an input, or any other file unless it is to be replaced."""
     require_apart(output, inputs)
     if not overwrite and (output.exists() or output.is_symlink()):
         raise ValueError(f"{output} is there already: --replace replaces it")

@@ -12,9 +12,8 @@ from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators
 from ema_bags.usage import read_counts
 from ema_bags.windows import RecordedWindow
-from ema_cli.bags.source_options import SourceOptions
-from ema_cli.bags.windows import read_windows, require_windows
-from ema_cli.identification_options import IdentificationOptions
+from ema_cli.bags.predicting import Predicting
+from ema_cli.bags.source import Source, read_windows, require_windows
 from ema_core.description import ActuatorDescription
 from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.history_entry import Count
@@ -57,13 +56,7 @@ class UnitRecord:
     flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
 
     def as_known_at(self, hours: float) -> Self:
-        """Return what was known of the unit at a service hour [h].
-
-        Raises
-        ------
-        ValueError
-            When there was no test before.
-        """
+        """Return what was known of the unit at a service hour [h]."""
         later = min((one.stamp_ns for one in self.counts if one.hours > hours), default=math.inf)
         windows = [window for window in self.windows if window.end_ns < later]
         if not self.counts or not windows:
@@ -75,18 +68,7 @@ class UnitRecord:
 
 
 def find_bags(paths: Iterable[Path]) -> list[Path]:
-    """Return the bags that paths name, each once.
-
-    Parameters
-    ----------
-    paths
-        Bags, or folders that hold them: files ``*.mcap``, or folders with their metadata.
-
-    Raises
-    ------
-    ValueError
-        When a folder holds no bag.
-    """
+    """Return the bags that paths name, each once."""
     found: dict[Path, Path] = {}
     for path in paths:
         bags = _bags_in(path)
@@ -101,25 +83,9 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_unit(
-    paths: Iterable[Path], source: SourceOptions, *, skips_unreadable: bool = False
+    paths: Iterable[Path], source: Source, *, skips_unreadable: bool = False
 ) -> UnitRecord:
-    """Read the tests of one unit from bags.
-
-    Parameters
-    ----------
-    source
-        What of them to look at. When it names an actuator, bags of others are passed over.
-    skips_unreadable
-        Whether a bag that cannot be read is a remark, as long as there is another one.
-
-    Raises
-    ------
-    ValueError
-        When a bag cannot be used, bags are of several actuators or units, two have a window of
-        the same stamp, or none has a window.
-    OSError
-        When a bag cannot be opened.
-    """
+    """Read the tests of one unit from bags."""
     tests: list[tuple[Path, RecordedWindow]] = []
     counts: list[Count] = []
     truths: list[StampedFaults] = []
@@ -178,25 +144,17 @@ def read_unit(
     )
 
 
-def with_calibration_beside(
-    options: IdentificationOptions, paths: Iterable[Path]
-) -> IdentificationOptions:
-    """Return options that name the calibration beside the bags, where they name none themselves.
-
-    Raises
-    ------
-    ValueError
-        When there is more than one calibration, or a folder holds no bag.
-    """
-    if options.calibration_file is not None:
-        return options
+def with_calibration_beside(given: Predicting, paths: Iterable[Path]) -> Predicting:
+    """Return options that name the calibration beside the bags, where they name none themselves."""
+    if given.calibration_file is not None:
+        return given
     folders = {bag.parent.resolve(): bag.parent for bag in find_bags(paths)}
     files = [path for folder in folders.values() if (path := folder / CALIBRATION_FILE).is_file()]
     if len(files) > 1:
         raise ValueError(
             f"{files[0]} and {files[1]} both lie beside the bags: choose one with --calibration"
         )
-    return replace(options, calibration_file=files[0]) if files else options
+    return replace(given, calibration_file=files[0]) if files else given
 
 
 def _bags_in(path: Path) -> list[Path]:

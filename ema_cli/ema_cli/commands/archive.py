@@ -3,11 +3,11 @@
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Self
 
 import click
 from rich.console import Console
@@ -17,17 +17,75 @@ from rich.text import Text
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
 from ema_archive.running import RunProgress, run, scan, write_summaries
-from ema_cli.archive_options import GivenSettings, settings_options
+from ema_archive.settings import ArchiveSettings
+from ema_cli.bags.identifying import ALGORITHM_OPTION, SEED_OPTION
+from ema_cli.bags.predicting import (
+    GROWTH_OPTIONS,
+    PROGNOSIS_SECTIONS,
+    prognosis_over,
+    with_growth,
+)
+from ema_cli.bags.source import Source
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
+from ema_cli.parameters import Command, Parameters, settings_options
 from ema_cli.show.prognosis_table import as_values
 from ema_cli.show.progress import progress_bar
 from ema_core.tasks import ClusterLostError
 from ema_core.wording import counted
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.threads import limit_threads
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.windows.trigger import TEST_CYCLE
 
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
 _LONGEST_REASON: Final = 200
+
+
+@dataclass(frozen=True)
+class GivenSettings:
+    """Settings of an archive that were given; the others stay as they were."""
+
+    OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
+        click.option(
+            "--calibration",
+            metavar="PATTERN",
+            help="Path of the units' calibrations, in which {actuator_id} and {serial_number} "
+            "stand for those of a unit; without it calibration.yaml beside the bags, or else the "
+            "shipped one.",
+        ),
+        ALGORITHM_OPTION,
+        SEED_OPTION,
+        *GROWTH_OPTIONS,
+    )
+    SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
+        *Source.SECTIONS,
+        (SearchSettings, ""),
+        *(item for item in PROGNOSIS_SECTIONS if item[0] is not DamageSettings),
+    )
+
+    parameters: Parameters
+    calibration: str | None
+
+    @classmethod
+    def of(cls, parameters: Parameters, calibration: str | None, **growth: Any) -> Self:
+        """Return what options and parameters say."""
+        path = calibration or parameters.values.get("calibration_file") or None
+        return cls(with_growth(parameters, **growth), path)
+
+    def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
+        """Return settings with those given; ValueError when one is unknown or out of its range."""
+        given, source = self.parameters, Source(measured_max_age_s=settings.measured_max_age_s)
+        prognosis = prognosis_over(settings.prognosis, given)
+        return replace(
+            settings,
+            calibration=settings.calibration if self.calibration is None else self.calibration,
+            measured_max_age_s=given.over(source).measured_max_age_s,
+            # An archive is of test cycles, and what a bag says follows from it alone.
+            trigger=replace(given.over(settings.trigger), windows=TEST_CYCLE),
+            search=replace(given.over(settings.search), warm_start=False),
+            prognosis=replace(prognosis, damage=settings.prognosis.damage),
+        )
 
 
 @click.group()
@@ -43,7 +101,7 @@ def archive() -> None:
 @archive.command("scan")
 @_ARCHIVE
 @click.argument("sources", metavar="[SOURCE]...", nargs=-1)
-@settings_options
+@settings_options(GivenSettings)
 def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
     """List the bags in each SOURCE and below, a folder or an address such as s3://fleet/bags.
 

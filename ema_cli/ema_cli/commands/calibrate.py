@@ -6,9 +6,9 @@ import click
 
 from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source_options import REPLACE_OPTION, SourceOptions, source_options
-from ema_cli.bags.windows import identifiable_windows
+from ema_cli.bags.source import MEASURED_OPTION, REPLACE_OPTION, Source, identifiable_windows
 from ema_cli.errors import one_clear_line
+from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor import calibrations
@@ -27,9 +27,7 @@ _ENOUGH_WINDOWS = 5
     help="Form of the monitor model, by default that of the drive; estimates with this calibration "
     "use the same.",
 )
-@source_options(
-    identifies=True,
-)
+@settings_options(Source, more=[MEASURED_OPTION])
 @REPLACE_OPTION
 @click.option(
     "-o",
@@ -39,7 +37,7 @@ _ENOUGH_WINDOWS = 5
     help="Calibration file to write.",
 )
 def calibrate(
-    bags: tuple[Path, ...], form: str | None, source: SourceOptions, overwrite: bool, output: Path
+    bags: tuple[Path, ...], form: str | None, given: Source, overwrite: bool, output: Path
 ) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.
 
@@ -47,11 +45,11 @@ def calibrate(
     is taken for known within its sigma. What the windows did not show is named at the end.
     """
     with one_clear_line():
-        read = [*bags, *([source.actuator_file] if source.actuator_file else [])]
+        read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
         require_free(output, read, overwrite=overwrite)
         descriptions, windows = [], []
         for bag in bags:
-            found = identifiable_windows(bag, source)
+            found = identifiable_windows(bag, given)
             for item in found.windows:
                 if isinstance(item.place, Refusal):
                     click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)

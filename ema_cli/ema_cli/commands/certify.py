@@ -2,25 +2,15 @@
 
 import json
 import sys
+from pathlib import Path
 
 import click
 
-from ema_cli.bench_options import (
-    acquisition_options,
-    actuator_option,
-    calibration_option,
-    command_option,
-    current_noise_option,
-    described,
-    figures_option,
-    resolutions_option,
-    sample_rate_option,
-    true_values_option,
-)
-from ema_cli.command_file import command_from
+from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.rehearsal import Rehearsal
+from ema_cli.rehearsal import CALIBRATION_OPTION, Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier, unknown_name
@@ -29,15 +19,8 @@ from ema_monitor.design.certificate import certify as certify_test
 
 
 @click.command()
-@actuator_option
-@command_option
-@figures_option
-@sample_rate_option
-@acquisition_options
-@current_noise_option
-@resolutions_option
-@true_values_option
-@calibration_option
+@settings_options(Bench, "actuator", more=[COMMAND_OPTION])
+@CALIBRATION_OPTION
 @click.option(
     "--monte-carlo",
     "repetitions",
@@ -53,24 +36,13 @@ from ema_monitor.design.certificate import certify as certify_test
     multiple=True,
     help="Largest sigma of a fault, e.g. friction=0.01; exit code 3 where it is not reached.",
 )
-@click.option("--seed", default=0, type=click.IntRange(0), help="Of all noise.")
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def certify(
-    actuator_file,
-    shape,
-    figures,
-    sample_rate,
-    sample_current,
-    current_filter,
-    no_speed,
-    current_noise,
-    resolutions,
-    true_values,
-    calibration_file,
-    repetitions,
-    required,
-    seed,
-    as_json,
+    given: Bench,
+    repetitions: int,
+    required: tuple[list[tuple[str, float]], ...],
+    calibration_file: Path | None,
+    as_json: bool,
 ) -> None:
     """Tell which faults a test will show, how well, and what it cannot tell apart.
 
@@ -84,12 +56,6 @@ def certify(
                 raise ValueError(unknown_name("fault", name, COMPONENTS))
             if not sigma > 0.0:
                 raise ValueError(f"--require: {name} = {sigma:g}: expected more than 0")
-        description = described(
-            actuator_file, sample_rate, sample_current, current_filter, no_speed
-        )
-        command = command_from(shape, merged(figures, "--command-set"))
-        if warning := command.travel_warning(description.parameters):
-            click.echo(f"warning: {warning}", err=True)
         task = progress.add_task("rehearsing", total=CERTIFIED_WINDOWS + repetitions)
 
         def follow() -> None:
@@ -97,17 +63,10 @@ def certify(
                 raise click.Abort
             progress.advance(task)
 
-        record = Rehearsal.of_unit(
-            description,
-            merged(true_values, "--set"),
-            current_noise,
-            merged(resolutions, "--quantise"),
-            seed,
-            follow,
-            calibration_file,
-            command,
+        record = Rehearsal(given, follow, calibration_file)
+        certificate = certify_test(
+            record, given.command, given.description, repetitions=repetitions
         )
-        certificate = certify_test(record, command, description, repetitions=repetitions)
     unmet = certificate.unmet(wanted)
     if as_json:
         click.echo(json.dumps(certificate.record() | {"unmet": unmet}, indent=2))

@@ -10,14 +10,13 @@ import numpy as np
 from rich.console import Console
 
 from ema_bags.windows import BagWindows
-from ema_cli.bags.estimates import as_object
-from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
-from ema_cli.bags.windows import identifiable_windows
+from ema_cli.bags.identifying import Identifying, as_object
+from ema_cli.bags.source import identifiable_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, NameChoice, one_clear_line
 from ema_cli.figures.comparison import draw_comparison
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
-from ema_cli.identification_options import IdentificationOptions, comparison_options
+from ema_cli.parameters import settings_options
 from ema_cli.show.compare_table import table_of_faults, table_of_runs
 from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
@@ -40,14 +39,13 @@ class _Algorithms(click.ParamType):
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS, identifies=True)
+@settings_options(Identifying)
 @click.option(
     "--algorithms",
     default=",".join(ALGORITHMS),
     type=_Algorithms(),
     help="Which to compare, with commas between.",
 )
-@comparison_options
 @click.option(
     "--window",
     "number",
@@ -58,9 +56,8 @@ class _Algorithms(click.ParamType):
 @picture_option("; by default BAG-compare.png")
 def compare(
     bag: Path,
-    source: SourceOptions,
+    given: Identifying,
     algorithms: list[str],
-    options: IdentificationOptions,
     number: int | None,
     as_json: bool,
     output: Path | None,
@@ -73,7 +70,7 @@ def compare(
     the rest once more.
     """
     with one_clear_line():
-        if source.any_motion:
+        if given.any_motion:
             raise ValueError(
                 "--any-motion: algorithms are compared on one test cycle, and a stretch of "
                 "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
@@ -81,19 +78,17 @@ def compare(
             )
         picture = output or _beside(bag)
         require_drawable(picture)
-        calibration = options.calibration_of_model()
-        found = identifiable_windows(bag, source)
+        calibration = given.calibration_of_model()
+        found = identifiable_windows(bag, given)
         chosen = choose_window(found, number)
         truth = found.true_faults(chosen.start_ns)
-        comparison = compare_algorithms(
-            chosen, algorithms, calibration, options, truth, force=source.accept_defects
-        )
+        comparison = compare_algorithms(chosen, algorithms, calibration, given, truth)
     start, end = found.seconds(chosen.start_ns), found.seconds(chosen.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
     if as_json:
         click.echo(json.dumps(_as_object(comparison, found), indent=2))
     else:
-        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
+        click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
         _print(comparison, title)
     if comparison.best is not None:
         unit = found.description

@@ -8,23 +8,12 @@ from pathlib import Path
 import click
 
 from ema_cli.bags.output_path import require_free
-from ema_cli.bench_options import (
-    acquisition_options,
-    acquisition_words,
-    actuator_option,
-    calibration_option,
-    current_noise_option,
-    described,
-    resolutions_option,
-    sample_rate_option,
-    true_values_option,
-)
-from ema_cli.command_file import save_command
+from ema_cli.bench import Bench, save_command
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.rehearsal import Rehearsal
+from ema_cli.rehearsal import CALIBRATION_OPTION, Rehearsal
 from ema_cli.show.progress import progress_bar
-from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier
 from ema_monitor.design.certificate import certificate_of
@@ -47,7 +36,7 @@ class WantedSigmas(Assignments):
 
 
 @click.command()
-@actuator_option
+@settings_options(Bench, "actuator")
 @click.option(
     "--travel",
     required=True,
@@ -66,13 +55,7 @@ class WantedSigmas(Assignments):
     help="Wanted standard deviation, of all faults (0.01) or of some (friction=0.005,gain=0.002); "
     "without it those of the thesis's chirp.",
 )
-@sample_rate_option
-@acquisition_options
-@current_noise_option
-@resolutions_option
-@true_values_option
-@calibration_option
-@click.option("--seed", default=0, type=click.IntRange(0), help="Of all noise.")
+@CALIBRATION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there.")
 @click.option(
@@ -80,28 +63,20 @@ class WantedSigmas(Assignments):
     "--output",
     required=True,
     type=click.Path(path_type=Path, dir_okay=False),
-    help="YAML file to write: ROS parameters of actuator and monitor, also for --command.",
+    help="YAML file to write: parameters of actuator and monitor, for --params.",
 )
 def design(
-    actuator_file,
-    travel,
-    torque,
-    current,
-    speed,
-    longest,
-    wanted,
-    sample_rate,
-    sample_current,
-    current_filter,
-    no_speed,
-    current_noise,
-    resolutions,
-    true_values,
-    calibration_file,
-    seed,
-    as_json,
-    overwrite,
-    output,
+    given: Bench,
+    travel: float,
+    torque: float | None,
+    current: float | None,
+    speed: float | None,
+    longest: float,
+    wanted: tuple[list[tuple[str, float]], ...],
+    calibration_file: Path | None,
+    as_json: bool,
+    overwrite: bool,
+    output: Path,
 ) -> None:
     """Find the shortest test command that reaches wanted standard deviations within limits.
 
@@ -112,10 +87,8 @@ def design(
     with one_clear_line(), progress_bar() as progress, deferred_signals() as stop:
         if output.suffix not in (".yaml", ".yml"):
             raise ValueError(f"{output}: expected a name that ends in .yaml")
-        require_free(output, [actuator_file] if actuator_file else [], overwrite=overwrite)
-        description = described(
-            actuator_file, sample_rate, sample_current, current_filter, no_speed
-        )
+        require_free(output, filter(None, [given.actuator_file]), overwrite=overwrite)
+        description = given.description
         limits = MotionLimits.within(
             description.parameters,
             travel=travel,
@@ -134,30 +107,20 @@ def design(
             follow()
             progress.update(task, state=words)
 
-        record = Rehearsal.of_unit(
-            description,
-            merged(true_values, "--set"),
-            current_noise,
-            merged(resolutions, "--quantise"),
-            seed,
-            follow,
-            calibration_file,
-            THESIS_CHIRP,
-        )
+        record = Rehearsal(given, follow, calibration_file)
         sigmas = merged(wanted, "--sigma")
         found = design_command(record, description, limits, sigmas or None, on_progress=say)
         say("judging hidden causes")
         certificate = certificate_of(found.rehearsed, record, found.command, description)
         if found.reached:
-            save_command(output, found.command, found.command.duration, _heading(found))
+            save_command(output, found.command, _heading(found))
     if as_json:
         click.echo(json.dumps(_record(found) | {"certificate": certificate.record()}, indent=2))
     else:
         click.echo(str(certificate))
         click.echo(_in_words(found))
         if found.reached:
-            acquired = acquisition_words(sample_rate, sample_current, current_filter, no_speed)
-            click.echo(_next_steps(output, found, actuator_file, acquired))
+            click.echo(_next_steps(output, given))
     if not found.reached:
         if not as_json:
             click.echo(f"not written: {output}", err=True)
@@ -199,18 +162,18 @@ def _heading(found: Design) -> str:
     return f"A test command of `ema design`. Standard deviations to expect:\n{sigmas}"
 
 
-def _next_steps(output: Path, found: Design, actuator_file: Path | None, acquired: str) -> str:
-    """Return what to do with the command; ``acquired`` are options of the telemetry."""
-    actuator = f" --actuator {actuator_file}" if actuator_file else ""
-    window = f" --window-s {found.command.duration:g}"
+def _next_steps(output: Path, given: Bench) -> str:
+    file, rate = given.actuator_file, given.sample_rate
+    actuator = f" --actuator {file}" if file else ""
+    actuator += f" --sample-rate {rate:g}" if rate else ""
     steps = [
         f"{output}: next",
-        f"  ema simulate --command {output}{actuator}{acquired} --cycles 12 -o healthy.mcap",
-        f"  ema calibrate healthy.mcap{window} -o calibration.yaml",
-        f"  ema estimate case.mcap{window} --calibration calibration.yaml",
+        f"  ema simulate --params {output}{actuator} --cycles 12 -o healthy.mcap",
+        f"  ema calibrate healthy.mcap --params {output} -o calibration.yaml",
+        f"  ema estimate case.mcap --params {output} --calibration calibration.yaml",
     ]
-    # Nodes know the acquisition by the file of the actuator alone.
-    if not acquired:
-        file = f" -p actuator_file:={actuator_file}" if actuator_file else ""
-        steps.append(f"  ema up --params {output}{file} -p calibration_file:=calibration.yaml")
+    # Nodes know the sample rate by the file of the actuator alone.
+    if not rate:
+        own = f" -p actuator_file:={file}" if file else ""
+        steps.append(f"  ema up --params {output}{own} -p calibration_file:=calibration.yaml")
     return "\n".join(steps)

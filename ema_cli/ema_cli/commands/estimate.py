@@ -15,16 +15,10 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ema_bags.windows import BagWindows
-from ema_cli.bags.estimates import as_object, estimate_windows
-from ema_cli.bags.source_options import (
-    CONDITION_OPTION,
-    USE_OPTIONS,
-    SourceOptions,
-    source_options,
-)
-from ema_cli.bags.windows import identifiable_windows
+from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying, as_object
+from ema_cli.bags.source import CONDITION_OPTION, identifiable_windows
 from ema_cli.errors import REFUSED, one_clear_line
-from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import FAILED, SKIPPED, VERDICTS, Estimate
@@ -39,24 +33,19 @@ _REASON_WIDTH: Final = 90
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS, identifies=True)
-@identification_options
+@settings_options(Identifying, more=[ALGORITHM_OPTION])
 @click.option(
     "--normal",
     "normal_file",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Healthy tests of the unit, by `ema normal learn`: what departs from them and is no fault "
-    "is told, with exit code 3.",
+    help="File of `ema normal learn`: tell what departs and is no fault.",
 )
 @CONDITION_OPTION
-@click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
-@click.option(
-    "-v", "--verbose", is_flag=True, help="Print a table a window, also when there are several."
-)
+@click.option("--json", "as_json", is_flag=True, help="Print a list, an object a window.")
+@click.option("-v", "--verbose", is_flag=True, help="Print a table a window.")
 def estimate(
     bag: Path,
-    source: SourceOptions,
-    options: IdentificationOptions,
+    given: Identifying,
     normal_file: Path | None,
     condition: str,
     as_json: bool,
@@ -67,29 +56,24 @@ def estimate(
     A single window is shown as a table; of several there is a line each, and a summary. With
     --any-motion, stretches of ordinary motion are combined until the faults are known as well as
     wanted: there is a line for each combination, with the faults that the motion does not show.
+    With --normal, exit code 3 also tells a departure that no fault explains.
     """
     with one_clear_line():
-        calibration = options.calibration()
-        found = identifiable_windows(bag, source)
-        estimates = estimate_windows(
-            found.windows,
-            calibration,
-            options,
-            force=source.accept_defects,
-            any_motion=source.any_motion,
-        )
+        calibration = given.calibration()
+        found = identifiable_windows(bag, given)
+        estimates = given.estimate(found.windows, calibration)
         checked, more = None, {}
         if normal_file is not None:
             from ema_cli.bags.named_tests import as_mapping, read_test
             from ema_monitor.normal.unit_normal import UnitNormal
 
-            test = read_test(bag, source.actuator_id, "", condition)
+            test = read_test(bag, given.actuator_id, "", condition)
             checked = UnitNormal.load(normal_file).check(test)
             more = {"normal": as_mapping(checked)}
     if as_json:
         click.echo(json.dumps([as_object(e, found) | more for e in estimates], indent=2))
     else:
-        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
+        click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
         for number, one in enumerate(estimates):
             if verbose or len(estimates) == 1:
                 _print(number, one, found)

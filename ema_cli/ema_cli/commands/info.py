@@ -8,17 +8,17 @@ import click
 from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators
 from ema_bags.windows import BagWindows
-from ema_cli.bags.source_options import SourceOptions, source_options
-from ema_cli.bags.windows import read_windows
+from ema_cli.bags.source import Source, read_windows
 from ema_cli.errors import one_clear_line
+from ema_cli.parameters import settings_options
 from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
 
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options()
-def info(bag: Path, source: SourceOptions) -> None:
+@settings_options(Source)
+def info(bag: Path, given: Source) -> None:
     """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():
         contents = Bag(bag)
@@ -31,7 +31,7 @@ def info(bag: Path, source: SourceOptions) -> None:
             click.echo(f"written by {', '.join(contents.writers)}")
         # What is wrong with the bag is said once, also where an actuator cannot be read.
         remarks: dict[str, None] = {}
-        chosen = _of_each(contents, source)
+        chosen = _of_each(contents, given)
         for one in chosen:
             try:
                 found = read_windows(bag, one, bag=contents)
@@ -46,12 +46,12 @@ def info(bag: Path, source: SourceOptions) -> None:
             click.echo(f"warning: {remark}")
 
 
-def _of_each(bag: Bag, source: SourceOptions) -> list[SourceOptions]:
+def _of_each(bag: Bag, given: Source) -> list[Source]:
     """Return what to look at of each actuator of a bag, unless one is chosen."""
     present = described_actuators(bag)
-    if source.actuator_id is not None or len(present) < 2:
-        return [source]
-    return [replace(source, actuator_id=name) for name in present]
+    if given.actuator_id is not None or len(present) < 2:
+        return [given]
+    return [replace(given, actuator_id=name) for name in present]
 
 
 def _show(found: BagWindows) -> None:

@@ -7,16 +7,17 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.bags.output_path import require_free
-from ema_cli.errors import Assignments, merged, one_clear_line
-from ema_cli.prognosis_options import with_limits
+from ema_cli.bags.predicting import LIMIT_OPTION, with_growth
+from ema_cli.errors import one_clear_line
+from ema_cli.parameters import Parameters
 from ema_cli.show.progress import progress_bar
-from ema_core.wording import as_identifier, counted
+from ema_core.wording import counted
+from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet import SUFFIX, Fleet
 from ema_monitor.prognosis.fleet_learning import fleet_of
 from ema_monitor.prognosis.growth.fleet import grid_digest
 from ema_monitor.prognosis.history import read_history
 from ema_monitor.prognosis.sentences import label_of
-from ema_monitor.prognosis.settings import PrognosisSettings
 
 
 @click.command()
@@ -35,13 +36,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
     help=f"File to write; its name ends in {SUFFIX}.",
 )
 @click.option("--name", default="", help='What the fleet is called, as in "A320 flaps".')
-@click.option(
-    "--limit",
-    "limits",
-    type=Assignments(as_identifier),
-    multiple=True,
-    help="Where life ends, e.g. friction=0.4, as the monitor's parameters limits.NAME.",
-)
+@LIMIT_OPTION
 @click.option("--replace", "overwrite", is_flag=True, help="Replace an existing file.")
 def learn(
     histories: tuple[Path, ...],
@@ -60,7 +55,7 @@ def learn(
         if output.suffix != SUFFIX:
             raise ValueError(f"{output}: expected a name that ends in {SUFFIX}")
         require_free(output, histories, overwrite=overwrite)
-        chosen = with_limits(PrognosisSettings(), merged(limits, "--limit")).limits
+        chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
         fleet = Fleet(grid_digest(chosen))
         files = [file for path in histories for file in _files(path)]
         with progress_bar() as progress:
@@ -83,13 +78,7 @@ def learn(
 
 
 def _files(path: Path) -> list[Path]:
-    """Return a file, or the histories of a folder.
-
-    Raises
-    ------
-    ValueError
-        When the folder has none.
-    """
+    """Return a file, or the histories of a folder."""
     if not path.is_dir():
         return [path]
     found = sorted(path.glob("*+*.sqlite"))

@@ -8,8 +8,8 @@ import pandas as pd
 
 from ema_cli.errors import NameChoice, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
-from ema_cli.lives.making import LifeJob, make_life, remove_parts
 from ema_cli.show.progress import progress_bar
+from ema_cli.simulated_lives import LifeJob, make_life, remove_parts
 from ema_core.faults import TYPICAL
 from ema_core.tasks import ClusterLostError, WorkerLostError
 from ema_monitor.model.threads import limit_threads

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.bags.named_tests import as_mapping, read_test
-from ema_cli.bags.source_options import CONDITION_OPTION
+from ema_cli.bags.source import CONDITION_OPTION
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted

@@ -7,25 +7,23 @@ from matplotlib.figure import Figure
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.diagnoses import read_history
-from ema_cli.bags.estimates import estimate_windows
+from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
 from ema_cli.bags.outline import Outline
-from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
-from ema_cli.bags.windows import read_windows
+from ema_cli.bags.source import read_windows
 from ema_cli.comparison import choose_window
 from ema_cli.errors import one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.history import draw_history
 from ema_cli.figures.telemetry import draw_telemetry
-from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.windows.trigger import Refusal
 
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS, identifies=True)
-@identification_options
+@settings_options(Identifying, more=[ALGORITHM_OPTION])
 @click.option(
     "--window",
     "number",
@@ -42,8 +40,7 @@ from ema_monitor.windows.trigger import Refusal
 @picture_option("; by default beside the bag")
 def plot(
     bag: Path,
-    source: SourceOptions,
-    options: IdentificationOptions,
+    given: Identifying,
     number: int | None,
     as_history: bool,
     output: Path | None,
@@ -55,39 +52,35 @@ def plot(
         output = output or bag.with_suffix(".png")
         require_drawable(output)
         if as_history:
-            history = read_history(bag, source.actuator_id)
+            history = read_history(bag, given.actuator_id)
             for remark in history.remarks:
                 click.echo(f"{bag}: {remark}", err=True)
             save_picture(draw_history(history), output)
             click.echo(f"{output}")
             return
         outline = Outline()
-        found = read_windows(bag, source, outline.add)
+        found = read_windows(bag, given, outline.add)
         for remark in found.remarks:
             click.echo(f"{bag}: {remark}", err=True)
         if number is None:
             figure = draw_telemetry(found, outline)
         else:
-            figure = _draw_estimate(found, number, source, options)
+            figure = _draw_estimate(found, number, given)
         save_picture(figure, output)
     click.echo(f"{output}")
 
 
-def _draw_estimate(
-    found: BagWindows, number: int, source: SourceOptions, options: IdentificationOptions
-) -> Figure:
+def _draw_estimate(found: BagWindows, number: int, given: Identifying) -> Figure:
     """Return a figure of the fit of a window; of ordinary motion, of an estimate's last stretch."""
     windows, what = found.windows, "estimate"
-    if not source.any_motion:
+    if not given.any_motion:
         what, window = "window", choose_window(found, number)
         if isinstance(window.place, Refusal):
             raise ValueError(f"window {number} cannot be used: {window.place.reason}")
         # With those before it, in which a warm search begins.
         windows = windows[: number + 1]
-    calibration = options.calibration_of_model()
-    estimates = estimate_windows(
-        windows, calibration, options, force=source.accept_defects, any_motion=source.any_motion
-    )
+    calibration = given.calibration_of_model()
+    estimates = given.estimate(windows, calibration)
     if number >= len(estimates):
         said = counted(len(estimates), "estimate")
         raise ValueError(f"--window {number}: the motion gives {said}, numbered from 0")
@@ -95,4 +88,4 @@ def _draw_estimate(
     if not one.valid:
         raise ValueError(f"{what} {number} has no estimate: {one.reason}")
     last = next(item for item in windows if item.end_ns == one.end_ns)
-    return draw_fit(last, one, calibration, options.search, found.first_ns)
+    return draw_fit(last, one, calibration, given.search, found.first_ns)

@@ -8,12 +8,13 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from ema_cli.bags.source_options import USE_OPTIONS, SourceOptions, source_options
+from ema_cli.bags.predicting import Predicting
+from ema_cli.bags.unit_course import diagnose_unit
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.figures.prognosis import draw_course
-from ema_cli.identification_options import IdentificationOptions, identification_options
-from ema_cli.prognosis_options import PrognosisOptions, prognosis_options
+from ema_cli.parameters import settings_options
+from ema_cli.show.advice import advice_in_words
 from ema_cli.show.prognosis_table import (
     as_values,
     course_as_values,
@@ -21,7 +22,6 @@ from ema_cli.show.prognosis_table import (
     table_of_growth,
     table_of_scenarios,
 )
-from ema_cli.unit_diagnosis import diagnose_unit
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
 from ema_monitor.reports import health_report, scenario_report
@@ -29,16 +29,12 @@ from ema_monitor.reports import health_report, scenario_report
 
 @click.command()
 @click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS, identifies=True)
-@identification_options
-@prognosis_options
-@click.option("--json", "as_json", is_flag=True, help="Print one object, as the health message.")
+@settings_options(Predicting)
+@click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @picture_option()
 def prognose(
     bags: tuple[Path, ...],
-    source: SourceOptions,
-    options: IdentificationOptions,
-    prognosis: PrognosisOptions,
+    given: Predicting,
     as_json: bool,
     output: Path | None,
 ) -> None:
@@ -51,16 +47,18 @@ def prognose(
     Exit code 3 means that there is no prognosis: no test has a valid estimate, or the newest one
     shows a failure of drive or shaft.
     """
+    if given.archive is not None:
+        raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
     with one_clear_line():
         if output is not None:
             require_drawable(output)
-        told = diagnose_unit(bags, source, options, prognosis)
-        record, estimates, course = told.record, told.estimates, told.course
+        course = diagnose_unit(bags, given)
+        record, tests = course.record, counted(len(course.steps), "test")
         report = health_report(course.now, record.description)
         if not course.outlooks:
             why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.failure else ""
             click.echo(
-                f"no prognosis: none of {counted(len(estimates), 'window')} can be used{why}",
+                f"no prognosis: none of {counted(len(course.steps), 'window')} can be used{why}",
                 err=True,
             )
             sys.exit(REFUSED)
@@ -75,19 +73,20 @@ def prognose(
         values = as_values(report) | {"tests": course_as_values(course)}
         if scenarios:
             values["scenarios"] = as_values(scenarios)
-        if told.advice is not None:
-            values["advice"] = as_values(told.advice)
+        if course.advice is not None:
+            values["advice"] = as_values(course.advice)
         click.echo(json.dumps(values, indent=2))
     else:
-        click.echo(told.calibration_in_words)
+        calibration_id = course.calibration.calibration_id
+        click.echo(f"calibration {calibration_id} ({course.given.calibration_source})")
         hours = f"{report.flight_hours:.6g}" if report.flight_hours >= 0.0 else "unknown"
         click.echo(
             f"{report.actuator_id} ({report.serial_number}): {len(course.outlooks)} valid of "
-            f"{counted(len(estimates), 'test')}, flight hours {hours}, cycles {report.cycles}"
+            f"{tests}, flight hours {hours}, cycles {report.cycles}"
         )
         click.echo(report.removal)
-        if told.advice_in_words:
-            click.echo(told.advice_in_words)
+        if words := advice_in_words(course):
+            click.echo(words)
         Console().print(table_of_growth(report))
         click.echo("\n".join(summary(course, report)))
         if scenarios:
@@ -95,7 +94,7 @@ def prognose(
     if output is not None:
         # After the figures: they stand, even if the disk is full.
         with one_clear_line():
-            save_picture(draw_course(course, prognosis.end_hours), output)
+            save_picture(draw_course(course), output)
         if not as_json:
             click.echo(f"{output}")
     if course.now.failure:

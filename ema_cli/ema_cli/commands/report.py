@@ -8,25 +8,22 @@ import click
 
 from ema_archive.fleet import fleet_summary
 from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source_options import REPLACE_OPTION, USE_OPTIONS, SourceOptions, source_options
+from ema_cli.bags.predicting import Predicting
+from ema_cli.bags.source import REPLACE_OPTION
+from ema_cli.bags.unit_course import diagnose_unit
 from ema_cli.bags.unit_record import find_bags
 from ema_cli.errors import REFUSED, one_clear_line
-from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.main import ARGUMENTS
-from ema_cli.prognosis_options import PrognosisOptions, prognosis_options
-from ema_cli.report.fleet_page import fleet_page
-from ema_cli.report.page import report_page
+from ema_cli.parameters import settings_options
+from ema_cli.report.page import fleet_page, report_page
 from ema_cli.report.verdict import verdict_of
-from ema_cli.unit_diagnosis import diagnose_unit
 from ema_core.files import complete_file
 
 
 @click.command()
 @click.argument("bags", metavar="BAG...", nargs=-1, type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS, identifies=True)
+@settings_options(Predicting)
 @REPLACE_OPTION
-@identification_options
-@prognosis_options
 @click.option(
     "-o",
     "--output",
@@ -38,9 +35,7 @@ from ema_core.files import complete_file
 def report(
     context: click.Context,
     bags: tuple[Path, ...],
-    source: SourceOptions,
-    options: IdentificationOptions,
-    prognosis: PrognosisOptions,
+    given: Predicting,
     overwrite: bool,
     output: Path,
 ) -> None:
@@ -56,7 +51,7 @@ def report(
     Exit code 3 means that no test has a valid estimate, or that the newest one shows a failure of
     drive or shaft; the report then says why.
     """
-    archive = prognosis.archive
+    archive = given.archive
     if (archive is None) == (not bags):
         raise click.UsageError("give one BAG or several, or --fleet ARCHIVE")
     command = shlex.join(context.meta[ARGUMENTS])
@@ -70,15 +65,15 @@ def report(
             _write(output, fleet_page(archive, fleet_summary(archive), command))
             click.echo(f"{output}")
             return
-        given = [options.calibration_file, source.actuator_file]
-        read = [*find_bags(bags), *(path for path in given if path is not None)]
+        read = [*find_bags(bags), *filter(None, (given.calibration_file, given.actuator_file))]
         require_free(output, read, overwrite=overwrite)
-        told = diagnose_unit(bags, source, options, prognosis, skips_unreadable=True)
-        _write(output, report_page(bags, source, prognosis, told, command))
-    for line in verdict_of(told).lines:
+        course = diagnose_unit(bags, given, skips_unreadable=True)
+        verdict = verdict_of(course)
+        _write(output, report_page(bags, course, verdict, command))
+    for line in verdict.lines:
         click.echo(line)
     click.echo(f"{output}")
-    if not told.course.outlooks or told.course.now.failure:
+    if not course.outlooks or course.now.failure:
         sys.exit(REFUSED)
 
 

@@ -1,6 +1,5 @@
 """``ema simulate``: a faulty actuator to a bag."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,26 +10,16 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
-from ema_cli.bench_options import (
-    acquisition_options,
-    actuator_option,
-    command_option,
-    current_noise_option,
-    described,
-    figures_option,
-    resolutions_option,
-    sample_rate_option,
-    true_values_option,
-)
-from ema_cli.command_file import command_from
+from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.new_bag import new_bag
+from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.cause_profiles import GRAMMAR, describe_causes
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.wording import as_identifier, counted
-from ema_sim.bench import ActuatorBench, BenchSettings
+from ema_sim.bench import ActuatorBench
 
 _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of the same seed
 
@@ -59,27 +48,7 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help="Draw a multiple fault by the law of the thesis, most of it small, from --seed.",
 )
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
-@command_option
-@figures_option
-@true_values_option
-@actuator_option
-@sample_rate_option
-@acquisition_options
-@click.option("--serial-number", help="Serial number in the description.")
-@click.option("--load", default=0.0, help="External torque, motor shaft [N.m].")
-@click.option(
-    "--noise-gain",
-    default=0.0,
-    help="K_noise of the white noise on the reference current.",
-)
-@current_noise_option
-@resolutions_option
-@click.option(
-    "--seed",
-    default=0,
-    type=click.IntRange(0),
-    help="Of all noise, and of --random-faults.",
-)
+@settings_options(Bench, "actuator", more=[COMMAND_OPTION])
 @click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
 @click.option(
     "-o",
@@ -89,26 +58,13 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help="Bag to write: one file if it ends in .mcap, else a folder.",
 )
 def simulate(
-    faults,
-    causes,
-    draws_faults,
-    cycles,
-    shape,
-    figures,
-    true_values,
-    actuator_file,
-    sample_rate,
-    sample_current,
-    current_filter,
-    no_speed,
-    serial_number,
-    load,
-    noise_gain,
-    current_noise,
-    resolutions,
-    seed,
-    overwrite,
-    output,
+    given: Bench,
+    faults: tuple[list[tuple[str, float]], ...],
+    causes: tuple[str, ...],
+    draws_faults: bool,
+    cycles: int,
+    overwrite: bool,
+    output: Path,
 ) -> None:
     """Run the high-fidelity actuator through test cycles and record them to a bag.
 
@@ -118,22 +74,15 @@ def simulate(
     if draws_faults and faults:
         raise click.UsageError("--random-faults and --fault exclude each other")
     with one_clear_line():
-        description = described(
-            actuator_file, sample_rate, sample_current, current_filter, no_speed
-        )
-        if serial_number is not None:
-            description = replace(description, serial_number=serial_number)
+        description, seed = given.description, given.settings.seed
         bench = ActuatorBench(
             description,
-            BenchSettings(load=load, noise_gain=noise_gain, current_noise=current_noise, seed=seed),
-            parameters=description.parameters.replace(merged(true_values, "--set")),
-            resolutions=merged(resolutions, "--quantise"),
+            given.settings,
+            parameters=given.parameters,
+            resolutions=given.resolutions,
             causes=causes,
         )
-        command = command_from(shape, merged(figures, "--command-set"))
-        if warning := command.travel_warning(description.parameters):
-            click.echo(f"warning: {warning}", err=True)
-        bench.set_command(command)
+        bench.set_command(given.command)
         drawn = _drawn_faults(seed) if draws_faults else None
         bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
         with (

@@ -14,8 +14,8 @@ from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry
 from ema_bags.windows import RecordedWindow, find_recorded_windows
 from ema_cli.errors import REFUSED, one_clear_line
-from ema_cli.identification_options import IdentificationOptions
 from ema_cli.show.progress import progress_bar
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS
@@ -66,8 +66,7 @@ def verify(bag: Path, calibration_files: tuple[Path, ...], as_json: bool) -> Non
     """
     with one_clear_line():
         known = [load_calibration(file) for file in calibration_files]
-        known = known or [IdentificationOptions(SearchSettings(), None).calibration()]
-        by_id = {one.calibration_id: one for one in known}
+        by_id = {one.calibration_id: one for one in known or [Calibration.builtin()]}
         recording = Bag(bag)
         found = [
             one

@@ -170,13 +170,7 @@ def _place_of_monitor(status_name: str) -> str | None:
 
 
 def _normalised(namespace: str) -> str:
-    """Return a namespace as the graph has it.
-
-    Raises
-    ------
-    ValueError
-        When it is none.
-    """
+    """Return a namespace as the graph has it."""
     full = "/" + namespace.strip("/")
     try:
         validate_namespace(full)

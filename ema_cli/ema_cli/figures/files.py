@@ -8,7 +8,7 @@ from matplotlib import rc_context
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
-from ema_cli.gathered_options import Command
+from ema_cli.parameters import Command
 from ema_core.files import complete_file
 
 
@@ -23,13 +23,7 @@ def picture_option(default: str = "") -> Callable[[Command], Command]:
 
 
 def require_drawable(picture: Path) -> None:
-    """Refuse a picture that could not be written, before the work rather than after it.
-
-    Raises
-    ------
-    ValueError
-        When its ending is no format of pictures, or its folder is not there.
-    """
+    """Refuse a picture that could not be written, before the work rather than after it."""
     known = FigureCanvasBase.get_supported_filetypes()
     if picture.suffix.lower().removeprefix(".") not in known:
         raise ValueError(f"{picture}: a picture ends in one of .png, .svg, .pdf")
@@ -38,13 +32,7 @@ def require_drawable(picture: Path) -> None:
 
 
 def save_picture(figure: Figure, picture: Path, dpi: int = 120) -> None:
-    """Write a picture whole or not at all.
-
-    Raises
-    ------
-    OSError
-        When it cannot be written.
-    """
+    """Write a picture whole or not at all."""
     # In pieces: a long line that fills an area is drawn in memory of the size of its strokes.
     with complete_file(picture) as partial, rc_context({"agg.path.chunksize": 1000}):
         figure.savefig(partial, dpi=dpi, format=picture.suffix.lower().removeprefix("."))

@@ -18,22 +18,7 @@ def draw_fit(
     search: SearchSettings,
     since_ns: int | None = None,
 ) -> Figure:
-    """Return a figure of what was measured and what the model says of it.
-
-    Parameters
-    ----------
-    last
-        The window of the estimate, or the last stretch that it rests on.
-    estimate, calibration, search
-        The valid estimate, and how it was made.
-    since_ns
-        Stamp from which the time axis counts [ns]; the start of the window when None.
-
-    Raises
-    ------
-    ValueError
-        When the window cannot be used, or there is no estimate in it.
-    """
+    """Return a figure of what was measured and what the model says of it."""
     window = last.window
     if not isinstance(window, Window):
         raise ValueError(f"window {last.number} cannot be used: {window.reason}")

@@ -53,14 +53,8 @@ _BANDS: Final = {
 _TITLE_WIDTH: Final = 105
 
 
-def draw_course(course: Course, end_hours: float | None = None) -> Figure:
-    """Return a figure of a prognosis over service hours, test cycles where no hours are known.
-
-    Parameters
-    ----------
-    end_hours
-        Service hour at which a fault truly reached its limit, if that is after the last test [h].
-    """
+def draw_course(course: Course) -> Figure:
+    """Return a figure of a prognosis over service hours, test cycles where no hours are known."""
     last = course.outlooks[-1]
     hours = course.hours
     in_hours = bool(np.isfinite(hours).any())
@@ -74,7 +68,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
     heights = [2.4] + [1.7] * (len(shown) + bool(performance))
     figure, panels = stacked_panels(heights, 1.15)
     end = _last_hour(course, place)
-    _draw_lives(panels[0], course, place, true_remaining_life(course, end_hours))
+    _draw_lives(panels[0], course, place, true_remaining_life(course))
     fan = _fan(course, end) if in_hours else None
     for axes, i in zip(panels[1:], shown, strict=False):
         _draw_fault(axes, course, place, truth, i, fan)
@@ -103,7 +97,7 @@ def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False
-    last, limit = course.outlooks[-1], course.settings.limits.of(name)
+    last, limit = course.outlooks[-1], course.given.prognosis.limits.of(name)
     worst = max(last.health.faults, key=lambda item: item.share).name
     ends_life = last.rul_faults.known and last.lives[name].criterion == last.rul_faults.criterion
     moved = np.abs(truth[:, i] - FAULTS[i].healthy) > _MOVES * limit
@@ -182,7 +176,7 @@ def _draw_fault(
         ahead = course.growth.tracker.hours + fan.hours
         axes.fill_between(ahead, low, high, color=_PREDICTED, alpha=0.2, lw=0, label=_BAND)
         axes.plot(ahead, median, "--", color=_PREDICTED, lw=1.4, label=_MEDIAN)
-    limit = course.settings.limits.of(fault.name)
+    limit = course.given.prognosis.limits.of(fault.name)
     ends = [fault.healthy + limit] + [fault.healthy - limit] * (fault.healthy > 0.0)
     for end in ends:
         axes.axhline(end, **LIMIT)

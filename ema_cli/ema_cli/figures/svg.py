@@ -31,15 +31,7 @@ _INKS: Final = re.compile(rf"#000000|{INK}", re.IGNORECASE)
 
 
 def inline_svg(figure: Figure, name: str, title: str, description: str) -> str:
-    """Return a figure as an ``svg`` element that needs nothing beside it.
-
-    Parameters
-    ----------
-    name
-        What the names within it begin with; another one for each picture of a page.
-    title, description
-        What it shows, for those who do not see it.
-    """
+    """Return a figure as an ``svg`` element that needs nothing beside it."""
     file = io.StringIO()
     with rc_context(_SETTINGS):
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})

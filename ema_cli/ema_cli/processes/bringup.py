@@ -42,35 +42,17 @@ def node_class(node: str) -> Callable[..., ManagedNode]:
 
 
 def parameter_file(name: str) -> Path:
-    """Return a parameter file of the package ema_bringup by its name without ``.yaml``.
-
-    Raises
-    ------
-    ValueError
-        When the package is not installed or has no such file.
-    """
+    """Return a parameter file of the package ema_bringup by its name without ``.yaml``."""
     return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 
 def localhost_profile() -> Path:
-    """Return the profile by which Fast DDS keeps to this machine.
-
-    Raises
-    ------
-    ValueError
-        When the package ema_bringup is not installed.
-    """
+    """Return the profile by which Fast DDS keeps to this machine."""
     return _installed(get_package_share_directory, "ema_bringup", "config", "fastdds_localhost.xml")
 
 
 def program(node: str) -> Path:
-    """Return the program of one of ``NODES``.
-
-    Raises
-    ------
-    ValueError
-        When it is not installed.
-    """
+    """Return the program of one of ``NODES``."""
     package, executable = NODES[node]
     return _installed(get_package_prefix, package, "lib", package, executable)
 
@@ -95,24 +77,6 @@ def ros_arguments(
     """Return the arguments of a program of nodes: their own parameter files, then what is given.
 
     A single node is in the enclave of its full name, which matters where SROS2 is enabled.
-
-    Parameters
-    ----------
-    nodes
-        Names of ``NODES`` that run in it.
-    parameter_files
-        Further parameter files; a later one overrides.
-    assignments
-        Parameters as ``name:=value``, the value in YAML; they override the files.
-    namespace
-        Namespace instead of ``/ema``.
-    remaps
-        Further names by those that they replace.
-
-    Raises
-    ------
-    ValueError
-        When a node's own parameter file is not installed.
     """
     arguments = ["--ros-args"]
     for file in (*map(parameter_file, nodes), *parameter_files):
@@ -130,13 +94,7 @@ def ros_arguments(
 
 
 def assignments_of(parameters: Mapping[str, Any]) -> list[str]:
-    """Return parameters as ``name:=value``.
-
-    Parameters
-    ----------
-    parameters
-        Values by name: text, numbers, booleans or lists of these; None is left out.
-    """
+    """Return parameters as ``name:=value``."""
     # JSON is YAML that leaves no doubt: a path that looks like a number stays text.
     return [
         f"{name}:={json.dumps(value, ensure_ascii=False)}"

@@ -34,24 +34,7 @@ _REFRESH_S: Final = 0.25
 def run_demo(
     duration_s: float, output: Path | None, stop: StopRequest, *, network: bool = False
 ) -> None:
-    """Run the demo until its end or until it is asked to stop.
-
-    Parameters
-    ----------
-    duration_s
-        Length from the first test cycle on [s].
-    output
-        Folder for what it leaves; one of its own below ``bags`` when None.
-    network
-        Whether ROS's own variables say how far its nodes are heard, rather than this machine alone.
-
-    Raises
-    ------
-    ValueError
-        When another actuator is there, a node failed or nothing was estimated.
-    OSError
-        When the folder cannot be written.
-    """
+    """Run the demo until its end or until it is asked to stop."""
     set_reach(network)
     _choose_domain()
     files = [parameter_file("simulated"), parameter_file("demo")]

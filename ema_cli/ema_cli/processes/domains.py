@@ -19,11 +19,6 @@ class Domain:
 
     A process that is started with the lock's descriptor (``pass_fds``) keeps the domain from
     others for as long as it lives, even when this one was killed.
-
-    Raises
-    ------
-    RuntimeError
-        If all domains are in use.
     """
 
     def __init__(self) -> None:

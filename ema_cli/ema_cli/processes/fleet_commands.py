@@ -24,19 +24,7 @@ class Common:
 def monitor_commands(
     monitors: int, common: Common, folder: Path, actuators: Sequence[str] = ()
 ) -> dict[str, list[str]]:
-    """Return the commands of monitors that share the actuators, by the names of their nodes.
-
-    Parameters
-    ----------
-    monitors
-        How many there are.
-    common
-        What all nodes are given; what its files have for ``monitor`` is for each of them.
-    folder
-        Where parameter files are written that name a single one.
-    actuators
-        Names of the actuators where they are known, for equal shares.
-    """
+    """Return the commands of monitors that share the actuators, by the names of their nodes."""
     commands = {}
     listed = {"actuators": list(actuators)} if actuators and monitors > 1 else {}
     for index, name in enumerate(monitor_names(monitors)):
@@ -58,20 +46,7 @@ def monitor_commands(
 
 
 def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[str]]:
-    """Return the commands of simulated actuators that publish on the topics of one namespace.
-
-    Parameters
-    ----------
-    names
-        Their names, which are those of their namespaces.
-    common
-        What all nodes are given; its parameters override those by which actuators differ.
-
-    Raises
-    ------
-    ValueError
-        When names are equal, or no names of namespaces.
-    """
+    """Return the commands of simulated actuators that publish on the topics of one namespace."""
     if len(set(names)) < len(names):
         raise ValueError(f"--actuators {','.join(names)}: expected names that differ")
     place = (NAMESPACE if common.namespace is None else common.namespace).rstrip("/")

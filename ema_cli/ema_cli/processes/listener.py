@@ -16,17 +16,7 @@ from ema_bags.message_type import type_name
 
 
 class Listener:
-    """Gives on what it hears; to be used under ``with``.
-
-    Parameters
-    ----------
-    name
-        Name of its node, in a namespace of its own.
-    topics
-        Message class and quality of service by full topic.
-    take
-        Called with topic and message, in the listener's thread.
-    """
+    """Gives on what it hears; to be used under ``with``."""
 
     def __init__(
         self,

@@ -36,11 +36,6 @@ _TOPICS: Final = {
 class Observer:
     """Takes in what is true and what is found, in a thread of its own; to be used under ``with``.
 
-    Parameters
-    ----------
-    name
-        Name of its node, in a namespace of its own.
-
     Attributes
     ----------
     dashboard_address

@@ -28,18 +28,6 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
     """Set how far nodes are heard that this process and its children make from now on.
 
     What the environment asks for and is not done is told on stderr.
-
-    Parameters
-    ----------
-    network
-        Whether ROS's own variables say it, rather than this machine alone.
-    environment
-        Variables to read and change.
-
-    Raises
-    ------
-    ValueError
-        When ROS's own variables forbid the network that is asked for, or the profile is missing.
     """
     if network:
         keeping = [name for name in (RANGE,) if environment.get(name) in _NEAR]

@@ -12,31 +12,14 @@ _PARAMETERS: Final = "ros__parameters"
 
 
 def monitor_names(monitors: int) -> list[str]:
-    """Return the names of the nodes: ``monitor`` alone, or ``monitor_0`` and on.
-
-    Parameters
-    ----------
-    monitors
-        How many there are.
-
-    Raises
-    ------
-    ValueError
-        When there is none.
-    """
+    """Return the names of the nodes: ``monitor`` alone, or ``monitor_0`` and on."""
     if monitors < 1:
         raise ValueError(f"monitors = {monitors}: expected at least 1")
     return [_MONITOR] if monitors == 1 else [f"{_MONITOR}_{index}" for index in range(monitors)]
 
 
 def shard_parameters(index: int, monitors: int) -> dict[str, int]:
-    """Return the parameters by which a monitor follows its share; none when it is alone.
-
-    Parameters
-    ----------
-    index, monitors
-        Number of the monitor, from 0, and how many there are.
-    """
+    """Return the parameters by which a monitor follows its share; none when it is alone."""
     return {"shard.index": index, "shard.count": monitors} if monitors > 1 else {}
 
 
@@ -45,22 +28,6 @@ def file_for(name: str, file: Path, folder: Path) -> Path:
 
     Parameter files name their node, and ROS knows no pattern for a part of a name. What the file
     has for the very name overrides.
-
-    Parameters
-    ----------
-    name
-        Name of a monitor.
-    file
-        A parameter file; it is returned as it is where nothing has to be changed.
-    folder
-        Where a file that has to be changed is written.
-
-    Raises
-    ------
-    ValueError
-        When it is no parameter file.
-    OSError
-        When it cannot be read, or its copy not written.
     """
     try:
         content = load_yaml(file)

@@ -62,11 +62,6 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
         ----------
         log
             File to which its output goes; that of the supervisor when None.
-
-        Raises
-        ------
-        OSError
-            When the program or the file cannot be opened.
         """
         output = log.open("wb") if log else None
         try:

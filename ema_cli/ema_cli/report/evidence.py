@@ -1,139 +1,88 @@
-"""What the verdict of a report rests on, as rows of tables."""
+"""What the verdict of a report rests on, as rows of tables, and its figures in words."""
 
 import math
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from collections import Counter
+from datetime import UTC, datetime
+from typing import Any, Final, NamedTuple
 
-from ema_cli.report.words import Shown, life_in_words, moment, shown
-from ema_cli.unit_diagnosis import UnitDiagnosis
-from ema_core.causes import CauseEstimate
+from ema_cli.bags.unit_course import Course
 from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import TREND_HOURS
+from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, RequirementLimits
+from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 
+_FIRST_DATE_NS: Final = 10 * 365 * 86_400_000_000_000
 _WIDENED: Final = 1.05
 
 
-class Component(NamedTuple):
-    """A fault in a test.
+class Shown(NamedTuple):
+    """A fault or required performance as it is shown, ``unit`` with a blank before it."""
 
-    Attributes
-    ----------
-    value, sigma
-        Estimate and standard deviation [-]; NaN where there is none.
-    significant
-        Whether the test shows that it is not healthy.
-    """
-
-    value: float
-    sigma: float
-    significant: bool
+    label: str
+    scale: float
+    unit: str
+    value_and_sigma: str
+    limit: str
 
 
-@dataclass(frozen=True)
-class OneTest:
-    """A test.
-
-    Attributes
-    ----------
-    time
-        When it ended, in words.
-    hours
-        Service hours [h]; NaN when unknown.
-    level
-        Name of the level of health after it; empty without a valid estimate.
-    remarks
-        Why there is no estimate or what limits it, hidden causes and events.
-    faults
-        Each component of the estimate.
-    """
-
-    number: int
-    bag: str
-    time: str
-    hours: float
-    verdict: str
-    level: str
-    goodness: float
-    goodness_limit: float
-    unexplained: float
-    remarks: list[str]
-    faults: list[Component]
+def shown(item: FaultHealth) -> Shown:
+    """Return a fault or requirement as it is shown."""
+    unit, scale = shown_in(RequirementLimits.unit(item.name) if item.name in REQUIREMENTS else "1")
+    unit = f" {unit}" if unit else ""
+    value, sigma, limit = (scale * one for one in (item.value, item.sigma, item.limit))
+    uncertainty = f" ± {sigma:.2g}" if math.isfinite(sigma) else ""
+    side = "≥" if item.limit_is_lower else "≤"
+    words = f"{value:.3g}{uncertainty}{unit}", f"{side} {limit:.3g}{unit}"
+    return Shown(label_of(item.name), scale, unit, *words)
 
 
-class Limited(NamedTuple):
-    """A fault or required performance, and how far it is from its limit.
-
-    Attributes
-    ----------
-    value, sigma, share, trend
-        In the unit of the health message; the trend is that in 1000 h.
-    meaning
-        What a fault amounts to, in words.
-    life
-        Remaining life, or why it is unknown, in words.
-    """
-
-    shown: Shown
-    level: str
-    value: float
-    sigma: float
-    share: float
-    trend: float
-    meaning: str
-    life: str
-
-
-class FoundCause(NamedTuple):
-    """A hidden cause: in how many tests it was found, and the latest of these."""
-
-    words: str
-    tests: int
-    latest: str
-
-
-def tests_of(told: UnitDiagnosis) -> list[OneTest]:
-    """Return all tests, in order of time."""
-    return [
-        _test(number, step.estimate, step.outlook, told)
-        for number, step in enumerate(told.course.steps)
-    ]
-
-
-def _test(number: int, one: Estimate, outlook: Outlook | None, told: UnitDiagnosis) -> OneTest:
-    path = told.record.bags.get(one.end_ns)
-    known = ~(one.insignificant | one.unobservable)
-    # The reason names the hidden causes.
-    remarks = [one.reason] if one.reason else []
-    remarks += [f"measured: {cause}" for cause in one.measured]
-    if outlook is not None:
-        remarks += [f"event: {event}" for event in outlook.events]
-    return OneTest(
-        number,
-        path.name if path else "",
-        moment(one.end_ns),
-        outlook.hours if outlook else math.nan,
-        one.verdict,
-        LEVEL_NAMES[outlook.health.level] if outlook else "",
-        one.goodness_of_fit,
-        one.goodness_limit,
-        one.unexplained_share,
-        remarks,
-        [Component(*row) for row in zip(one.faults, one.sigma, known.tolist(), strict=True)],
+def life_in_words(life: RemainingLife) -> str:
+    """Return the quantiles of a life that is known [h]."""
+    return " / ".join(
+        "longer" if not math.isfinite(one) else f"{one:,.0f}" if one >= 9.95 else f"{one:.1f}"
+        for one in (life.hours_05, life.hours_50, life.hours_95)
     )
 
 
-def limited(outlook: Outlook) -> tuple[list[Limited], list[Limited], str]:
-    """Return faults, required performance, and why no life is known, if it is one reason for all.
+def moment(stamp_ns: int) -> str:
+    """Return a stamp as date and time, or in seconds where it counts from something else."""
+    if stamp_ns < _FIRST_DATE_NS:
+        return f"{stamp_ns * 1e-9:,.2f} s"
+    return f"{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
-    Parameters
-    ----------
-    outlook
-        That after the last valid test.
-    """
+
+def tests_of(course: Course) -> list[dict[str, Any]]:
+    """Return all tests, in order of time."""
+    rows = []
+    for number, (one, outlook) in enumerate(course.steps):
+        path = course.record.bags.get(one.end_ns)
+        found = ~(one.insignificant | one.unobservable)
+        # The reason names the hidden causes.
+        remarks = [one.reason, *(f"measured: {cause}" for cause in one.measured)]
+        remarks += [f"event: {event}" for event in (outlook.events if outlook else ())]
+        rows.append(
+            {
+                "number": number,
+                "bag": path.name if path else "",
+                "time": moment(one.end_ns),
+                "hours": outlook.hours if outlook else math.nan,
+                "verdict": one.verdict,
+                "level": LEVEL_NAMES[outlook.health.level] if outlook else "",
+                "goodness": one.goodness_of_fit,
+                "goodness_limit": one.goodness_limit,
+                "unexplained": one.unexplained_share,
+                "remarks": [*filter(None, remarks)],
+                "faults": list(zip(one.faults, one.sigma, found.tolist(), strict=True)),
+            }
+        )
+    return rows
+
+
+def limited(outlook: Outlook) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
+    """Return faults, required performance, and why no life is known if that is the same for all."""
     groups = outlook.health.faults, outlook.health.requirements
     lives = [outlook.lives.get(item.name, outlook.rul) for group in groups for item in group]
     reasons = {life.reason for life in lives if not life.known}
@@ -142,46 +91,38 @@ def limited(outlook: Outlook) -> tuple[list[Limited], list[Limited], str]:
     return faults, requirements, common
 
 
-def _limited(item: FaultHealth, outlook: Outlook, common: str) -> Limited:
+def _limited(item: FaultHealth, outlook: Outlook, common: str) -> dict[str, Any]:
     life = outlook.lives.get(item.name, outlook.rul)
     fault = FAULT_BY_NAME.get(item.name)
-    unknown = "unknown" if life.reason in ("", common) else life.reason
-    return Limited(
-        shown(item),
-        LEVEL_NAMES[item.level],
-        item.value,
-        item.sigma,
-        item.share,
-        TREND_HOURS * outlook.trends.get(item.name, math.nan),
-        fault.physical(item.value) if fault is not None else "",
-        f"{life_in_words(life)} h{_widening(item.name, outlook)}" if life.known else unknown,
-    )
+    words = "unknown" if life.reason in ("", common) else life.reason
+    if life.known:
+        words = f"{life_in_words(life)} h"
+        checked = outlook.calibrations.get(item.name)
+        if checked is not None and checked.widening > _WIDENED:
+            words += f" (widened by {checked.widening:.2f}: earlier predictions were too sure)"
+    return {
+        "shown": shown(item),
+        "level": LEVEL_NAMES[item.level],
+        "value": item.value,
+        "sigma": item.sigma,
+        "share": item.share,
+        "trend": TREND_HOURS * outlook.trends.get(item.name, math.nan),
+        "meaning": fault.physical(item.value) if fault is not None else "",
+        "life": words,
+    }
 
 
-def _widening(name: str, outlook: Outlook) -> str:
-    """Return in words that an interval is wider for what came of earlier predictions."""
-    checked = outlook.calibrations.get(name)
-    if checked is None or not checked.widening > _WIDENED:
-        return ""
-    return f" (widened by {checked.widening:.2f}: earlier predictions were too sure)"
-
-
-def hidden_causes(told: UnitDiagnosis) -> list[FoundCause]:
-    """Return the hidden causes that are part of the explanation of valid tests."""
-    found: dict[str, tuple[int, CauseEstimate, Estimate]] = {}
-    for one in told.estimates:
+def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
+    """Return the hidden causes of valid tests: the latest of each, when, and in how many tests."""
+    tests, latest = Counter[str](), dict[str, tuple[str, str]]()
+    for one in course.estimates:
         for cause in one.causes if one.valid else ():
-            tests, *_ = found.get(cause.name, (0,))
-            found[cause.name] = (tests + 1, cause, one)
-    return [
-        FoundCause(str(cause), tests, moment(one.end_ns)) for tests, cause, one in found.values()
-    ]
+            tests[cause.name] += 1
+            latest[cause.name] = str(cause), moment(one.end_ns)
+    return [(*words, tests[name]) for name, words in latest.items()]
 
 
-def confusions(told: UnitDiagnosis) -> list[tuple[str, str, int]]:
+def confusions(course: Course) -> list[tuple[str, str, int]]:
     """Return the pairs that tests could not tell apart, and in how many of them."""
-    counts: dict[tuple[str, str], int] = {}
-    for one in told.estimates:
-        for first, second in one.alternatives if one.valid else ():
-            counts[first, second] = counts.get((first, second), 0) + 1
+    counts = Counter(pair for one in course.estimates if one.valid for pair in one.alternatives)
     return [(*pair, count) for pair, count in counts.items()]

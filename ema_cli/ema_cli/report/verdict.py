@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from ema_cli.report.words import life_in_words, moment, shown
-from ema_cli.unit_diagnosis import UnitDiagnosis
+from ema_cli.bags.unit_course import Course
+from ema_cli.report.evidence import life_in_words, moment, shown
+from ema_cli.show.advice import advice_in_words
 from ema_core.causes import CAUSE_BY_NAME, Place
 from ema_core.faults import FAULT_BY_NAME, FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
@@ -42,11 +43,11 @@ class UnitVerdict:
         return LEVEL_NAMES[self.level]
 
 
-def verdict_of(told: UnitDiagnosis) -> UnitVerdict:
+def verdict_of(course: Course) -> UnitVerdict:
     """Return the verdict on a unit."""
-    last = told.course.now
-    if not told.course.outlooks:
-        tests = counted(len(told.estimates), "test")
+    last = course.now
+    if not course.outlooks:
+        tests = counted(len(course.estimates), "test")
         why = f"{cause_of_level(last)}; " if last.failure else ""
         return UnitVerdict(
             last.health.level,
@@ -55,23 +56,23 @@ def verdict_of(told: UnitDiagnosis) -> UnitVerdict:
                 "What wears is unknown.",
                 "How long it lasts is unknown.",
             ),
-            _after_the_last_test(told),
+            _after_the_last_test(course),
         )
-    valid = [one for one in told.estimates if one.valid][-1]
-    lines = _state(told, last), _wearing(told, last, valid), _lasting(last)
-    words = [told.advice_in_words, removal_in_words(last)]
-    actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(told)]
+    valid = [one for one in course.estimates if one.valid][-1]
+    lines = _state(course, last), _wearing(course, last, valid), _lasting(last)
+    words = [advice_in_words(course), removal_in_words(last)]
+    actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(course)]
     return UnitVerdict(last.health.level, lines, actions)
 
 
-def _state(told: UnitDiagnosis, last: Outlook) -> str:
+def _state(course: Course, last: Outlook) -> str:
     health = last.health
     why = (
         cause_of_level(last)
         if health.level != OK
         else ("no fault and no required performance gives a warning")
     )
-    tests = f"{counted(len(told.course.outlooks), 'valid test')} of {len(told.estimates)}"
+    tests = f"{counted(len(course.outlooks), 'valid test')} of {len(course.estimates)}"
     index = f"{health.health_index:.2f}" if math.isfinite(health.health_index) else "unknown"
     return (
         f"{_STATES[health.level]}: {why} ({tests}; health index {index}, severity "
@@ -79,7 +80,7 @@ def _state(told: UnitDiagnosis, last: Outlook) -> str:
     )
 
 
-def _wearing(told: UnitDiagnosis, last: Outlook, valid: Estimate) -> str:
+def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     items = {item.name: item for item in (*last.health.faults, *last.health.requirements)}
     healthy = {
         fault.name
@@ -95,8 +96,8 @@ def _wearing(told: UnitDiagnosis, last: Outlook, valid: Estimate) -> str:
         named.append(worst)
     if not named:
         return "Nothing wears: no fault differs from healthy by more than its uncertainty."
-    told_items = [_item_in_words(item, last) for item in named]
-    return f"{_sentence('; behind it '.join(told_items))}"
+    parts = [_item_in_words(item, last) for item in named]
+    return f"{_sentence('; behind it '.join(parts))}"
 
 
 def _item_in_words(item: FaultHealth, last: Outlook) -> str:
@@ -127,9 +128,9 @@ def _lasting(last: Outlook) -> str:
     )
 
 
-def _after_the_last_test(told: UnitDiagnosis) -> list[str]:
+def _after_the_last_test(course: Course) -> list[str]:
     """Return what the last test asks for: to be repeated, or to look at what is no fault."""
-    last = told.estimates[-1] if told.estimates else None
+    last = course.estimates[-1] if course.estimates else None
     if last is None:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
     if last.verdict == FAILED:

@@ -3,8 +3,7 @@
 import math
 from typing import Final
 
-from ema_monitor.prognosis.advice import Advice
-from ema_monitor.prognosis.advisory import Costs
+from ema_cli.bags.unit_course import Course
 
 _ACTIONS: Final = {
     "continue": "Go on, and decide anew after the next test",
@@ -14,8 +13,11 @@ _ACTIONS: Final = {
 }
 
 
-def advice_in_words(advice: Advice, costs: Costs) -> str:
-    """Return what to do, when, at what cost and why, in a sentence."""
+def advice_in_words(course: Course) -> str:
+    """Return what to do, when, at what cost and why, in a sentence; empty without costs."""
+    advice, costs = course.advice, course.given.costs
+    if advice is None or costs is None:
+        return ""
     words = _ACTIONS[advice.action]
     if math.isfinite(advice.hours):
         joined = ", at" if advice.action == "continue" else " by"

@@ -22,13 +22,7 @@ _REASONS: Final = 3
 
 
 class FleetTable(TerminalDisplay):
-    """Shows the actuators of a fleet; to be used under ``with``.
-
-    Parameters
-    ----------
-    title
-        Where is listened.
-    """
+    """Shows the actuators of a fleet; to be used under ``with``."""
 
     def __init__(self, title: str, console: Console | None = None) -> None:
         super().__init__(console)

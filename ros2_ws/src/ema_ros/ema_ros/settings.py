@@ -1,8 +1,7 @@
 """ROS parameters declared from, and read into, the dataclasses that validate them."""
 
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import Field, fields, replace
+from dataclasses import replace
 from typing import Any, Final, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -15,6 +14,7 @@ from rclpy.exceptions import InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ema_core.parameter import SettingsParameter, parameters_of
 from ema_ros.rclpy_private import given_parameters
 
 Definition = TypeVar("Definition")
@@ -53,10 +53,10 @@ def declare(
     """
     is_type = isinstance(definition, type)
     given = given_parameters(node)
-    for parameter in _parameters(definition, prefix):
+    for parameter in parameters_of(definition, prefix):
         item = parameter.field
         default = item.default if is_type else getattr(definition, item.name)
-        descriptor = parameter.descriptor(read_only, constraint)
+        descriptor = _descriptor(parameter, read_only, constraint)
         value, is_text = parameter.to_node(default), False
         if parameter.name in given:
             value = parameter.number_of(given[parameter.name].value)
@@ -88,7 +88,7 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
     """
     values = {
         item.field.name: item.from_node(node.get_parameter(item.name).value)
-        for item in _parameters(definition, prefix)
+        for item in parameters_of(definition, prefix)
     }
     try:
         return definition(**values)
@@ -128,7 +128,7 @@ class LiveSettings(Generic[Definition]):
         why_fixed: Callable[[], str] | None = None,
     ) -> None:
         self._prefix = prefix
-        self._parameters = {item.name: item for item in _parameters(definition, prefix)}
+        self._parameters = {item.name: item for item in parameters_of(definition, prefix)}
         self._on_change = on_change
         self._why_fixed = why_fixed
         constraint = WHILE_UNCONFIGURED if why_fixed else LIVE
@@ -175,59 +175,26 @@ class LiveSettings(Generic[Definition]):
                 self._on_change(changed)
 
 
-class _Parameter:
-    """A field of a dataclass as a parameter."""
-
-    def __init__(self, item: Field[Any], prefix: str) -> None:
-        self.field = item
-        # ``scale``: units of the parameter in one of the field; None where they are the same.
-        usual = item.name, item.metadata.get("unit", ""), None
-        name, self.unit, self.scale = item.metadata.get("shown", usual) or usual
-        self.name = prefix + name
-
-    def to_node(self, value: Any) -> Any:
-        if "texts" in self.field.metadata:
-            # An empty list has no type in a parameter file.
-            return list(value) or [""]
-        return value if self.scale is None else float(f"{value * self.scale:.12g}")
-
-    def from_node(self, value: Any) -> Any:
-        if "texts" in self.field.metadata and isinstance(value, list | tuple):
-            return tuple(item for item in value if item != "")
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        return value / self.scale if self.scale is not None and is_number else value
-
-    def number_of(self, value: Any) -> Any:
-        """Return the number that a text stands for; whatever else it is, as it is."""
-        if isinstance(value, str) and "range" in self.field.metadata:
-            with suppress(ValueError):
-                return float(value)
-        return value
-
-    def descriptor(self, read_only: bool, constraint: str) -> ParameterDescriptor:
-        metadata = self.field.metadata
-        # The dataclass checks the type, so that an integer is accepted for a float.
-        descriptor = ParameterDescriptor(
-            description=metadata["description"], read_only=read_only, dynamic_typing=True
-        )
-        constraints = [constraint] if constraint else []
-        if "range" in metadata:
-            low, high = metadata["range"]
-            descriptor.description += f" [{self.unit}]"
-            if isinstance(self.field.default, int):
-                whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
-                descriptor.integer_range = [whole]
-            else:
-                low, high = float(self.to_node(low)), float(self.to_node(high))
-                floating = FloatingPointRange(from_value=low, to_value=high, step=0.0)
-                descriptor.floating_point_range = [floating]
-        elif metadata.get("choices"):
-            constraints.append(f"one of {', '.join(metadata['choices'])}")
-        descriptor.additional_constraints = "; ".join(constraints)
-        return descriptor
-
-
-def _parameters(definition: Any, prefix: str) -> list[_Parameter]:
-    return [
-        _Parameter(item, prefix) for item in fields(definition) if "description" in item.metadata
-    ]
+def _descriptor(
+    parameter: SettingsParameter, read_only: bool, constraint: str
+) -> ParameterDescriptor:
+    metadata = parameter.field.metadata
+    # The dataclass checks the type, so that an integer is accepted for a float.
+    descriptor = ParameterDescriptor(
+        description=metadata["description"], read_only=read_only, dynamic_typing=True
+    )
+    constraints = [constraint] if constraint else []
+    if "range" in metadata:
+        low, high = metadata["range"]
+        descriptor.description += f" [{parameter.unit}]"
+        if isinstance(parameter.field.default, int):
+            whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            descriptor.integer_range = [whole]
+        else:
+            low, high = float(parameter.to_node(low)), float(parameter.to_node(high))
+            floating = FloatingPointRange(from_value=low, to_value=high, step=0.0)
+            descriptor.floating_point_range = [floating]
+    elif metadata.get("choices"):
+        constraints.append(f"one of {', '.join(metadata['choices'])}")
+    descriptor.additional_constraints = "; ".join(constraints)
+    return descriptor

@@ -1,0 +1,145 @@
+"""How the windows of a bag are identified: options, and the estimates that they give."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import click
+
+from ema_bags.windows import BagWindows, RecordedWindow
+from ema_cli.bags.source import MEASURED_OPTION, Source
+from ema_cli.errors import NameChoice
+from ema_cli.parameters import Command, Parameters
+from ema_cli.show.progress import progress_bar
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibrations import AnyCalibration, load_calibration
+from ema_monitor.current_balance.unit import UnknownDriveUnit
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.windows.window import MIN_TRAVEL
+
+ALGORITHM_OPTION: Final = click.option(
+    "--algorithm",
+    type=NameChoice("algorithm", ALGORITHMS),
+    metavar="NAME",
+    help=f"{', '.join(ALGORITHMS)}; by default {SearchSettings.algorithm}.",
+)
+SEED_OPTION: Final = click.option(
+    "--seed", type=click.IntRange(0), metavar="N", help="Of the algorithm."
+)
+
+
+@dataclass(frozen=True)
+class Identifying(Source):
+    """What of a bag to look at, and how to identify it, as the options say.
+
+    Attributes
+    ----------
+    calibration_file
+        File of the calibration; None for the shipped one.
+    combining
+        Until when stretches of ordinary motion are combined.
+    """
+
+    OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
+        *Source.OPTIONS,
+        MEASURED_OPTION,
+        SEED_OPTION,
+        click.option(
+            "--calibration",
+            "calibration_file",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="File of `ema calibrate`; by default the shipped one.",
+        ),
+    )
+    SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
+        *Source.SECTIONS,
+        (SearchSettings, ""),
+        (CombinationSettings, ""),
+    )
+
+    calibration_file: Path | None = None
+    search: SearchSettings = SearchSettings()  # noqa: RUF009 - frozen
+    combining: CombinationSettings = CombinationSettings()  # noqa: RUF009 - frozen
+
+    @classmethod
+    def of(cls, parameters: Parameters, **options: Any) -> Self:
+        """Return what options and parameters say; ValueError for an impossible value."""
+        file = options.pop("calibration_file") or parameters.path("calibration_file")
+        return super().of(
+            parameters,
+            **options,
+            calibration_file=file,
+            search=parameters.over(SearchSettings()),
+            combining=parameters.over(CombinationSettings()),
+        )
+
+    def calibration(self) -> AnyCalibration:
+        """Return the calibration; ValueError or OSError when its file is none."""
+        if self.calibration_file is None:
+            return Calibration.builtin()
+        return load_calibration(self.calibration_file)
+
+    def calibration_of_model(self) -> Calibration:
+        """Return the calibration as ``calibration``; ValueError for that of an unknown drive."""
+        calibration = self.calibration()
+        if isinstance(calibration, UnknownDriveUnit):
+            raise ValueError(
+                f"{self.calibration_file} is the calibration of an unknown drive, of which there "
+                "is no model to compare or draw; `ema estimate` and `ema report` give its figures"
+            )
+        return calibration
+
+    @property
+    def calibration_source(self) -> str:
+        """Where the calibration comes from, in words."""
+        return str(self.calibration_file or "the shipped one of the built-in actuator")
+
+    def estimate(
+        self, windows: Sequence[RecordedWindow], calibration: AnyCalibration
+    ) -> list[Estimate]:
+        """Return the estimates of one actuator's windows, as a monitor makes them.
+
+        Stretches of ordinary motion are combined; what became of them is printed.
+        """
+        # So that the computing time of the first estimate is that of an estimate.
+        compile_kernels([calibration.form])
+        diagnosis, found = Diagnosis(), list[Diagnosed]()
+        combining = self.combining if self.any_motion else None
+        with progress_bar() as progress:
+            task = progress.add_task("identifying", total=len(windows))
+            for number, window in enumerate(windows, 1):
+                for one in diagnosis.add(
+                    window, calibration, self.search, combining, force=self.accept_defects
+                ):
+                    if isinstance(one, Diagnosed):
+                        found.append(one)
+                    else:
+                        progress.update(
+                            task,
+                            state=f"window {number} of {len(windows)}, {one.evaluations} "
+                            f"evaluations, fitness {one.fitness:.5f} A^2.s",
+                        )
+                progress.advance(task)
+        found += diagnosis.finish()
+        if self.any_motion and windows:
+            click.echo(f"{windows[0].description.actuator_id}: {diagnosis.tally}", err=True)
+        return [one.estimate for one in found]
+
+
+def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
+    """Return an estimate as plain values; what is not a number is null."""
+    record = estimate_record(one)
+    record["play_offset"] = record.pop("play")
+    record["calibration"] = record.pop("calibration_id")
+    return record | {
+        "sigma": by_fault(one.sigma),
+        "excitation_limit": MIN_TRAVEL,
+        "start": round(found.seconds(one.start_ns), 9),
+        "end": round(found.seconds(one.end_ns), 9),
+    }

@@ -1,0 +1,187 @@
+"""What a prognosis of a unit rests on: options, beside those by which its tests are identified."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import click
+
+from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
+from ema_cli.errors import Assignments, merged
+from ema_cli.parameters import Command, Parameters, names_of
+from ema_core.wording import as_identifier, unknown_name
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.scenario import Scenario, read_scenarios
+from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.growth.settings import FORM, KnownLawTexts, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+_LIMITS: Final = ((HealthLimits, "limits."), (RequirementLimits, "requirements."))
+PROGNOSIS_SECTIONS: Final = (
+    *_LIMITS,
+    (TrackerSettings, "tracker."),
+    (KnownLawTexts, "known_law."),
+    (Service, ""),
+    (DamageSettings, "damage."),
+)
+"""Dataclasses and prefixes of the parameters that a prognosis rests on."""
+
+LIMIT_OPTION: Final = click.option(
+    "--limit",
+    "limits",
+    type=Assignments(as_identifier),
+    multiple=True,
+    help="Where life ends: friction=0.4, bandwidth=15.",
+)
+GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
+    click.option("--hours-per-cycle", type=float, help="Flight hours of a test; 0: as counted."),
+    click.option("--duty", type=float, help="Growth in a future hour, relative to the past."),
+    click.option(
+        "--known-law",
+        "laws",
+        multiple=True,
+        metavar="FAULT=LAW",
+        help=f"A law of growth that is known, {FORM}.",
+    ),
+    LIMIT_OPTION,
+)
+"""What health and life rest on, beside the tests."""
+
+
+def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value:g} is not a number of hours", ctx, param)
+    return value
+
+
+@dataclass(frozen=True)
+class Predicting(Identifying):
+    """How to identify the tests of a unit, and what its prognosis rests on, as the options say.
+
+    Attributes
+    ----------
+    costs
+        What an advice rests on; None when none are given.
+    at_hours
+        Service hour at which the prognosis is made [h]; after the last test when None.
+    archive
+        Folder of an archive that was given as the fleet; None when none was.
+    scenarios
+        Future duties under which the life is predicted, too.
+    """
+
+    OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
+        *Identifying.OPTIONS,
+        ALGORITHM_OPTION,
+        *GROWTH_OPTIONS,
+        click.option(
+            "--fleet",
+            "fleet_file",
+            type=click.Path(path_type=Path, exists=True),
+            help="How other units grew, a file of `ema learn`.",
+        ),
+        click.option(
+            "--scenarios",
+            "scenario_file",
+            type=click.Path(path_type=Path, exists=True, dir_okay=False),
+            help="YAML file of future duties to predict under.",
+        ),
+        click.option(
+            "--at",
+            "at_hours",
+            type=click.FloatRange(min=0.0),
+            callback=_finite,
+            metavar="HOURS",
+            help="Leave out tests after this service hour.",
+        ),
+        click.option(
+            "--cost",
+            "cost_pairs",
+            type=Assignments(as_identifier),
+            multiple=True,
+            help="For advice: removal=1,failure=25,lead_time=20.",
+        ),
+    )
+    SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
+        *Identifying.SECTIONS,
+        *PROGNOSIS_SECTIONS,
+        (Costs, "costs."),
+    )
+
+    prognosis: PrognosisSettings = PrognosisSettings()  # noqa: RUF009 - frozen
+    costs: Costs | None = None
+    at_hours: float | None = None
+    archive: Path | None = None
+    scenarios: tuple[Scenario, ...] = ()
+
+    @classmethod
+    def of(cls, parameters: Parameters, **options: Any) -> Self:
+        """Return what options and parameters say; ValueError for an impossible value."""
+        parameters = with_growth(
+            parameters, options.pop("limits"), options.pop("laws"), options.pop("cost_pairs")
+        )
+        fleet_file = options.pop("fleet_file") or parameters.path("fleet_file")
+        scenario_file = options.pop("scenario_file")
+        is_archive = fleet_file is not None and fleet_file.is_dir()
+        settings = prognosis_over(PrognosisSettings(), parameters)
+        if fleet_file is not None and not is_archive:
+            settings = replace(settings, fleet=Fleet.read(fleet_file))
+        costs = parameters.over(Costs(), "costs.")
+        return super().of(
+            parameters,
+            **options,
+            prognosis=settings,
+            costs=None if costs == Costs() else costs,
+            archive=fleet_file if is_archive else None,
+            scenarios=read_scenarios(scenario_file) if scenario_file is not None else (),
+        )
+
+
+def with_growth(
+    parameters: Parameters,
+    limits: tuple[list[tuple[str, float]], ...],
+    laws: tuple[str, ...] = (),
+    costs: tuple[list[tuple[str, float]], ...] = (),
+) -> Parameters:
+    """Return parameters with what was given by options of a name and a value."""
+    values: dict[str, Any] = {}
+    known = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
+    for name, value in merged(limits, "--limit").items():
+        if name not in known:
+            raise ValueError(f"--limit: {unknown_name('limit', name, known)}")
+        values[known[name]] = value
+    kinds = [item.name for item in fields(KnownLawTexts)]
+    for written in laws:
+        name, _, law = written.partition("=")
+        kind = as_identifier(name)
+        if kind not in kinds:
+            raise ValueError(f"--known-law {written!r}: {unknown_name('fault', name, kinds)}")
+        if f"known_law.{kind}" in values:
+            raise ValueError("--known-law: a fault has more than one law")
+        values[f"known_law.{kind}"] = law
+    figures = [item.name for item in fields(Costs) if item.name != "unit"]
+    for name, value in merged(costs, "--cost").items():
+        if name not in figures:
+            raise ValueError(f"--cost: {unknown_name('cost', name, figures)}")
+        values[f"costs.{name}"] = value
+    return parameters.with_options(**values)
+
+
+def prognosis_over(settings: PrognosisSettings, parameters: Parameters) -> PrognosisSettings:
+    """Return settings of a prognosis with the values that were given."""
+    laws = parameters.over(KnownLawTexts(), "known_law.").laws()
+    tracker = parameters.over(settings.tracker, "tracker.")
+    return replace(
+        settings,
+        limits=parameters.over(settings.limits, "limits."),
+        requirements=parameters.over(settings.requirements, "requirements."),
+        tracker=replace(tracker, laws={**tracker.laws, **laws}) if laws else tracker,
+        service=parameters.over(settings.service),
+        damage=parameters.over(settings.damage, "damage."),
+    )

@@ -1,0 +1,241 @@
+"""Which windows of a bag to look at: options, and the windows that they choose."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import click
+
+from ema_bags.reader import Bag
+from ema_bags.telemetry import read_telemetry
+from ema_bags.windows import BagWindows, find_recorded_windows
+from ema_cli.parameters import Command, Parameters
+from ema_cli.show.progress import progress_bar
+from ema_core.description import ActuatorDescription
+from ema_core.quantity import check_quantities, quantity
+from ema_core.telemetry import Telemetry
+from ema_monitor.model.measured import GRAMMAR, measured_causes_of
+from ema_monitor.model.measurements import MAX_AGE_S
+from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
+from ema_monitor.windows.window import MIN_TRAVEL
+
+REPLACE_OPTION: Final = click.option(
+    "--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there."
+)
+CONDITION_OPTION: Final = click.option(
+    "--condition",
+    default="",
+    help='What has to be alike and telemetry does not tell, such as a load: "20 kg".',
+)
+"""Of the commands that compare a test with a unit's own normal."""
+ACTUATOR_OPTION: Final = click.option(
+    "--actuator",
+    "actuator_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="YAML description of the actuator, if BAG has none.",
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """What of a bag to look at, as the options say.
+
+    Attributes
+    ----------
+    accept_defects
+        Whether the options hold even against the bag: the description in ``actuator_file`` is used
+        for a bag that has one too, and a calibration that does not fit it.
+    measured
+        Hidden causes that were measured, as texts, for all windows.
+    measured_max_age_s
+        Age up to which a measurement in the bag holds for a window [s].
+    """
+
+    OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
+        click.option("--actuator-id", help="Which actuator, if BAG holds several."),
+        ACTUATOR_OPTION,
+        click.option("--topic", help="Topic of the telemetry, if BAG has several."),
+        click.option(
+            "--any-motion", is_flag=True, help="Windows are stretches of ordinary motion."
+        ),
+        click.option(
+            "--accept-defects",
+            is_flag=True,
+            help="Use --actuator and --calibration even against BAG.",
+        ),
+    )
+    SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = ()
+
+    actuator_id: str | None = None
+    actuator_file: Path | None = None
+    topic: str | None = None
+    any_motion: bool = False
+    accept_defects: bool = False
+    measured: tuple[str, ...] = ()
+    measured_max_age_s: float = quantity(
+        MAX_AGE_S,
+        "s",
+        0.0,
+        1e7,
+        "age at the start of a window up to which a measured cause holds for it",
+    )
+    trigger: TriggerSettings = TriggerSettings()  # noqa: RUF009 - frozen
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @classmethod
+    def of(cls, parameters: Parameters, **options: Any) -> Self:
+        """Return what options and parameters say; ValueError for an impossible value."""
+        windows = ANY_MOTION if options.pop("any_motion", False) else None
+        trigger = parameters.with_options(windows=windows).over(TriggerSettings())
+        options["actuator_file"] = options["actuator_file"] or parameters.path("actuator_file")
+        is_any = trigger.windows == ANY_MOTION
+        return parameters.over(cls(any_motion=is_any, trigger=trigger, **options))
+
+
+Source.SECTIONS = ((TriggerSettings, ""), (Source, ""))
+
+MEASURED_OPTION: Final = click.option(
+    "--measured",
+    multiple=True,
+    help=f"A measured cause, {GRAMMAR}: load_torque=0.1:0.005.",
+)
+"""Of the commands that identify windows."""
+
+
+def read_windows(
+    path: Path,
+    source: Source,
+    on_block: Callable[[Telemetry], None] | None = None,
+    bag: Bag | None = None,
+    *,
+    with_duty: bool = False,
+) -> BagWindows:
+    """Read a bag and find the windows in its telemetry, with a progress bar.
+
+    Parameters
+    ----------
+    on_block
+        Called with each block of telemetry.
+    bag
+        The bag, where it is open already.
+    with_duty
+        Whether to measure the duty that was flown.
+    """
+    measured = measured_causes_of(source.measured)
+    bag = bag or Bag(path)
+    recorded = read_telemetry(bag, source.topic, source.actuator_id)
+    try:
+        description, warning = _choose_description(
+            path, recorded.actuator_id, recorded.descriptions, source
+        )
+    except ValueError as error:
+        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
+    with progress_bar() as progress:
+        total = recorded.bag.topics[recorded.topic].count
+        task = progress.add_task(f"reading {path}", total=total)
+
+        def follow(block: Telemetry) -> None:
+            progress.advance(task)
+            if on_block is not None:
+                on_block(block)
+
+        found = find_recorded_windows(
+            recorded,
+            source.trigger,
+            description=description,
+            measured_max_age_s=source.measured_max_age_s,
+            on_block=follow,
+            with_duty=with_duty,
+        )
+    if measured:
+        found = found.with_measured(measured)
+    found.remarks[:0] = [*filter(None, [warning]), *found.description.remarks]
+    return found
+
+
+def identifiable_windows(path: Path, source: Source) -> BagWindows:
+    """Return what ``read_windows`` does, and print the remarks; at least one window was begun."""
+    found = read_windows(path, source)
+    for remark in found.remarks:
+        click.echo(f"{path}: {remark}", err=True)
+    require_windows(path, found, source)
+    return found
+
+
+def require_windows(path: Path, found: BagWindows, source: Source) -> None:
+    """Raise ``ValueError``, which describes the command, unless a window was at least begun."""
+    if found.windows:
+        return
+    settings = source.trigger
+    if source.any_motion:
+        if found.obstacle:
+            raise ValueError(f"{path} has no window to diagnose: {found.obstacle}")
+        raise ValueError(
+            f"{path} has no motion to diagnose (no excitation): the command never travels "
+            f"{MIN_TRAVEL:g} rad within {settings.window_s:g} s"
+        )
+    if not found.has_rested:
+        behaviour = (
+            f"it never rested within {settings.threshold:g} rad for {settings.rest_s:g} s: is the "
+            "parameter threshold_urad below its noise?"
+        )
+    elif found.longest_motion_s:
+        behaviour = (
+            f"it moved for at most {found.longest_motion_s:.3f} s at a time, or one way only"
+        )
+    else:
+        behaviour = "it never left its rest"
+    raise ValueError(
+        f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
+        f"command moving to and fro after a rest, and {behaviour}"
+        + (f"; {found.obstacle}" if found.obstacle else "")
+    )
+
+
+def _choose_description(
+    path: Path, actuator_id: str, recorded: tuple[ActuatorDescription, ...], source: Source
+) -> tuple[ActuatorDescription | None, str]:
+    """Return the description to read a bag with, None for those in it, and what to warn of."""
+    file = source.actuator_file
+    if file is None:
+        if not recorded:
+            raise ValueError(
+                f"{path} has no description of actuator {actuator_id!r}: give one with "
+                "--actuator FILE"
+            )
+        return None, ""
+    from ema_ros.actuator_file import load_description  # YAML only where there is a file
+
+    given = load_description(file)
+    if not recorded:
+        return given, ""
+    # Those of the actuator as it was described last: that is how it is reported.
+    differences = "; ".join(_differences(recorded[-1], given))
+    if not differences:
+        return None, ""
+    if source.accept_defects:
+        return given, f"--actuator {file} is used against the description in the bag: {differences}"
+    return (
+        None,
+        f"--actuator {file} is not used, the bag has a description: {differences}; "
+        "--accept-defects uses the file",
+    )
+
+
+def _differences(recorded: Any, given: Any) -> Iterator[str]:
+    """Yield name, recorded value, given value and unit of every field that differs."""
+    for field in fields(recorded):
+        there, here = getattr(recorded, field.name), getattr(given, field.name)
+        if field.name == "parameters":
+            yield from _differences(there, here)
+        elif there != here:
+            unit = field.metadata.get("unit", "s" if field.name == "sample_period" else "-")
+            unit = "" if unit == "-" else f" {unit}"
+            yield f"{field.name} {_value(there)}{unit} in the bag, {_value(here)}{unit} in the file"
+
+
+def _value(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,183 @@
+"""Options that describe an actuator on its test bench, and the command that it follows."""
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import click
+import yaml
+
+from ema_cli.parameters import Command as ClickCommand
+from ema_cli.parameters import Parameters
+from ema_core.commands import COMMAND_SHAPES, THESIS_CHIRP, Command
+from ema_core.description import ActuatorDescription
+from ema_core.files import complete_file
+from ema_core.parameters import ActuatorParameters
+from ema_ros.actuator_file import load_description
+from ema_sim.bench import BenchSettings
+from ema_sim.settings import ResolutionSettings, RunSettings
+
+_FIGURES: Final = [item.name for item in fields(Command) if item.name not in ("shape", "samples")]
+_OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
+    "step": {"amplitude": 1.0},
+    "ramp": {"amplitude": 0.05},
+    "sine": {"start_frequency": 2.0},
+    "swing": {"start_frequency": 10.0, "end_frequency": 14.0},
+    "moves": {"duration": 10.0},
+}
+"""Figures of the shapes that differ from those of a chirp, unless others are given."""
+
+COMMAND_OPTION: Final = click.option(
+    "--command",
+    "shape",
+    help="step, ramp, sine, chirp (the default), swing (a chirp that begins and ends at rest), "
+    "moves (random smooth moves with dwells, as in ordinary motion), or a CSV file with one angle "
+    "[rad] a sample in its last column. The parameters command.NAME are its figures.",
+)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A simulated actuator on its test bench, as the options say.
+
+    Attributes
+    ----------
+    description
+        The actuator as it is described, with its nominal parameters.
+    parameters
+        True parameters of the plant.
+    resolutions
+        Resolution of the published columns, by name.
+    """
+
+    OPTIONS: ClassVar[tuple[Callable[[ClickCommand], ClickCommand], ...]] = (
+        click.option(
+            "--actuator",
+            "actuator_file",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="YAML file that describes the actuator; without it the built-in one.",
+        ),
+        click.option(
+            "--sample-rate",
+            type=click.FloatRange(100.0, 1e6),
+            help="Samples per second of the telemetry, in place of the description's [Hz].",
+        ),
+        click.option(
+            "--current-noise",
+            type=float,
+            help="Standard deviation of the noise on each current sample [A].",
+        ),
+        click.option("--seed", type=click.IntRange(0), help="Of all noise."),
+    )
+    SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
+        (RunSettings, ""),
+        (BenchSettings, ""),
+        (ActuatorParameters, "plant."),
+        (Command, "command."),
+        (ResolutionSettings, "resolution."),
+    )
+
+    description: ActuatorDescription
+    parameters: ActuatorParameters
+    settings: BenchSettings
+    resolutions: dict[str, float]
+    command: Command
+    actuator_file: Path | None
+    sample_rate: float | None
+
+    @classmethod
+    def of(
+        cls,
+        parameters: Parameters,
+        sample_rate: float | None = None,
+        shape: str | None = None,
+    ) -> Self:
+        """Return what options and parameters say; what the description contradicts is printed."""
+        run = parameters.over(RunSettings())
+        file = parameters.path("actuator_file")
+        description = load_description(file) if file else ActuatorDescription()
+        own = {name: getattr(run, name) for name in ("actuator_id", "serial_number")}
+        description = replace(description, **{k: value for k, value in own.items() if value})
+        for remark in description.remarks:
+            click.echo(f"remark: {remark}", err=True)
+        if sample_rate is not None:
+            sample_period = round(1e6 / sample_rate) * 1e-6
+            if abs(sample_period * sample_rate - 1.0) > 1e-6:
+                raise ValueError(
+                    f"--sample-rate {sample_rate:g} Hz: the period must be a whole number of "
+                    "microseconds"
+                )
+            description = replace(description, sample_period=sample_period)
+        command = _command(shape, parameters)
+        if warning := command.travel_warning(description.parameters):
+            click.echo(f"warning: {warning}", err=True)
+        return cls(
+            description,
+            parameters.over(description.parameters, "plant."),
+            parameters.over(BenchSettings()),
+            parameters.over(ResolutionSettings(), "resolution.").resolutions(),
+            command,
+            file,
+            sample_rate,
+        )
+
+
+def _command(shape: str | None, parameters: Parameters) -> Command:
+    """Return the command of a shape, or of a CSV file, with the figures that are given."""
+    shape = shape or str(parameters.values.get("command.shape", THESIS_CHIRP.shape))
+    if shape.endswith(".csv"):
+        given = [name for name in _FIGURES if f"command.{name}" in parameters.values]
+        if given:
+            raise ValueError(f"a command from a file takes no figures, but command.{given[0]}")
+        return Command("custom", samples=_column(Path(shape)))
+    shapes = [name for name in COMMAND_SHAPES if name != "custom"]
+    if shape not in shapes:
+        raise ValueError(
+            f"command {shape!r} is neither one of {', '.join(shapes)} nor a .csv file; a file of "
+            "`ema design` is given by --params"
+        )
+    command = Command(shape, **_OWN_FIGURES.get(shape, {}))
+    return parameters.with_options(**{"command.shape": shape}).over(command, "command.")
+
+
+def _column(path: Path) -> list[float]:
+    try:
+        with path.open(newline="") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not a CSV file: {error}") from error
+    samples = []
+    for number, row in enumerate(rows):
+        try:
+            samples.append(float(row[-1]))
+        except ValueError as error:
+            # A first line that is no number is a heading.
+            if number > 0:
+                raise ValueError(
+                    f"{path}: row {number + 1} ends in {row[-1]!r}, expected an angle [rad]"
+                ) from error
+    return samples
+
+
+def save_command(path: Path, command: Command, comment: str) -> None:
+    """Write a command as parameters of the actuator, and its length as those of the monitor.
+
+    Parameters
+    ----------
+    path
+        YAML file to write.
+    command
+        Any but a custom one.
+    comment
+        Lines that say where it comes from.
+    """
+    figures = {name: getattr(command, name) for name in ("shape", *_FIGURES)}
+    content = {
+        "/**/actuator": {"ros__parameters": {"command": figures}},
+        "/**/monitor": {"ros__parameters": {"window_s": command.duration}},
+    }
+    heading = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+    with complete_file(path) as partial:
+        partial.write_text(heading + yaml.safe_dump(content, sort_keys=False))

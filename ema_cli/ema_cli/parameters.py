@@ -1,0 +1,194 @@
+"""Options by parameter name: settings as of a node, by ``-p NAME=VALUE`` and ``--params FILE``."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import wraps
+from inspect import signature
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import click
+
+from ema_cli.errors import one_clear_line
+from ema_core.parameter import parameters_of
+from ema_core.wording import unknown_name
+
+Settings = TypeVar("Settings")
+Command = Callable[..., None]
+
+_SECTION: Final = "ros__parameters"
+_RENAMED: Final = {
+    "command_set": "command",
+    "cost_unit": "costs.unit",
+    "quantise": "resolution",
+    "set": "plant",
+}
+"""Parameters in place of former options whose names they do not have."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Values that were given, by the names of parameters; they may be of no use."""
+
+    values: Mapping[str, Any]
+
+    def with_options(self, **given: Any) -> "Parameters":
+        """Return these with the values of options, by the parameter; None for one not given."""
+        return Parameters({**self.values, **{k: v for k, v in given.items() if v is not None}})
+
+    def over(self, settings: Settings, prefix: str = "") -> Settings:
+        """Return settings with the values that were given.
+
+        Raises
+        ------
+        ValueError
+            When a value is impossible; the message names the parameter, value, unit and range.
+        """
+        given = {
+            one.field.name: one.from_node(one.number_of(self.values[one.name]))
+            for one in parameters_of(settings, prefix)
+            if one.name in self.values
+        }
+        try:
+            return replace(settings, **given) if given else settings  # pyright: ignore
+        except ValueError as error:
+            raise ValueError(f"{prefix}{error}") from error
+
+    def path(self, name: str) -> Path | None:
+        """Return the path that a parameter names; None where there is none."""
+        text = self.values.get(name)
+        return Path(text).expanduser() if text else None
+
+
+def settings_options(
+    kind: type[Any], node: str = "monitor", more: Iterable[Callable[[Command], Command]] = ()
+) -> Callable[[Command], Command]:
+    """Return a decorator that gives a command options, gathered as its argument ``given``.
+
+    Parameters
+    ----------
+    kind
+        Class with the click options in ``OPTIONS``, dataclasses and prefixes of the parameters in
+        ``SECTIONS``, and a class method ``of(parameters, **options)`` that makes the argument.
+    node
+        Whose parameters they are.
+    more
+        Further options.
+    """
+    options = [
+        *kind.OPTIONS,
+        *more,
+        click.option(
+            "-p",
+            "--param",
+            "assignments",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help=f"Parameter of the {node} (docs/parameters.md).",
+        ),
+        click.option(
+            "--params",
+            "parameter_file",
+            type=click.Path(path_type=Path, exists=True, dir_okay=False),
+            help=f"Parameter file of the {node}; options override.",
+        ),
+    ]
+
+    def add(command: Command) -> Command:
+        own = signature(command).parameters
+
+        @wraps(command)
+        def with_options(
+            *, assignments: tuple[str, ...], parameter_file: Path | None, **given: Any
+        ) -> None:
+            shared = {name: given.pop(name) for name in list(given) if name not in own}
+            known = names_of(kind.SECTIONS)
+            with one_clear_line():
+                values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
+                values |= _assigned(assignments, known)
+                # An option with the name of a parameter gives it.
+                for name in (name for name in known if name in shared):
+                    if (value := shared.pop(name)) is not None:
+                        values[name] = str(value) if isinstance(value, Path) else value
+                built = kind.of(Parameters(values), **shared)
+            command(given=built, **given)
+
+        decorated: Command = with_options
+        for option in reversed(options):
+            decorated = option(decorated)
+        return decorated
+
+    return add
+
+
+def names_of(sections: Iterable[tuple[Any, str]]) -> list[str]:
+    """Return the names of the parameters of dataclasses with their prefixes."""
+    return [one.name for item, prefix in sections for one in parameters_of(item, prefix)]
+
+
+def _assigned(assignments: Iterable[str], known: Sequence[str]) -> dict[str, Any]:
+    """Return the values of ``NAME=VALUE``, the value in YAML; ROS's ``:=`` will do as well."""
+    assigned: dict[str, Any] = {}
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        name = name.removesuffix(":").strip()
+        if not equals:
+            raise ValueError(f"-p {text!r}: expected NAME=VALUE")
+        if name not in known:
+            raise ValueError(f"-p: {unknown_name('parameter', name, known)}")
+        if name in assigned:
+            raise ValueError(f"-p {name}: given more than once")
+        assigned[name] = _value(value)
+    return assigned
+
+
+def parameter_in_place_of(option: str) -> str:
+    """Return the parameters that do what a former option did, for an error; empty for none."""
+    from ema_cli.bags.predicting import Predicting
+    from ema_cli.bench import Bench
+
+    name = option.lstrip("-").replace("-", "_").removeprefix("no_")
+    name = _RENAMED.get(name, name)
+    known = names_of((*Predicting.SECTIONS, *Bench.SECTIONS))
+    if any(one.startswith(f"{name}.") for one in known):
+        found = [f"{name}.NAME"]
+    else:
+        found = [one for one in known if one == name or one.startswith(f"{name}_")]
+        found = found or [one for one in known if one.endswith(f".{name}")]
+    return f": give -p {found[0]}=VALUE (docs/parameters.md)" if found else ""
+
+
+def _value(text: str) -> Any:
+    import yaml  # only where there is a value
+
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text
+
+
+def parameters_in(path: Path, node: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and value of what a parameter file has for a node, in any namespace."""
+    from ema_core.yaml_file import load_yaml
+
+    try:
+        content = load_yaml(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: expected a parameter file: {error}") from error
+    yield from _of_sections(content, "", node)
+
+
+def _of_sections(content: Any, place: str, node: str) -> Iterator[tuple[str, Any]]:
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if key != _SECTION:
+            yield from _of_sections(value, str(key).rpartition("/")[2], node)
+        elif place in (node, "**"):
+            yield from _flat(value, "")
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value

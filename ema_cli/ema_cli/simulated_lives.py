@@ -1,0 +1,233 @@
+"""Simulated lives: their units, their tests as telemetry, and these as bags or as estimates."""
+
+import json
+import math
+import shutil
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_cli.bags.unit_record import CALIBRATION_FILE
+from ema_cli.new_bag import new_bag
+from ema_core.description import ActuatorDescription
+from ema_core.faults import COMPONENTS
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.health import HealthLimits
+from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.threads import limit_threads
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_sim.bench import ActuatorBench, BenchSettings
+from ema_sim.lives import NOISE_OF_DISTURBED, SimulatedLife, constant_life, run_to_failure
+from ema_sim.sensors import Sensors
+
+_NS_PER_HOUR: Final = 3_600_000_000_000
+_GAP_BLOCKS: Final = 3
+_MEASURED: Final = ("faults", "covariance", "unobservable", "goodness_of_fit")
+_PART: Final = ".part"
+
+
+def unit_of_life(seed: int, number: int) -> ActuatorDescription:
+    """Return the built-in actuator with a serial number of its own."""
+    built_in = ActuatorDescription()
+    return replace(built_in, serial_number=f"{built_in.serial_number}-{seed}-{number:04d}")
+
+
+def calibration_of_life(unit: ActuatorDescription) -> Calibration:
+    """Return the calibration of a unit that is like the built-in actuator.
+
+    Simulated units do not scatter: calibrated when new, each has the figures of the built-in one.
+    """
+    return replace(Calibration.builtin(), serial_number=unit.serial_number)
+
+
+@dataclass(frozen=True, eq=False)
+class LifeTest:
+    """One test of a life, as it is measured.
+
+    Attributes
+    ----------
+    number
+        Running number, from 0; missing tests have one too.
+    hours
+        Service hour [h].
+    start_ns
+        Stamp of its start: the service hour [ns].
+    faults
+        True faults, ``(8,)``.
+    window
+        What became of its window, as of ``ema_sim.lives``.
+    blocks
+        Telemetry; where there is a gap, blocks are missing.
+    """
+
+    number: int
+    hours: float
+    start_ns: int
+    faults: NDArray[np.float64]
+    window: str
+    blocks: list[Telemetry]
+
+
+def simulated_tests(
+    life: SimulatedLife, description: ActuatorDescription, rng: np.random.Generator
+) -> Iterator[LifeTest]:
+    """Simulate the tests of a life that are not missing, one by one."""
+    bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
+    noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
+    for number, (hours, faults, window) in enumerate(
+        zip(life.hours, life.faults, life.windows, strict=True)
+    ):
+        if window == "missing":
+            continue
+        bench.set_faults(faults)
+        start_ns = round(float(hours) * _NS_PER_HOUR)
+        blocks = [block for block, _ in bench.begin_cycle(start_ns).blocks]
+        if window == "noisy":
+            blocks = [noise.measure(block) for block in blocks]
+        if window == "gap":
+            # Inside the window, which begins at 0.8 s of the 1.7 s and is half a second long.
+            at = 3 * len(blocks) // 5
+            del blocks[at : at + _GAP_BLOCKS]
+        yield LifeTest(number, float(hours), start_ns, faults, window, blocks)
+
+
+def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> None:
+    """Write a test with its true faults and the service life that was counted before it."""
+    with new_bag(path) as writer, SimulatedActuatorBag(writer, description, test.start_ns) as bag:
+        bag.begin_cycle(test.number, test.faults, test.hours)
+        for block in test.blocks:
+            bag.write_block(block)
+
+
+def with_estimates(
+    tests: Iterable[LifeTest], description: ActuatorDescription
+) -> Iterator[tuple[LifeTest, Estimate]]:
+    """Yield the tests of an actuator with their estimates, valid or not, as of a monitor."""
+    calibration, diagnosis = calibration_of_life(description), Diagnosis()
+    for test in tests:
+        finder = WindowFinder(TriggerSettings(), description)
+        events = [event for block in test.blocks for event in finder.feed(block)]
+        segment = next(item for item in [*events, *finder.finish()] if isinstance(item, Segment))
+        for one in diagnosis.add(segment, calibration, SearchSettings()):
+            if isinstance(one, Diagnosed):
+                yield test, one.estimate
+
+
+def as_line(test: LifeTest, estimate: Estimate) -> str:
+    """Return a test and its estimate as a line of JSON; what is not a number is null."""
+    record = estimate_record(estimate)
+    content = {
+        "test": test.number,
+        "hours": test.hours,
+        "window": test.window,
+        "valid": record["valid"],
+        "reason": record["reason"],
+        "truth": by_fault(test.faults),
+        **{name: record[name] for name in _MEASURED},
+    }
+    return json.dumps(content) + "\n"
+
+
+@dataclass(frozen=True)
+class LifeJob:
+    """A life that is to be made.
+
+    Attributes
+    ----------
+    folder
+        Where its folder or file is made.
+    seed, number
+        What is random follows from both.
+    kind
+        Dominant fault; drawn when None.
+    form
+        "bags" or "estimates".
+    """
+
+    folder: Path
+    seed: int
+    number: int
+    kind: str | None
+    form: str
+    is_constant: bool
+    with_repair: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the life."""
+        return f"life_{self.number:04d}"
+
+
+def make_life(job: LifeJob) -> dict[str, object]:
+    """Make a life on one core; return the line about it, None where there is no end or repair."""
+    limit_threads(1)
+    of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
+    life = _drawn(job, of_life)
+    description = unit_of_life(job.seed, job.number)
+    tests = simulated_tests(life, description, of_sensors)
+    # Under another name until it is complete; a worker that was killed may have left one.
+    part = job.folder / f"{job.name}{_PART}"
+    _remove(part)
+    write = _write_bags if job.form == "bags" else _write_estimates
+    try:
+        write(part, tests, description)
+    except OSError as error:
+        _remove(part)
+        words = error.strerror or str(error)
+        raise OSError(error.errno, words, error.filename or str(part)) from error
+    part.rename(job.folder / (job.name if job.form == "bags" else f"{job.name}.jsonl"))
+    return {
+        "life": job.name,
+        "serial_number": description.serial_number,
+        "dominant_fault": life.dominant,
+        "end_hours": life.end_hours if math.isfinite(life.end_hours) else None,
+        "repair_hours": life.repair_hours if math.isfinite(life.repair_hours) else None,
+        "tests": len(life.hours),
+        "missing": life.windows.count("missing"),
+        "disturbed": life.windows.count("noisy") + life.windows.count("gap"),
+    }
+
+
+def _drawn(job: LifeJob, rng: np.random.Generator) -> SimulatedLife:
+    limits = HealthLimits()
+    by_fault = {name: limits.of(name) for name in COMPONENTS}
+    if job.is_constant:
+        return constant_life(by_fault, rng)
+    return run_to_failure(by_fault, rng, job.kind, with_repair=job.with_repair)
+
+
+def _write_bags(folder: Path, tests: Iterable[LifeTest], description: ActuatorDescription) -> None:
+    folder.mkdir()
+    calibration_of_life(description).save(folder / CALIBRATION_FILE)
+    for test in tests:
+        write_test(folder / f"test_{test.number:04d}.mcap", test, description)
+
+
+def _write_estimates(
+    path: Path, tests: Iterable[LifeTest], description: ActuatorDescription
+) -> None:
+    with path.open("w", encoding="utf-8") as file:
+        for test, estimate in with_estimates(tests, description):
+            file.write(as_line(test, estimate))
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what is left of lives that are not complete."""
+    for part in folder.glob(f"*{_PART}"):
+        _remove(part)
+
+
+def _remove(part: Path) -> None:
+    if part.is_dir():
+        shutil.rmtree(part)
+    else:
+        part.unlink(missing_ok=True)

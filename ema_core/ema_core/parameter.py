@@ -1,0 +1,53 @@
+"""Fields of settings as parameters, by name, unit and scale: of nodes and of commands."""
+
+from contextlib import suppress
+from dataclasses import Field, fields
+from typing import Any
+
+
+class SettingsParameter:
+    """A field of a dataclass, made by ``quantity``, ``text``, ``texts`` or ``flag``.
+
+    Attributes
+    ----------
+    name, unit
+        Name with its prefix, and unit of the parameter.
+    scale
+        Units of the parameter in one of the field; None where they are the same.
+    """
+
+    def __init__(self, item: Field[Any], prefix: str) -> None:
+        self.field = item
+        usual = item.name, item.metadata.get("unit", ""), None
+        name, self.unit, self.scale = item.metadata.get("shown", usual) or usual
+        self.name = prefix + name
+
+    def to_node(self, value: Any) -> Any:
+        """Return a value of the field as one of the parameter."""
+        if "texts" in self.field.metadata:
+            # An empty list has no type in a parameter file.
+            return list(value) or [""]
+        return value if self.scale is None else float(f"{value * self.scale:.12g}")
+
+    def from_node(self, value: Any) -> Any:
+        """Return a value of the parameter as one of the field."""
+        if "texts" in self.field.metadata and isinstance(value, list | tuple):
+            return tuple(item for item in value if item != "")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return value / self.scale if self.scale is not None and is_number else value
+
+    def number_of(self, value: Any) -> Any:
+        """Return the number that a text stands for, as YAML 1.1 reads 1e-06; else the value."""
+        if isinstance(value, str) and "range" in self.field.metadata:
+            with suppress(ValueError):
+                return float(value)
+        return value
+
+
+def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
+    """Return the parameters of a dataclass or an instance of one; other fields are left out."""
+    return [
+        SettingsParameter(item, prefix)
+        for item in fields(definition)
+        if "description" in item.metadata
+    ]
