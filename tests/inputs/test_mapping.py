@@ -44,7 +44,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"current": {"source": "i", "sampling": "filtered"}}, "current_filter = 0 s"),
         ({"clock": {}}, "clock without source and rate_hz"),
         ({"clock": {"source": "t", "unit": "min"}}, "clock: unit = 'min' is unknown"),
-        ({"accept": "current_zero"}, "expected a list of names of defects"),
+        ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of texts"),
         ({"accept": ["curent_zero"]}, "unknown defect 'curent_zero'; did you mean 'current_zero'?"),
     ],
 )

@@ -12,7 +12,7 @@ from ema_bags.message_type import message_class, type_name
 from ema_bags.qos import recorded_qos, replay_qos
 from ema_bags.reader import Bag, Recorded, Topic
 from ema_bags.schema import to_installed
-from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.quantity import check_quantities, flag, quantity, text, texts
 from ema_core.wording import unknown_name
 from ema_interfaces.msg import (
     ActuatorDescription,
@@ -53,6 +53,7 @@ class PlayerSettings:
     )
     clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
     stay: bool = flag(False, "stay at the end of the bag, for a seek, instead of ending")
+    topics: tuple[str, ...] = texts("topics to play; empty: all")
 
     def __post_init__(self) -> None:
         check_quantities(self)

@@ -2,11 +2,11 @@
 
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock_type import ClockType
@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from ema_bags.playback import Playback
 from ema_bags.played_bag import PlayedBag, PlayerSettings
 from ema_bags.player_outputs import PlayerOutputs
+from ema_bags.reader import Recorded
 from ema_bags.topic_names import topic_names
 from ema_core.wording import counted
 from ema_interfaces.msg import PlaybackState
@@ -52,7 +53,7 @@ _SERVICES: Final = {
 class PlayerNode(ManagedNode):
     """Plays a bag, message by message in its order, and the time on ``/clock``.
 
-    Parameters of the node are the fields of ``PlayerSettings`` and ``topics``: full names, or names
+    Parameters of the node are the fields of ``PlayerSettings``; topics are full names, or names
     relative to the namespace.
 
     While it is inactive the recorded time stands still. It has done its work at the end of the
@@ -66,15 +67,6 @@ class PlayerNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("player", **kwargs)
         declare(self, PlayerSettings)
-        self.declare_parameter(
-            "topics",
-            [""],
-            ParameterDescriptor(
-                description="topics to play; empty: all",
-                read_only=True,
-                dynamic_typing=True,
-            ),
-        )
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
         self._steered = threading.RLock()  # over start and stop of the worker
@@ -89,7 +81,7 @@ class PlayerNode(ManagedNode):
     def configure(self) -> None:
         """Open the bag and create the publishers of what is in it."""
         self._settings = read(self, PlayerSettings)
-        self._played = PlayedBag(self._settings, topic_names(self))
+        self._played = PlayedBag(self._settings, topic_names(self, self._settings.topics))
         self._outputs = PlayerOutputs(self, self._played)
         for name, reason in self._played.remarks.items():
             self.get_logger().warning(f"{name}: {reason}")
@@ -107,7 +99,7 @@ class PlayerNode(ManagedNode):
         paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
         self._status = paused if self._settings.start_paused else playing
         group = WaitingCallbackGroup()  # a seek reads the bag
-        self._steering = [
+        self._services = [
             self.create_service(kind, f"~/{name}", self._answerer(name), callback_group=group)
             for name, kind in _SERVICES.items()
         ]
@@ -126,7 +118,7 @@ class PlayerNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Destroy the publishers and services."""
-        for service in self._steering:
+        for service in self._services:
             self.destroy_service(service)
         self.destroy_publisher(self._state_output)
         self._outputs.close()
@@ -153,17 +145,14 @@ class PlayerNode(ManagedNode):
         message = self._failure or "; ".join([self._phase, *remarks])
         return [Task("playback", level, message, self.hardware_id, values)]
 
-    def _start(self) -> None:
-        """Play in a thread of its own."""
-        self._stop = threading.Event()
-        self._worker = threading.Thread(target=self._work, args=(self._stop,), name="player")
-        self._worker.start()
-
-    def _go_on(self) -> None:
-        """Play where it is to play, and tell."""
+    def _go_on(self, *, jumped: bool = False, latched: Iterable[Recorded] = ()) -> None:
+        """Tell how it stands and what is latched; play in a thread where it is to play."""
+        self._publish_state(jumped=jumped)
+        self._outputs.publish_latched(latched)
         if self._status == PlaybackState.PLAYING:
-            self._start()
-        self._publish_state()
+            self._stop = threading.Event()
+            self._worker = threading.Thread(target=self._work, args=(self._stop,), name="player")
+            self._worker.start()
 
     def _halt(self) -> None:
         """Stop before the next message."""
@@ -188,17 +177,25 @@ class PlayerNode(ManagedNode):
 
         return answer
 
-    def _pause(self, _: Any) -> None:
+    @contextmanager
+    def _steering(self) -> Iterator[None]:
+        """Let one request at a time steer, while the node is active."""
         with self._steered:
-            self._check_active()
+            if self.state != "active":
+                raise ValueError(f"the player is {self.state}: expected active")
+            if self.finished.is_set():
+                raise ValueError("the player has ended")
+            yield
+
+    def _pause(self, _: Any) -> None:
+        with self._steering():
             self._halt()
             if self._status == PlaybackState.PLAYING:
                 self._status = PlaybackState.PAUSED
             self._publish_state()
 
     def _resume(self, _: Any) -> None:
-        with self._steered:
-            self._check_active()
+        with self._steering():
             if self._status == PlaybackState.ENDED:
                 raise ValueError(f"{self._played.bag.path} is at its end: seek first")
             if self._status == PlaybackState.PAUSED:
@@ -224,8 +221,7 @@ class PlayerNode(ManagedNode):
 
     def _step(self, count: int) -> int:
         """Play the next messages while it is paused, and return how many there were."""
-        with self._steered:
-            self._check_active()
+        with self._steering():
             if self._status == PlaybackState.PLAYING:
                 raise ValueError("the player plays: pause it first")
             self._stop = threading.Event()
@@ -242,8 +238,7 @@ class PlayerNode(ManagedNode):
 
     def _set_rate(self, request: SetPlaybackRate.Request) -> None:
         settings = replace(self._settings, rate=request.rate)  # checks it
-        with self._steered:
-            self._check_active()
+        with self._steering():
             self._halt()
             self._playback.rate = settings.rate
             self._go_on()
@@ -251,8 +246,7 @@ class PlayerNode(ManagedNode):
     def _seek(self, request: SeekPlayback.Request) -> None:
         time_ns = stamp_from_message(request.time)
         self._played.check_time(time_ns)
-        with self._steered:
-            self._check_active()
+        with self._steering():
             self._halt()
             try:
                 latched = self._played.latched_before(time_ns)
@@ -263,16 +257,7 @@ class PlayerNode(ManagedNode):
             self._is_begun = True
             if self._status == PlaybackState.ENDED:
                 self._status = PlaybackState.PAUSED
-            self._publish_state(jumped=True)
-            self._outputs.publish_latched(latched)
-            if self._status == PlaybackState.PLAYING:
-                self._start()
-
-    def _check_active(self) -> None:
-        if self.state != "active":
-            raise ValueError(f"the player is {self.state}: expected active")
-        if self.finished.is_set():
-            raise ValueError("the player has ended")
+            self._go_on(jumped=True, latched=latched)
 
     def _publish_state(self, *, jumped: bool = False) -> None:
         state = PlaybackState(

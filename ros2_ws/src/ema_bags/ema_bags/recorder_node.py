@@ -8,11 +8,9 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ema_bags.gaps import Gap
@@ -24,7 +22,7 @@ from ema_core.wording import counted
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
-from ema_ros.settings import WHILE_UNCONFIGURED, LiveSettings
+from ema_ros.settings import LiveSettings
 from ema_ros.status import ERROR, OK, WARN, Task
 
 _DISCOVERY_S: Final = 0.2
@@ -36,8 +34,8 @@ _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
 class RecorderNode(ManagedNode):
     """Records what is published, as it is received.
 
-    Parameters of the node are the fields of ``RecorderSettings`` and ``topics``: full names, or
-    names relative to the namespace. By default everything in the namespace is recorded, and
+    Parameters of the node are the fields of ``RecorderSettings``; topics are full names, or names
+    relative to the namespace. By default everything in the namespace is recorded, and
     /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
     domain, and hidden topics have to be chosen.
 
@@ -56,16 +54,6 @@ class RecorderNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("recorder", **kwargs)
         self._settings = LiveSettings(self, RecorderSettings, why_fixed=self._why_fixed)
-        self.declare_parameter(
-            "topics",
-            [""],
-            ParameterDescriptor(
-                description="topics to record; empty: the namespace, /diagnostics and /clock",
-                additional_constraints=WHILE_UNCONFIGURED,
-                dynamic_typing=True,
-            ),
-        )
-        self.add_on_set_parameters_callback(self._refuse_topics)
         self._discovering = threading.Lock()  # over the topics
         self._writing = threading.Lock()  # over the bag
         self._recording = False
@@ -82,7 +70,7 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Begin the bag."""
         settings = self._settings.value
-        self._wanted = topic_names(self)
+        self._wanted = topic_names(self, settings.topics)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
@@ -198,12 +186,6 @@ class RecorderNode(ManagedNode):
             return ""
         bag = self._recorded.bag.path if self._recorded is not None else "a bag"
         return f"{bag} is open; clean the node up first"
-
-    def _refuse_topics(self, parameters: list[Parameter]) -> SetParametersResult:
-        reason = self._why_fixed()
-        if reason and any(item.name == "topics" for item in parameters):
-            return SetParametersResult(successful=False, reason=f"topics: {reason}")
-        return SetParametersResult(successful=True)
 
     def _is_wanted(self, name: str) -> bool:
         if self._wanted is not None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.quantity import check_quantities, flag, quantity, text, texts
 
 _LEAST_BAG_BYTES: Final = 100_000
 
@@ -37,6 +37,9 @@ class RecorderSettings:
     )
     max_cache_size: int = quantity(
         104857600, "B", 100_000, 10**12, "memory for a snapshot; beyond it the oldest are dropped"
+    )
+    topics: tuple[str, ...] = texts(
+        "topics to record; empty: the namespace, /diagnostics and /clock"
     )
 
     def __post_init__(self) -> None:

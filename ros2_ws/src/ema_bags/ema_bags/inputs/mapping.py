@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar, cast
 
 import yaml
 
 from ema_bags.inputs.field_path import FieldPath
 from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import check_quantities, quantity, text, texts
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
 
@@ -70,6 +71,7 @@ _KINDS: Final = (
 # i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of the
 # power-invariant transformation.
 _AMPLITUDES: Final = ("", "peak", "rms", "power")
+_Settings = TypeVar("_Settings")
 # Shown in the text of a mapping even if they have their default.
 _ALWAYS_SHOWN: Final = ("unit", "shaft", "sampling", "kind")
 
@@ -157,13 +159,12 @@ class CurrentSource(Source):
     unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES))
     kind: str = text("equivalent", "what the source is", _KINDS)
     amplitude: str = text("", "of i_q: its convention; empty: peak", _AMPLITUDES)
-    phases: tuple[str, ...] = ()
+    phases: tuple[str, ...] = texts("of phase_currents: sources of three phases, or of two")
     torque_sign: str = text("", "of phase_currents: source with the sign of the torque")
     sampling: str = text("mean", "what a sample stands for", CURRENT_SAMPLINGS)
     filter_time: float = quantity(0.0, "s", 0.0, 1.0, "time constant of a filtered current")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "phases", tuple(self.phases))
         super().__post_init__()
         Acquisition(self.sampling, self.filter_time)
         units = TORQUES if self.kind.endswith("torque") else CURRENTS
@@ -223,20 +224,12 @@ class Mapping:
 
     Attributes
     ----------
-    joint
-        Joint that is meant wherever a source names none.
     position
         Angle of the user shaft, or of the motor.
     command, error
         The command, or instead of it the position error, command less position.
     speed, current
         None where they are not measured.
-    clock
-        When samples were taken.
-    table
-        How a CSV file is written.
-    accept
-        Names of defects that are known and accepted.
 
     Raises
     ------
@@ -250,13 +243,13 @@ class Mapping:
     error: AngleSource | None = None
     speed: SpeedSource | None = None
     current: CurrentSource | None = None
-    joint: str = ""
+    joint: str = text("", "joint that is meant wherever a source names none")
     clock: Clock = Clock()
     table: Table = Table()
-    accept: tuple[str, ...] = ()
+    accept: tuple[str, ...] = texts("names of defects that are known and accepted")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "accept", tuple(self.accept))
+        check_quantities(self)
         for name in self.accept:
             if name not in DEFECTS:
                 raise ValueError(f"accept: {unknown_name('defect', name, DEFECTS)}")
@@ -370,54 +363,44 @@ def mapping_from(content: Any) -> Mapping:
     ValueError
         When a name is unknown or a value impossible; the message begins with the section.
     """
-    known = [item.name for item in fields(Mapping)]
+    if isinstance(content, dict):
+        content = {
+            name: section_from(_SECTIONS[name], name, section) if name in _SECTIONS else section
+            for name, section in content.items()
+            if name not in _SECTIONS or section is not None
+        }
+    return section_from(Mapping, "", content)
+
+
+def section_from(kind: type[_Settings], section: str, content: Any) -> _Settings:
+    """Return the settings of plain values, as a YAML file holds them; a text is a source.
+
+    Raises
+    ------
+    ValueError
+        When a name is unknown, one is missing or a value impossible; the message begins with the
+        section.
+    """
+    known = {item.name: item for item in fields(cast(Any, kind))}
+    place = f"{section}: " if section else ""
+    if isinstance(content, str) and "source" in known:
+        content = {"source": content}
     if not isinstance(content, dict):
-        raise ValueError(f"expected a mapping with {', '.join(known)}, not {content!r}")
-    given: dict[str, Any] = {}
-    for name, section in content.items():
-        if name not in known:
-            raise ValueError(unknown_name("entry", name, known))
-        if name not in _SECTIONS:
-            given[name] = section
-        elif section is not None:
-            given[name] = _section(name, section)
-    if not isinstance(given.get("joint", ""), str):
-        raise ValueError(f"joint = {given['joint']!r}: expected the name of a joint")
-    if not _is_texts(given.get("accept", ())):
-        raise ValueError(f"accept = {given['accept']!r}: expected a list of names of defects")
-    if "position" not in given:
-        raise ValueError("position is missing: expected its source")
-    return Mapping(**given)
-
-
-def _section(name: str, section: Any) -> Any:
-    kind = _SECTIONS[name]
-    known = {item.name: item for item in fields(kind)}
-    if isinstance(section, str):
-        section = {"source": section}
-    if not isinstance(section, dict):
-        raise ValueError(f"{name} = {section!r}: expected a mapping with {', '.join(known)}")
+        given = f"{section} = {content!r}: " if section else f"not {content!r}, "
+        raise ValueError(f"{given}expected a mapping with {', '.join(known)}")
     values = {}
-    for key, value in section.items():
-        if key not in known:
-            raise ValueError(f"{name}: {unknown_name('entry', key, known)}")
-        is_number = isinstance(known[key].default, float)
-        values[key] = _number(value) if is_number else value
-    if "phases" in values and not _is_texts(values["phases"]):
-        raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")
+    for name, value in content.items():
+        if name not in known:
+            raise ValueError(f"{place}{unknown_name('entry', name, known)}")
+        is_number = isinstance(known[name].default, float)
+        values[name] = tuple(value) if isinstance(value, list) else value
+        # YAML 1.1 reads 1e5 as a text.
+        with suppress(ValueError):
+            values[name] = float(value) if is_number and isinstance(value, str) else values[name]
+    for name, item in known.items():
+        if item.default is MISSING and name not in values:
+            raise ValueError(f"{place}{name} is missing")
     try:
         return kind(**values)
     except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
-
-
-def _is_texts(values: Any) -> bool:
-    return isinstance(values, list | tuple) and all(isinstance(item, str) for item in values)
-
-
-def _number(value: Any) -> Any:
-    """Return a number that YAML 1.1 reads as text, such as 1e5, as a float."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
+        raise ValueError(f"{place}{error}") from error
