@@ -154,6 +154,7 @@ def test_damaged_chunk_is_told_with_what_is_lost(tmp_path: Path):
     assert "the chunk at byte" in bag.damage
     assert "crc validation failed" in bag.damage
     assert f"topic /t0: {N // 2 - sum(item[0] == '/t0' for item in read)} of 100 " in bag.damage
+    assert sum(bag.readable_counts().values()) == len(read)
     # Read through, as without an index, the same is lost.
     path.write_bytes(damaged[:-1])
     again = Bag(path)
@@ -293,17 +294,6 @@ def test_message_that_is_none_is_skipped_counted_and_named(tmp_path: Path):
         told = "topic /t: 51 malformed messages skipped, the first of log time 7 ns: "
         assert told + "no std_msgs/msg/Header: " in bag.damage
     assert "lost" not in bag.damage
-
-
-def test_counts_are_those_of_what_can_be_read(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    record_by_mcap(path, compression=CompressionType.NONE)
-    path.write_bytes(path.read_bytes().replace(b"message 100 ", b"massage 100 "))
-    bag = Bag(path)
-    assert sum(topic.count for topic in bag.topics.values()) == N, "the index promises all"
-    counts = bag.readable_counts()
-    assert sum(counts.values()) == len(as_read(bag)) < N
-    assert "the chunk at byte" in bag.damage
 
 
 def test_lengths_beyond_64_bits_with_sign_are_damage(tmp_path: Path):

@@ -99,7 +99,7 @@ class PlayerNode(ManagedNode):
         paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
         self._status = paused if self._settings.start_paused else playing
         group = WaitingCallbackGroup()  # a seek reads the bag
-        self._services = [
+        self._control = [
             self.create_service(kind, f"~/{name}", self._answerer(name), callback_group=group)
             for name, kind in _SERVICES.items()
         ]
@@ -118,7 +118,7 @@ class PlayerNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Destroy the publishers and services."""
-        for service in self._services:
+        for service in self._control:
             self.destroy_service(service)
         self.destroy_publisher(self._state_output)
         self._outputs.close()
