@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from ema_bags.reader import Bag
-from ema_bags.recorder_settings import RecorderSettings
+from ema_bags.recording import RecorderSettings
 from ema_monitor.prognosis.history import History
 
 from .case import Case

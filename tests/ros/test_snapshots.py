@@ -15,8 +15,7 @@ from std_srvs.srv import Trigger
 from ema_bags.bag_file import BagFile
 from ema_bags.metadata import METADATA_FILE
 from ema_bags.reader import Bag
-from ema_bags.recorder_settings import RecorderSettings
-from ema_bags.recording import Recording
+from ema_bags.recording import RecorderSettings, Recording
 from ema_interfaces.msg import (
     ActuatorDescription,
     FaultEstimate,

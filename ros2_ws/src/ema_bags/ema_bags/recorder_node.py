@@ -15,8 +15,7 @@ from std_srvs.srv import Trigger
 
 from ema_bags.gaps import Gap
 from ema_bags.recorded_topic import RecordedTopic
-from ema_bags.recorder_settings import RecorderSettings
-from ema_bags.recording import Recording
+from ema_bags.recording import RecorderSettings, Recording
 from ema_bags.topic_names import topic_names
 from ema_core.wording import counted
 from ema_ros.executor import WaitingCallbackGroup

@@ -2,20 +2,71 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from ema_bags.recorder_settings import RecorderSettings
 from ema_bags.writer import BagWriter
 from ema_core.levels import LEVEL_NAMES
+from ema_core.quantity import check_quantities, flag, quantity, text, texts
 from ema_core.wording import counted
 from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
 
 _READ: Final = (FaultEstimate, Health, HealthSummary, DiagnosticArray)
 _BESIDES_BYTES: Final = 200
+_LEAST_BAG_BYTES: Final = 100_000
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """Where and how to record; fixed while a bag is open. Names as rosbag2 has them."""
+
+    output: str = text(
+        "",
+        "bag to write: a name ending in .mcap is one file, any other a folder; "
+        "empty: ema_<UTC date and time> in the working folder",
+    )
+    overwrite: bool = flag(False, "replace an existing bag")
+    flush_s: float = quantity(
+        0.5, "s", 0.01, 60.0, "longest time between writes; a killed recorder loses that much"
+    )
+    max_bag_size: int = quantity(
+        0, "B", 0, 10**15, "size from which on the next file is begun, 100000 at least; 0: never"
+    )
+    max_bag_duration: float = quantity(
+        0.0, "s", 0.0, 1e7, "recorded time after which the next file is begun; 0: never"
+    )
+    snapshot_duration: float = quantity(
+        0.0,
+        "s",
+        0.0,
+        86400.0,
+        "how much is kept in memory and written when a level changes, or by ~/snapshot; "
+        "0: all is written",
+    )
+    max_cache_size: int = quantity(
+        104857600, "B", 100_000, 10**12, "memory for a snapshot; beyond it the oldest are dropped"
+    )
+    topics: tuple[str, ...] = texts(
+        "topics to record; empty: the namespace, /diagnostics and /clock"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if 0 < self.max_bag_size < _LEAST_BAG_BYTES:
+            raise ValueError(
+                f"max_bag_size = {self.max_bag_size} B: expected 0 or at least {_LEAST_BAG_BYTES} B"
+            )
+        several = ("max_bag_size", "max_bag_duration", "snapshot_duration")
+        chosen = [name for name in several if getattr(self, name)]
+        if chosen and self.output.endswith(".mcap"):
+            raise ValueError(
+                f"output = {self.output!r} is one file: expected a folder, a name that does not "
+                f"end in .mcap, as {chosen[0]} = {getattr(self, chosen[0]):g} makes several"
+            )
 
 
 class _Kept(NamedTuple):
