@@ -1,7 +1,7 @@
 """The loop around an optimizer: counting, best so far, and each reason to stop."""
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -98,12 +98,8 @@ def test_budget_below_the_first_generation_is_refused():
         run([[1.0, 1.0, 1.0]], budget=2)
 
 
-@pytest.mark.parametrize(("target", "done"), [(0.0, 5), (0.9, 5), (2.0, 4), (3.5, 3), (100.0, 1)])
-def test_stops_at_the_target(target, done):
-    # Roots of squares: 2.0 is met to rounding, from below.
-    costs = [9.0, 7.0, 3.0, np.nextafter(2.0, 0.0) * (1 - 1e-15), 1.0]
-    _, progress = run(costs, 5, target=target)
-    assert len(progress) == done
+def test_cost_of_zero_ends_a_run():
+    assert generations([3.0, 0.0, 0.0], 3) == 2
 
 
 @pytest.mark.parametrize("stall", [1, 2, 5])
@@ -129,21 +125,6 @@ def test_improvement_below_the_tolerance_is_a_stall_all_the_same():
 def test_improvement_ends_a_stall():
     costs = [8.0, 8.0, 8.0, 4.0, 4.0, 4.0, 4.0]
     assert generations(costs, stall_generations=3, tolerance=0.1) == 7
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("budget", 0), ("stall_generations", 0), ("tolerance", -1e-9)]
-)
-def test_impossible_termination_is_refused_by_name(name, value):
-    with pytest.raises(ValueError, match=f"{name} = {value}"):
-        Termination(**{name: value})
-
-
-@pytest.mark.parametrize("name", ["budget", "target", "tolerance"])
-def test_termination_that_is_not_a_number_is_refused_by_name(name):
-    settings: dict[str, Any] = {name: NAN}
-    with pytest.raises(ValueError, match=f"{name} = nan"):
-        Termination(**settings)
 
 
 def test_another_rule_of_termination_needs_no_other_driver():

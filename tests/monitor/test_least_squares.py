@@ -1,9 +1,11 @@
 """How much of a search it takes: the start alone, and larger screens where that fails."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from ema_monitor.optimizers.driver import Termination, minimise
+from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.least_squares import _DAMPINGS, _SCREENS, ScreenedLeastSquares
 
@@ -13,8 +15,15 @@ ROTATION = np.linalg.qr(np.random.default_rng(4).normal(size=(D, D)))[0]
 _, SMALL, LARGE = (size for size, _ in _SCREENS)
 # Differences and trial steps of one descent.
 ROUND = D + len(_DAMPINGS)
-# Not even a cost of nothing ends a search before it has converged.
-PATIENT = Termination(budget=100_000, target=-1.0, tolerance=0.0, stall_generations=10_000)
+
+
+class Patient:
+    """Not even a cost of nothing ends a search before it has converged."""
+
+    budget = 100_000
+
+    def reached(self, best_costs: Sequence[float]) -> bool:
+        return False
 
 
 def valley(x):
@@ -34,7 +43,7 @@ def search(function, start=None, *, seed=0, good_cost=0.0, fair_cost=0.0):
     start = np.full(D, 0.5) if start is None else start
     hints = Hints(good_cost, fair_cost)
     optimizer = ScreenedLeastSquares(start, np.random.default_rng(seed), hints)
-    progress = list(minimise(watched, optimizer, PATIENT))
+    progress = list(minimise(watched, optimizer, Patient()))
     assert optimizer.converged
     return batches, progress
 

@@ -262,19 +262,6 @@ def test_partners_differ_from_the_target_and_from_each_other():
         assert counts / 3000 == pytest.approx(np.full(6, 1 / 6), abs=0.035)
 
 
-@pytest.mark.parametrize(
-    ("figures", "message"),
-    [
-        ({"F": 0.0}, "F = 0.0: expected a number above 0"),
-        ({"F": float("nan")}, "F = nan"),
-        ({"CR": 1.1}, r"CR = 1.1: expected a number in \[0, 1\]"),
-    ],
-)
-def test_impossible_figures_of_differential_evolution_are_refused(figures, message):
-    with pytest.raises(ValueError, match=message):
-        make(DifferentialEvolution, **figures)
-
-
 @pytest.mark.parametrize("cls", [DifferentialEvolution, ThesisDifferentialEvolution])
 def test_donor_is_the_best_plus_a_weighted_difference(cls, monkeypatch):
     optimizer = make(cls, np.full(5, 0.5), population=4, F=0.3, CR=1.0)

@@ -12,29 +12,28 @@ from rosgraph_msgs.msg import Clock
 
 from ema_core.faults import healthy_faults
 from ema_monitor import diagnosis
-from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.node import worker
 from ema_monitor.unit import Unit
+from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 from .monitor_session import DEADLINE_S, FLAP, MonitorSession, Source, in_window, monitor
 
 
-class HeldIdentification(Identification):
-    """One that is made when it may, and finds nothing wrong."""
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """A window is identified when this is set, and nothing is wrong with it."""
+    may, identified = threading.Event(), diagnosis._identified
 
-    may = threading.Event()
-
-    def __iter__(self) -> Iterator[Any]:
-        if not isinstance(self._window, Window):
-            yield from super().__iter__()
-            return
-        while not self.may.wait(0.01):
+    def held(window: Window | Refusal, *others: Any) -> Any:
+        if isinstance(window, Refusal):
+            return (yield from identified(window, *others))
+        while not may.wait(0.01):
             yield None
-        refused = refusal(self._window, self._calibration, self._settings, "")
-        self.estimate = replace(
-            refused,
+        calibration, settings = others[1:3]
+        return replace(
+            refusal(window, calibration, settings, ""),
             valid=True,
             faults=healthy_faults(),
             covariance=1e-6 * np.eye(8),
@@ -42,14 +41,9 @@ class HeldIdentification(Identification):
             goodness_of_fit=1.0,
         )
 
-
-@pytest.fixture
-def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
-    """Identification goes on when this is set."""
-    monkeypatch.setattr(diagnosis, "Identification", HeldIdentification)
-    monkeypatch.setattr(HeldIdentification, "may", threading.Event())
-    yield HeldIdentification.may
-    HeldIdentification.may.set()
+    monkeypatch.setattr(diagnosis, "_identified", held)
+    yield may
+    may.set()
 
 
 def count(session: MonitorSession, task: str, key: str) -> int:

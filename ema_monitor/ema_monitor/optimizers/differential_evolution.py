@@ -27,14 +27,14 @@ class DifferentialEvolution(Population):
     population
         Number of individuals, at least 3: a target and two partners.
     F
-        Weight of the difference [-].
+        Weight of the difference, above 0 [-].
     CR
-        Crossover ratio [-].
+        Crossover ratio, from 0 to 1 [-].
 
     Raises
     ------
     ValueError
-        When there are too few individuals, F is not above 0 or CR outside [0, 1].
+        When there are too few individuals.
 
     References
     ----------
@@ -54,10 +54,6 @@ class DifferentialEvolution(Population):
         F: float = 0.9,
         CR: float = 0.95,
     ) -> None:
-        if not F > 0.0:
-            raise ValueError(f"F = {F}: expected a number above 0")
-        if not 0.0 <= CR <= 1.0:
-            raise ValueError(f"CR = {CR}: expected a number in [0, 1]")
         super().__init__(start, rng, population, _FEWEST_INDIVIDUALS)
         self._F = F
         self._CR = CR

@@ -20,55 +20,31 @@ class StopRule(Protocol):
         ...
 
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether to stop.
-
-        Parameters
-        ----------
-        best_costs
-            Best cost so far after each generation, at least one.
-        """
+        """Return whether to stop, by the best cost so far after each generation, at least one."""
         ...
 
 
 @dataclass(frozen=True)
 class Termination:
-    """The stop rule by target and stall.
+    """The stop rule by stall; nothing costs less than 0, either.
 
     Attributes
     ----------
     budget
-        Largest number of evaluations; a generation that would pass it is not begun.
-    target
-        Stop at this cost or below.
+        As of `StopRule`.
     stall_generations
         Stop after so many generations in a row ...
     tolerance
         ... in which the best cost fell by less than this share of itself.
-
-    Raises
-    ------
-    ValueError
-        When a figure is impossible.
     """
 
     budget: int = 10_000
-    target: float = 0.0
     stall_generations: int = 30
     tolerance: float = 1e-6
 
-    def __post_init__(self) -> None:
-        if not self.budget >= 1:
-            raise ValueError(f"budget = {self.budget} evaluations: expected at least 1")
-        if self.stall_generations < 1:
-            raise ValueError(f"stall_generations = {self.stall_generations}: expected at least 1")
-        if np.isnan(self.target):
-            raise ValueError(f"target = {self.target}: expected a number")
-        if not self.tolerance >= 0.0:
-            raise ValueError(f"tolerance = {self.tolerance}: expected at least 0")
-
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether target or stall is reached; see :meth:`StopRule.reached`."""
-        if best_costs[-1] <= self.target:
+        """Return whether to stop, see :meth:`StopRule.reached`."""
+        if best_costs[-1] <= 0.0:
             return True
         if len(best_costs) <= self.stall_generations:
             return False
