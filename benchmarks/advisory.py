@@ -37,7 +37,7 @@ from tables import target_table
 from targets import Row
 from trials import workers
 
-from ema_monitor.prognosis.advisory import Costs, Decision
+from ema_monitor.prognosis.advice import Costs, Decision
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.lives import LifeSettings

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.duty.flown import FlownDuty, Share
+from ema_monitor.prognosis.duty.flown import LOAD_CLASSES, FlownDuty
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -72,7 +72,9 @@ def scores(kind: str, seed: int, growth_per: str, every: int) -> tuple[list[floa
     prognostics = Unit(History("flap", str(seed)), settings)
     accuracy, covered = [], []
     for number in range(end):
-        flown = FlownDuty(INTERVAL_H, (Share(2, INTERVAL_H * TRAVEL * duty[number], 0.25),))
+        travel = np.zeros((2, LOAD_CLASSES))
+        travel[:, 2] = INTERVAL_H * TRAVEL * duty[number] * np.array([1.0, 0.25])
+        flown = FlownDuty(INTERVAL_H, travel)
         estimate = estimate_of(number, friction[number], rng)
         outlook = prognostics.update(estimate, None, settings, flown=flown)
         if outlook is None or number < _SCORED_FROM or number % every:

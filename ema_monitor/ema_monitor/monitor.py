@@ -12,10 +12,10 @@ from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.search import Generation
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 from ema_monitor.windows.finder import Segment, WindowFinder

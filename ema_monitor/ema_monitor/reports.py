@@ -11,10 +11,10 @@ from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
-from ema_monitor.prognosis.unit_event import UnitEvent
 
 
 @dataclass(frozen=True)

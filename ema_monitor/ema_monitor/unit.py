@@ -8,23 +8,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from ema_core.levels import ERROR
+from ema_core.levels import ERROR, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import FAILED, Estimate
-from ema_monitor.prognosis.assessment import Assessment, assessment_of
-from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
-from ema_monitor.prognosis.forecaster import Forecaster
+from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
-from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of, unknown_outlook
-from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
-from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.prognosis.unit_event import (
+from ema_monitor.prognosis.history_entry import (
     CALIBRATION,
     FAULT,
     GAP,
@@ -32,9 +26,18 @@ from ema_monitor.prognosis.unit_event import (
     OTHER,
     RESTART,
     SERVICE_HOURS,
+    Assessment,
+    Count,
+    Entry,
     Finding,
     UnitEvent,
+    UnusedCycle,
 )
+from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
+from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
+from ema_monitor.prognosis.sentences import in_words
+from ema_monitor.prognosis.service import CountLog
+from ema_monitor.prognosis.settings import PrognosisSettings
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
@@ -101,8 +104,6 @@ class Unit:
         self._kept_tests = self.growth.kept_tests
         self._findings = [Finding(HISTORY, history.problem)] if history.problem else []
         self._ignores_usage = False
-        # Stamp of a test [ns], and the hour of the first of those up to it that were all ERROR [h].
-        self._failed_before = -1, math.nan
         # When it was opened, and how many tests it had.
         self._restarted = None
         if opened_ns is not None and history.entries:
@@ -240,13 +241,12 @@ class Unit:
             yield estimate, self.update(estimate, parameters, settings, count, duty)
 
     def write(self) -> None:
-        """Write what was found after the latest test; seldom also what is known of growth."""
+        """Write what is known of growth, once in a while."""
         with self._lock:
             # Under the lock: the state must be that after all tests of the history.
             if not 0 <= self.growth.tests - self._kept_tests < KEPT_EVERY:
                 self.history.keep_growth(self.growth.state())
                 self._kept_tests = self.growth.tests
-        self.history.write_assessments()
 
     def resume(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
@@ -306,17 +306,13 @@ class Unit:
         with self._lock:
             both = [*self.history.entries, *self.history.late]
             entries = sorted(both, key=lambda entry: entry.stamp_ns)
-            hours = self.growth.service.by_stamp()
-            chosen = entries[max(0, len(entries) - most) :]
+            hours, found = self.growth.service.by_stamp(), self.history.assessments
+            left_out = max(0, len(entries) - most)
             tests = [
-                KnownTest(
-                    entry,
-                    hours.get(entry.stamp_ns, math.nan),
-                    self.history.assessments.get(entry.stamp_ns),
-                )
-                for entry in chosen
+                KnownTest(one, hours.get(one.stamp_ns, math.nan), found.get(one.stamp_ns))
+                for one in entries[left_out:]
             ]
-            return tests, len(entries) - len(tests)
+            return tests, left_out
 
     def forecaster(self, outlook: Outlook) -> Forecaster | None:
         """Return what forecasts the faults from an outlook on, whatever tests come later.
@@ -324,22 +320,12 @@ class Unit:
         None when the outlook is no longer that of the latest test.
         """
         with self._lock:
-            latest = self.growth.service.latest
+            latest, tracker = self.growth.service.latest, self.growth.tracker
             if latest is None or latest.stamp_ns != outlook.stamp_ns:
                 return None
-            is_known = bool(self.growth.tracker.updates) and not self.growth.service.unknown
-            tracker = self.growth.tracker.frozen() if is_known else None
-            observed = outlook.hours - self.growth.service.used[0].hours if is_known else 0.0
-            settings = self._settings.tracker
-            horizon = min(settings.horizon_hours, settings.horizon_factor * observed)
-            return Forecaster(
-                outlook,
-                tracker,
-                self._settings.limits,
-                observed,
-                horizon / outlook.duty,
-                self._missing_share(),
-            )
+            is_known = bool(tracker.updates) and not self.growth.service.unknown
+            frozen = tracker.frozen() if is_known else None
+            return Forecaster(outlook, frozen, self._settings.limits)
 
     def _missing_share(self) -> float:
         """Return the probability that a test gives no valid estimate, by Laplace's rule [-]."""
@@ -399,8 +385,8 @@ class Unit:
         outlook = self._by_valid = self._outlook(parameters)
         if not self.history.entries:
             return self._claimed(outlook)
-        before = self._assessment_before(outlook)
-        assessment = assessment_of(outlook, before, self._findings, self._own_events(outlook))
+        before = self._assessment_before()
+        assessment = _assessment(outlook, before, self._findings, self._own_events(outlook))
         # Each is published once.
         self._findings = []
         self.history.assess(assessment)
@@ -433,6 +419,7 @@ class Unit:
             outlook,
             assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
             failed_since=self._failed_since(outlook),
+            missing_share=self._missing_share(),
         )
 
     def _failed_since(self, outlook: Outlook) -> float:
@@ -440,26 +427,18 @@ class Unit:
         if outlook.health.level != ERROR:
             return math.nan
         since = outlook.hours
-        before = (one for one in reversed(self.history.entries) if one.stamp_ns != outlook.stamp_ns)
-        latest_ns, known = -1, self._failed_before
-        for entry in before:
-            if entry.stamp_ns == known[0]:
-                since = known[1]
-                break
-            found = self.history.assessments.get(entry.stamp_ns)
-            if found is None or found.level != ERROR:
-                break
-            since = found.hours
-            if latest_ns < 0:
-                latest_ns = entry.stamp_ns
-        # Earlier assessments stay as they are: they need not be read again after the next test.
-        self._failed_before = (latest_ns, since) if latest_ns >= 0 else known
+        for entry in reversed(self.history.entries):
+            if entry.stamp_ns != outlook.stamp_ns:
+                found = self.history.assessments.get(entry.stamp_ns)
+                if found is None or found.level != ERROR:
+                    break
+                since = found.hours
         return since
 
-    def _assessment_before(self, outlook: Outlook) -> Assessment | None:
-        """Return the assessment of the same test, else of the one before; None without any."""
-        stamps_ns = [entry.stamp_ns for entry in self.history.entries[-2:]]
-        found = (self.history.assessments.get(stamp_ns) for stamp_ns in reversed(stamps_ns))
+    def _assessment_before(self) -> Assessment | None:
+        """Return the assessment of the latest test, else of the one before; None without any."""
+        stamps_ns = [entry.stamp_ns for entry in reversed(self.history.entries[-2:])]
+        found = (self.history.assessments.get(stamp_ns) for stamp_ns in stamps_ns)
         return next((one for one in found if one is not None), None)
 
     def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
@@ -519,3 +498,34 @@ def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:
     """Return the later of two counts, of those that were read by the end of a test [ns]."""
     read = [count for count in (one, other) if count and count.stamp_ns <= end_ns]
     return max(read, key=lambda count: count.stamp_ns, default=None)
+
+
+def _assessment(
+    outlook: Outlook,
+    before: Assessment | None,
+    findings: Iterable[Finding],
+    events: Iterable[UnitEvent],
+) -> Assessment:
+    """Return an outlook as it is kept, with an event for each fault whose level got worse.
+
+    ``before`` is of the test before, or an earlier one of the same test; ``findings`` are what the
+    test revealed, ``events`` what happened at another time.
+    """
+    health, rul = outlook.health, outlook.rul
+    items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
+    known = before.alarms if before else {}
+    found = list(findings)
+    found += [Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
+    stamp_ns, hours = outlook.stamp_ns, outlook.hours
+    # One that is assessed again keeps what was shown first.
+    kept = before.events if before and before.stamp_ns == stamp_ns else ()
+    return Assessment(
+        stamp_ns,
+        hours,
+        health.level,
+        health.health_index,
+        outlook.dominant,
+        (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
+        {one.name: one.level for one in items},
+        (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in found)),
+    )

@@ -20,7 +20,7 @@ from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node import worker as identification_worker
 from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.worker import IdentificationWorker
-from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal

@@ -45,7 +45,7 @@ for package in (ema_core, ema_sim, ema_monitor, ema_study, ema_archive):
 from ema_archive.tables import estimate_from, estimate_row
 from ema_monitor import calibrate, find_windows, identify
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import as_text, entry_of
+from ema_monitor.prognosis.history_entry import as_text, read_test
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reports import health_report
@@ -61,7 +61,7 @@ for window in find_windows(simulate({"viscosity": 0.3}, 3, seed=9)):
     assert abs(estimate.faults.viscosity - 0.3) < 0.02, estimate
     assert sum(abs(estimate.faults - healthy_faults())) < 0.33, estimate
     outlook = unit.update(estimate, calibration.unit_parameters, settings)
-    kept = entry_of(as_text(unit.history.entries[-1])).estimate
+    kept = read_test(as_text(unit.history.entries[-1])).estimate
     assert kept.faults == estimate.faults == estimate_from(estimate_row(estimate, 0)).faults
 report = health_report(outlook, ActuatorDescription())
 assert [item.name for item in report.faults][-1] == "viscosity"

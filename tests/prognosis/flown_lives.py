@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.duty.flown import FlownDuty, Share
+from ema_monitor.prognosis.duty.flown import CLASS_KELVIN, LEAST_RISE, FlownDuty
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
@@ -27,9 +27,12 @@ Duty = Callable[[int], FlownDuty]
 
 def flown(travel: float, load: float = 0.25, rise: float | None = None) -> FlownDuty:
     """Ten hours with some travel an hour [rad/h], all of it at one load and rise of the winding."""
-    number = min(int(10 * load), 9)
-    winding = () if rise is None else (Share(int((rise + 100.0) / 10.0), INTERVAL_H, rise),)
-    return FlownDuty(INTERVAL_H, (Share(number, INTERVAL_H * travel, load),), winding)
+    one = FlownDuty(INTERVAL_H)
+    one.travel[:, min(int(10 * load), 9)] = INTERVAL_H * travel * np.array([1.0, load])
+    if rise is not None:
+        number = int((rise - LEAST_RISE) / CLASS_KELVIN)
+        one.winding[:, number] = INTERVAL_H * np.array([1.0, rise])
+    return one
 
 
 def harder_from(number: int, times: float = 3.0, seed: int = 0) -> Duty:
@@ -45,7 +48,7 @@ def harder_from(number: int, times: float = 3.0, seed: int = 0) -> Duty:
 
 def travelled(duty: Duty, tests: int) -> np.ndarray:
     """Travel until each test [rad]."""
-    return np.cumsum([duty(number).travelled for number in range(tests)])
+    return np.cumsum([duty(number).travel[0].sum() for number in range(tests)])
 
 
 def flies(

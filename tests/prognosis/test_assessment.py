@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from ema_core.levels import ERROR, OK, WARN
-from ema_monitor.prognosis.assessment import (
-    Assessment,
-    assessment_from,
-    assessment_text,
-)
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import (
+    Assessment,
+    UnitEvent,
+    assessment_text,
+    read_assessment,
+)
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.prognosis.unit_event import UnitEvent
 from ema_monitor.unit import Unit
 
 from .kept_histories import UNIT, entry
@@ -42,7 +42,6 @@ def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Un
     outlook = None
     for number, friction in enumerate(frictions, first):
         outlook = unit.update(made_test(number, friction=friction), None, SETTINGS)
-    unit.history.write_assessments()
     unit.history.close()
     assert outlook is not None
     return unit, outlook
@@ -60,9 +59,9 @@ def kinds(unit: Unit) -> list[tuple[float, str, str]]:
 def test_assessment_is_the_same_from_its_text():
     event = UnitEvent(7, math.nan, "fault", "friction 0.2 (fails above 0.5)")
     whole = replace(assessment(3, WARN), alarms={"friction": WARN}, events=(event,))
-    assert str(assessment_from(assessment_text(whole))) == str(whole)
+    assert str(read_assessment(assessment_text(whole))) == str(whole)
     unknown = replace(whole, hours=math.nan, health_index=math.nan, life=None)
-    assert str(assessment_from(assessment_text(unknown))) == str(unknown)
+    assert str(read_assessment(assessment_text(unknown))) == str(unknown)
 
 
 def test_assessments_are_read_again_and_replaced_by_later_ones(path: Path):
@@ -70,9 +69,7 @@ def test_assessments_are_read_again_and_replaced_by_later_ones(path: Path):
     for number in range(3):
         history.append(entry(number))
         history.assess(assessment(number))
-        history.write_assessments()
     history.assess(assessment(1, ERROR))
-    history.write_assessments()
     history.close()
     again = History(*UNIT, path)
     again.close()
@@ -85,7 +82,7 @@ def test_damaged_assessment_sets_the_file_aside_and_loses_no_test(path: Path):
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("UPDATE assessment SET record = replace(record, '\"level\": ', '\"level\": 1')")
     history = History(*UNIT, path)
-    assert "an assessment is damaged" in history.problem
+    assert "the assessment of the test at 1700000000000000000 ns is damaged" in history.problem
     assert len(history.entries) == 3
     history.close()
 
@@ -95,12 +92,10 @@ def test_file_that_is_deleted_while_in_use_gets_all_assessments_again(path: Path
     for number in range(2):
         history.append(entry(number))
         history.assess(assessment(number))
-        history.write_assessments()
     for file in path.parent.glob("flap.sqlite*"):
         file.unlink()
     history.append(entry(2))
     history.assess(assessment(2))
-    history.write_assessments()
     history.close()
     again = History(*UNIT, path)
     again.close()

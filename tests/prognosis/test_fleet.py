@@ -7,8 +7,7 @@ import pytest
 
 from ema_core.faults import kind_of
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.fleet import Fleet, FleetUnit
-from ema_monitor.prognosis.fleet_learning import fleet_of
+from ema_monitor.prognosis.fleet import Fleet, FleetUnit, fleet_of
 from ema_monitor.prognosis.growth.fleet import (
     GrownFault,
     curves_without_fleet,

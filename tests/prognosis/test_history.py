@@ -17,9 +17,8 @@ import pytest
 
 from ema_core.levels import OK
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
+from ema_monitor.prognosis.history_entry import Assessment, Count, Entry, UnusedCycle
 
 from .kept_histories import UNIT, entry, hours, kept
 from .made_tests import made_test
@@ -30,7 +29,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from made_tests import made_test
-from ema_monitor.prognosis.assessment import Assessment
+from ema_monitor.prognosis.history_entry import Assessment
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
 history = History("flap", "SIM-0001", Path(sys.argv[1]))
@@ -56,7 +55,6 @@ def test_ten_years_of_daily_tests_take_at_most_20_megabytes():
             test = made_test(number, seed=1, friction=0.1)
             history.append(Entry(test, 10.0 * number, number + 1))
             history.assess(Assessment(test.end_ns, 10.0 * number, OK, 0.5, "friction", None))
-        history.write_assessments()
 
     add(range(100))
     tracemalloc.start()
@@ -96,6 +94,8 @@ def test_count_and_cycles_without_estimate_come_back(path: Path):
     again.close()
     assert (len(again.entries), again.entries[0].count, len(again.unused)) == (1, count, 2)
     assert again.newest == again.unused[-1]
+    assert [again.holds(stamp) for stamp in (1, 2, test.end_ns)] == [True, False, True]
+    assert [again.holds_valid(stamp) for stamp in (1, test.end_ns)] == [False, True]
 
 
 def test_nothing_is_made_before_the_first_test(path: Path):
@@ -175,18 +175,6 @@ def test_of_two_monitors_that_begin_a_history_the_second_names_the_reason(path: 
     assert "cannot be written: it is in use by another monitor" in second.problem
     first.close()
     assert hours(path) == ([0.0], "")
-
-
-def test_windows_without_estimate_are_held_as_well(path: Path):
-    history = History(*UNIT, path)
-    history.append(UnusedCycle(1, "refused", "gap"))
-    history.append(entry(0))
-    history.close()
-    again = History(*UNIT, path)
-    again.close()
-    stamp_ns = entry(0).stamp_ns
-    assert [again.holds(stamp) for stamp in (1, 2, stamp_ns)] == [True, False, True]
-    assert [again.holds_valid(stamp) for stamp in (1, stamp_ns)] == [False, True]
 
 
 def test_full_disk_is_reported_and_caught_up_with(path: Path):

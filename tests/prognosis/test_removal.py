@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from ema_monitor.prognosis.forecaster import removal_of
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.removal import removal_of, usage_of
-from ema_monitor.prognosis.service import TimedTest
+from ema_monitor.prognosis.service import ServiceHours, TimedTest
 
 from .made_tests import FIRST_NS
 
@@ -16,12 +16,14 @@ LIFE = RemainingLife(True, 50.0, 500.0, 950.0, "friction exceeds 0.5")
 DAY_NS = 86_400_000_000_000
 
 
-def used_at(*days_and_hours: tuple[float, float]) -> list[TimedTest]:
-    """Tests at days of the calendar and service hours."""
-    return list(
+def usage(*days_and_hours: tuple[float, float]) -> float:
+    """The usage by tests at days of the calendar and service hours."""
+    service = ServiceHours()
+    service.used = [
         TimedTest(FIRST_NS + int(day * DAY_NS), hours, number, True)
         for number, (day, hours) in enumerate(days_and_hours)
-    )
+    ]
+    return service.usage
 
 
 @pytest.mark.parametrize(("risk", "hours"), [(0.01, 10.0), (0.05, 50.0), (0.2, 200.0)])
@@ -52,12 +54,12 @@ def test_what_is_unknown_stays_unknown():
 def test_usage_is_that_of_the_last_ninety_days():
     # 10 h a day at first, 4 h a day since.
     days = ((0, 0), (100, 1000), (150, 1200), (200, 1400))
-    assert usage_of(used_at(*days)) == pytest.approx(4.0)
-    assert usage_of(used_at(*days[:2])) == pytest.approx(math.nan, nan_ok=True)
+    assert usage(*days) == pytest.approx(4.0)
+    assert usage(*days[:2]) == pytest.approx(math.nan, nan_ok=True)
 
 
 @pytest.mark.parametrize(
     "used", [(), ((0, 0),), ((0, 0), (0.5, 4)), ((0, 0), (2, 100)), ((0, 5), (3, 5))]
 )
 def test_usage_is_unknown_without_a_day_or_where_the_clocks_are_not_one(used):
-    assert math.isnan(usage_of(used_at(*used)))
+    assert math.isnan(usage(*used))

@@ -29,7 +29,6 @@ def read(folder: Path, content: str) -> tuple[Scenario, ...]:
 def test_file_has_a_scenario_each(tmp_path):
     flown, training = read(tmp_path, WHOLE)
     assert flown == Scenario("as flown")
-    assert not flown.has_figures
     assert training == Scenario(
         "training", 1.2, 120.0, {0.1: 0.8, 0.6: 0.2}, {60: 0.7, 110: 0.3}, 2.5, 6.0
     )
@@ -39,7 +38,7 @@ def test_example_in_the_documents_is_read(tmp_path):
     text = (Path(__file__).parents[2] / "docs" / "prognosis.md").read_text(encoding="utf-8")
     [example] = re.findall(r"^```yaml\n(scenarios:.*?)^```$", text, re.DOTALL | re.MULTILINE)
     flown, training = read(tmp_path, example)
-    assert not flown.has_figures
+    assert flown == Scenario("as flown")
     assert training.hours_per_day == 6.0
 
 

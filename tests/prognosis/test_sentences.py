@@ -6,8 +6,7 @@ from dataclasses import replace
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import FaultHealth, Health
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
-from ema_monitor.prognosis.removal import Removal
+from ema_monitor.prognosis.outlook import Outlook, Removal, unknown_outlook
 from ema_monitor.prognosis.sentences import cause_of_level, removal_in_words
 
 MARGIN = FaultHealth("torque_margin", WARN, 0.59, 0.01, 0.5, True, 0.4)

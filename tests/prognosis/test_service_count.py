@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.service import CountLog
 
 SECOND_NS = 1_000_000_000
 A, B, OTHER = ("flap", "A"), ("flap", "B"), ("rudder", "A")

@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.history_entry import Count, Entry
+from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
 from ema_monitor.prognosis.service import ServiceHours
-from ema_monitor.prognosis.unit_event import SERVICE_HOURS, Finding
 
 from .made_tests import made_test
 

@@ -13,7 +13,7 @@ from ema_cli.errors import Assignments, merged
 from ema_cli.parameters import Command, Parameters, names_of
 from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.scenario import Scenario, read_scenarios
 from ema_monitor.prognosis.fleet import Fleet

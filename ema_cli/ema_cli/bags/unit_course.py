@@ -20,7 +20,6 @@ from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.advice import Advice, advise
 from ema_monitor.prognosis.duty.scenario import Scenario
-from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
@@ -47,8 +46,6 @@ class Course:
         Tests in order of time, refused ones included; of ordinary motion, each combination.
     growth
         What is known of growth after the last of them.
-    forecaster
-        What forecasts the faults from there on; None without a valid test.
     scenarios
         Scenarios of future duty, with the health and life under each after the last test.
     """
@@ -58,7 +55,6 @@ class Course:
     calibration: AnyCalibration
     steps: list[Step]
     growth: GrowthRecord
-    forecaster: Forecaster | None
     scenarios: tuple[tuple[Scenario, Outlook], ...] = ()
 
     @property
@@ -91,9 +87,9 @@ class Course:
     @cached_property
     def advice(self) -> Advice | None:
         """What to do after the last test at the least cost; None without costs or a valid test."""
-        if self.given.costs is None or self.forecaster is None:
+        if self.given.costs is None or not self.outlooks:
             return None
-        return advise(self.forecaster, self.given.costs)
+        return advise(self.outlooks[-1], self.given.costs)
 
 
 def diagnose_unit(
@@ -129,10 +125,9 @@ def follow(
         followed = unit.follow(tracked, parameters, settings, record.counts, record.flown)
         steps = [Step(*item) for item in followed]
     last = next((step.outlook for step in reversed(steps) if step.estimate.valid), None)
-    forecaster = unit.forecaster(last) if last is not None else None
     scenarios = given.scenarios if last is not None else ()
     lives = tuple((one, unit.under(one, parameters, settings)) for one in scenarios)
-    return Course(record, given, calibration, steps, unit.growth, forecaster, lives)
+    return Course(record, given, calibration, steps, unit.growth, lives)
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:

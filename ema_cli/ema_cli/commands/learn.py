@@ -13,8 +13,7 @@ from ema_cli.parameters import Parameters
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.fleet import SUFFIX, Fleet
-from ema_monitor.prognosis.fleet_learning import fleet_of
+from ema_monitor.prognosis.fleet import SUFFIX, Fleet, fleet_of
 from ema_monitor.prognosis.growth.fleet import grid_digest
 from ema_monitor.prognosis.history import read_history
 from ema_monitor.prognosis.sentences import label_of

@@ -26,9 +26,9 @@ from ema_monitor.plot.style import (
 )
 from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
+from ema_monitor.prognosis.history_entry import FAULT, GAP
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
 from ema_monitor.prognosis.sentences import label_of, removal_in_words, shown_in
-from ema_monitor.prognosis.unit_event import FAULT, GAP
 
 ALPHA: Final = 0.2
 """Half width of the cone about the true remaining life, relative to it [-]."""

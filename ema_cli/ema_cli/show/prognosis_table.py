@@ -13,8 +13,8 @@ from rich.table import Table
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.prognosis.growth.check import AHEAD
+from ema_monitor.prognosis.history_entry import GAP
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
-from ema_monitor.prognosis.unit_event import GAP
 from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
 
 _WIDENED: Final = 1.05

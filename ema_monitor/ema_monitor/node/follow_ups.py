@@ -15,8 +15,7 @@ from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message
-from ema_monitor.prognosis.advice import advise
-from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.advice import Costs, advise
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
@@ -152,7 +151,7 @@ class FollowUps:
     def _publish_advice(
         self, description: ActuatorDescription, forecaster: Forecaster, costs: Costs
     ) -> None:
-        advice, outlook = advise(forecaster, costs), forecaster.outlook
+        advice, outlook = advise(forecaster.outlook, costs), forecaster.outlook
         message = advice_to_message(advice, outlook, costs.unit, description)
         self._publish(topics.ADVICE, message)
 

@@ -30,7 +30,7 @@ from ema_monitor.node.selection import Selection, Shard
 from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_of
 from ema_monitor.node.summary import summary_of
 from ema_monitor.node.worker import IdentificationWorker
-from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.outlook import Outlook

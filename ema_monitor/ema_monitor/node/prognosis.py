@@ -26,14 +26,13 @@ from ema_monitor.node.recordable import Recordable
 from ema_monitor.node.scenario_messages import scenarios_from_messages
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
-from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Count, UnusedCycle
+from ema_monitor.prognosis.history_entry import FAULT, HISTORY, RESTART, Count, UnusedCycle
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import (
     BEING_COMPUTED,
@@ -41,9 +40,8 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.service import CountLog, Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
-from ema_monitor.prognosis.unit_event import FAULT, HISTORY, RESTART
 from ema_monitor.reports import scenario_report
 from ema_monitor.unit import RequirementsOf, Unit
 from ema_monitor.windows.finder import Segment

@@ -9,7 +9,7 @@ from ema_core.quantity import check_quantities, quantity, text
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.measurements import MAX_AGE_S
-from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 _PERIODS: Final = 3.0

@@ -1,15 +1,186 @@
-"""Advice for a unit after a test: action, hour and reason."""
+"""What to do with a unit, and when, at the least expected cost (docs/prognosis.md, P18 to P20)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_core.levels import ERROR
-from ema_monitor.prognosis.advisory import Action, Costs, Decision
-from ema_monitor.prognosis.forecaster import Forecaster
+from ema_core.quantity import check_quantities, quantity, text
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import label_of, removal_in_words
+
+Action = Literal["unknown", "continue", "inspect", "remove"]
+"""What can be advised."""
+
+_GROUPS: Final = 10
+_MOST_MISSING: Final = 8
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What removal, failure and inspection cost, in one unit of the user's own.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    inspection: float = quantity(
+        0.0, "-", 0.0, 1e12, "cost of an inspection, in costs.unit; 0: none is offered"
+    )
+    removal: float = quantity(
+        0.0, "-", 0.0, 1e12, "cost of a planned removal, in costs.unit; 0: no advice is given"
+    )
+    failure: float = quantity(
+        0.0, "-", 0.0, 1e12, "cost of a failure with its removal, in costs.unit"
+    )
+    lead_time: float = quantity(0.0, "h", 0.0, 1e6, "flight hours from a decision to a removal")
+    unit: str = text("", "unit of the costs")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def defect(self) -> str:
+        """Why no advice follows from them; empty when it does."""
+        if self.removal == 0.0:
+            return "no costs are given: costs.removal and costs.failure are not set"
+        if self.failure <= self.removal:
+            return (
+                f"costs.failure = {self.failure:g}: expected more than costs.removal = "
+                f"{self.removal:g}; else a removal never pays"
+            )
+        return ""
+
+
+class Choice(NamedTuple):
+    """A plan for a unit: cost of its life, hours of its life, and when it is removed.
+
+    Attributes
+    ----------
+    cost, hours
+        Expected cost, and expected service hours over the whole life [h].
+    removal_hours
+        Hours from now to the removal [h]; that of the earliest one after the next test, if the
+        decision waits for it.
+    risk
+        Probability of a failure before that [-].
+    """
+
+    cost: float
+    hours: float
+    removal_hours: float
+    risk: float
+
+    @property
+    def rate(self) -> float:
+        """Cost per flight hour over the life."""
+        return self.cost / self.hours if self.hours > 0.0 else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is to be decided after a test.
+
+    Attributes
+    ----------
+    costs
+        Costs and lead time.
+    hours
+        Service hours now [h].
+    interval_hours
+        Hours to the next test [h].
+    lives
+        Equally probable remaining lives [h], ``(n,)``; none is longer than is looked ahead.
+    missing_share
+        Probability that a test gives no valid estimate, so that the one after is the next [-].
+    tests_tell
+        Whether the next test tells of the fault that ends life first.
+    """
+
+    costs: Costs
+    hours: float
+    interval_hours: float
+    lives: NDArray[np.float64]
+    missing_share: float = 0.0
+    tests_tell: bool = True
+
+    def at_once(self) -> Choice:
+        """Return the earliest removal that is possible."""
+        return self._remove(np.array([self.costs.lead_time]))
+
+    def remove(self) -> Choice:
+        """Return the best removal that has to be decided on before the next test (P18)."""
+        lead = self.costs.lead_time
+        between = self.lives[(self.lives > lead) & (self.lives < lead + self.interval_hours)]
+        return self._remove(np.concatenate([[lead], np.sort(between)]))
+
+    def wait(self) -> Choice:
+        """Return what deciding after the next test is worth (P19).
+
+        A test that tells of the fault ends the uncertainty of the life: those that fail before a
+        removal could follow it fail, the others are removed an interval of tests before their end.
+        One that does not tell leaves the best removal by what is known now.
+        """
+        # The next test that gives an estimate is the first, the second, ... from now on.
+        waits = self.costs.lead_time + self.interval_hours * np.arange(1, _MOST_MISSING + 1)
+        earliest = float(waits[0])
+        if not self.tests_tell:
+            later = np.sort(self.lives[self.lives > earliest])
+            return self._remove(np.concatenate([[earliest], later]))
+        probability = self.missing_share ** np.arange(_MOST_MISSING)
+        probability /= probability.sum()
+        fails = self.lives < waits[:, None]
+        before_end = np.maximum(self.lives - self.interval_hours, waits[:, None])
+        used = probability @ np.mean(np.where(fails, self.lives, before_end), axis=1)
+        risk = float(probability @ np.mean(fails, axis=1))
+        return Choice(self._cost(risk), self.hours + float(used), earliest, risk)
+
+    def inspect(self, levels: NDArray[np.float64]) -> Choice:
+        """Return what an inspection now is worth, which measures the present level (P20).
+
+        Parameters
+        ----------
+        levels
+            Present level of the fault that ends life first in each of the lives, ``(n,)`` [-].
+        """
+        order = np.argsort(levels, kind="stable")
+        chosen = [
+            self._judged(half, other)
+            for group in np.array_split(order, _GROUPS)
+            # What is chosen by one half is judged by the other: by its own it looks too good.
+            for half, other in ((group[::2], group[1::2]), (group[1::2], group[::2]))
+        ]
+        cost, hours, removal, risk = np.mean(np.array(chosen), axis=0).tolist()
+        return Choice(cost + self.costs.inspection, hours, removal, risk)
+
+    def _judged(self, half: NDArray[np.intp], other: NDArray[np.intp]) -> Choice:
+        """Return what the best choice for some of the lives is worth for others."""
+        own, theirs = (replace(self, lives=self.lives[part]) for part in (half, other))
+        removal, waiting = own.remove(), own.wait()
+        if waiting.rate < removal.rate:
+            return theirs.wait()
+        return theirs._remove(np.array([removal.removal_hours]))
+
+    def _remove(self, at_hours: NDArray[np.float64]) -> Choice:
+        """Return the best removal of those at some hours from now [h]: age replacement (P18)."""
+        lives = np.sort(self.lives)
+        fail = np.searchsorted(lives, at_hours, "left")
+        risk = fail / lives.size
+        until = np.concatenate([[0.0], np.cumsum(lives)])[fail] / lives.size
+        hours = self.hours + until + (1.0 - risk) * at_hours
+        cost = self._cost(risk)
+        # Without any hours there is no rate.
+        rate = np.divide(cost, hours, out=np.full_like(hours, np.inf), where=hours > 0.0)
+        k = int(np.argmin(rate))
+        return Choice(float(cost[k]), float(hours[k]), float(at_hours[k]), float(risk[k]))
+
+    def _cost(self, risk: Any) -> Any:
+        return self.costs.removal + (self.costs.failure - self.costs.removal) * risk
 
 
 @dataclass(frozen=True)
@@ -20,6 +191,8 @@ class Advice:
     ----------
     action
         "unknown", "continue", "inspect" or "remove".
+    reason
+        Why, in words.
     hours, from_now
         Service hour of the action, or of the decision anew, and the same from the latest test on
         [h]; NaN when unknown.
@@ -28,96 +201,64 @@ class Advice:
     rate, rate_at_once
         Expected cost per flight hour over the life with this advice, and with the earliest removal
         that is possible; NaN when unknown.
-    reason
-        Why, in words.
     """
 
     action: Action
-    hours: float
-    from_now: float
-    probability: float
-    rate: float
-    rate_at_once: float
     reason: str
+    hours: float = math.nan
+    from_now: float = math.nan
+    probability: float = math.nan
+    rate: float = math.nan
+    rate_at_once: float = math.nan
 
-    @classmethod
-    def without_figures(cls, action: Action, reason: str) -> "Advice":
-        """Return an advice of which no figure is known."""
-        nothing = math.nan
-        return cls(action, nothing, nothing, nothing, nothing, nothing, reason)
 
-
-def advise(after: Forecaster, costs: Costs) -> Advice:
+def advise(outlook: Outlook, costs: Costs) -> Advice:
     """Return what to do with a unit after its latest test (docs/prognosis.md, P18 to P20).
 
     Parameters
     ----------
-    after
+    outlook
         What is known after the test.
     costs
         What is lost by each action.
     """
-    outlook = after.outlook
+    rul, now = outlook.rul, outlook.hours
     if costs.defect:
-        return Advice.without_figures("unknown", costs.defect)
+        return Advice("unknown", costs.defect)
     items = (*outlook.health.faults, *outlook.health.requirements)
     if any(item.level == ERROR for item in items):
-        nothing = math.nan
-        words = removal_in_words(outlook)
-        return Advice("remove", outlook.hours, 0.0, 1.0, nothing, nothing, words)
-    if after.tracker is None or math.isnan(outlook.hours):
-        return Advice.without_figures("unknown", outlook.rul.reason)
-    if not outlook.rul.known:
-        return Advice.without_figures(
-            "continue", f"no remaining life is known: {outlook.rul.reason}; decide anew then"
-        )
-    if not outlook.hours_per_cycle > 0.0:
-        return Advice.without_figures("unknown", "the flight hours from test to test are unknown")
-    lives = np.minimum(outlook.lifetimes, after.horizon_hours)
-    decision = Decision(
-        costs,
-        outlook.hours,
-        outlook.hours_per_cycle,
-        lives,
-        after.missing_share,
-        outlook.tests_tell,
-    )
-    return _best(decision, outlook)
-
-
-def _best(decision: Decision, outlook: Outlook) -> Advice:
-    costs, now = decision.costs, decision.hours
+        return Advice("remove", removal_in_words(outlook), now, 0.0, 1.0)
+    if math.isnan(now):
+        return Advice("unknown", rul.reason)
+    if not rul.known:
+        return Advice("continue", f"no remaining life is known: {rul.reason}; decide anew then")
+    test = outlook.hours_per_cycle
+    if not test > 0.0:
+        return Advice("unknown", "the flight hours from test to test are unknown")
+    lives = np.minimum(outlook.lifetimes, outlook.horizon_hours)
+    decision = Decision(costs, now, test, lives, outlook.missing_share, outlook.tests_tell)
     removal, waiting, at_once = decision.remove(), decision.wait(), decision.at_once()
+
+    def per_hour(rate: float) -> str:
+        return f"{rate:.3g} {costs.unit}".strip() + "/h"
+
     least = min(removal.rate, waiting.rate)
     if costs.inspection > 0.0 and outlook.levels.size:
         inspection = decision.inspect(outlook.levels)
         if inspection.rate < least:
-            saved = _per_hour(least, costs)
             reason = (
                 f"an inspection now, which measures {label_of(outlook.dominant)}, lowers the "
-                f"expected cost from {saved} to {_per_hour(inspection.rate, costs)}"
+                f"expected cost from {per_hour(least)} to {per_hour(inspection.rate)}"
             )
-            return Advice("inspect", now, 0.0, 0.0, inspection.rate, at_once.rate, reason)
-    test = decision.interval_hours
-    compared = (
-        f"{_per_hour(waiting.rate, costs)} when it waits, {_per_hour(removal.rate, costs)} when not"
-    )
-    risk = (
-        f"{_percent(waiting.risk)} risk of failure until a removal can follow the next test, in "
-        f"{waiting.removal_hours:,.0f} h"
+            return Advice("inspect", reason, now, 0.0, 0.0, inspection.rate, at_once.rate)
+    grounds = (
+        f"{100.0 * waiting.risk:.2g} % risk of failure until a removal can follow the next test, "
+        f"in {waiting.removal_hours:,.0f} h; {per_hour(waiting.rate)} when it waits, "
+        f"{per_hour(removal.rate)} when not"
     )
     if waiting.rate < removal.rate:
-        probability = float(np.mean(decision.lives < test))
-        reason = f"the decision can wait for the next test: {risk}; {compared}"
-        return Advice("continue", now + test, test, probability, waiting.rate, at_once.rate, reason)
-    until = removal.removal_hours
-    reason = f"the removal must not wait: {risk}; {compared}"
-    return Advice("remove", now + until, until, removal.risk, removal.rate, at_once.rate, reason)
-
-
-def _per_hour(rate: float, costs: Costs) -> str:
-    return f"{rate:.3g} {costs.unit}".strip() + "/h"
-
-
-def _percent(risk: float) -> str:
-    return f"{100.0 * risk:.2g} %"
+        reason = f"the decision can wait for the next test: {grounds}"
+        fails = float(np.mean(lives < test))
+        return Advice("continue", reason, now + test, test, fails, waiting.rate, at_once.rate)
+    until, reason = removal.removal_hours, f"the removal must not wait: {grounds}"
+    return Advice("remove", reason, now + until, until, removal.risk, removal.rate, at_once.rate)

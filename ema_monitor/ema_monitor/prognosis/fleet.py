@@ -1,11 +1,10 @@
 """What the histories of other units say of growth: gathered, put together, and kept in a file."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -19,21 +18,15 @@ from ema_monitor.prognosis.growth.fleet import (
     distribution,
     grid_digest,
 )
-from ema_monitor.prognosis.growth.settings import FleetPrior
+from ema_monitor.prognosis.growth.outliers import REPAIR
+from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
+from ema_monitor.prognosis.growth_record import GrowthRecord
+from ema_monitor.prognosis.history import History
 
 SUFFIX: Final = ".npz"
 """How the name of a file of a fleet ends."""
 _FORMAT: Final = 1
 _MOST_BYTES: Final = 500_000_000
-_UNREADABLE: Final = (
-    ValueError,
-    KeyError,
-    IndexError,
-    TypeError,
-    EOFError,
-    BadZipFile,
-    MemoryError,
-)
 
 
 class FleetUnit(NamedTuple):
@@ -179,7 +172,9 @@ class Fleet:
                 if size > _MOST_BYTES:
                     raise ValueError(f"it opens to {size} bytes, at most {_MOST_BYTES}")
                 return cls._of_arrays(dict(file))
-        except _UNREADABLE as error:
+        except OSError:
+            raise
+        except Exception as error:  # of archives, numpy and zipfile raise whatever they come across
             raise ValueError(f"{path}: no file of a fleet: {error}") from error
 
     @classmethod
@@ -216,3 +211,32 @@ def _rank(unit: FleetUnit) -> tuple[int, bytes]:
 def unit_digest(actuator_id: str, serial_number: str) -> str:
     """Return what stands for a unit in a file that does not name it."""
     return hashlib.sha256(f"{actuator_id}\0{serial_number}".encode()).hexdigest()[:16]
+
+
+def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> Fleet:
+    """Return what histories say.
+
+    Parameters
+    ----------
+    histories
+        Of a unit each. A fault that was repaired counts as it grew until then, and again if it
+        grows after it.
+    limits
+        Where lives end.
+    name
+        What the fleet is called; empty: nothing.
+    """
+    units = {unit_digest(*history.unit): _unit_of(history, limits) for history in histories}
+    return Fleet(grid_digest(limits), units, frozenset([name] if name else []))
+
+
+def _unit_of(history: History, limits: HealthLimits) -> FleetUnit:
+    record = GrowthRecord(limits, TrackerSettings())
+    repaired: list[GrownFault] = []
+    growing: dict[str, GrownFault] = {}
+    for entry in history.entries:
+        before, findings = growing, record.add(entry)
+        growing = record.tracker.grown_faults()
+        if any(finding.kind == REPAIR for finding in findings):
+            repaired += [fault for name, fault in before.items() if name not in growing]
+    return FleetUnit(record.tests, (*repaired, *growing.values()))

@@ -1,20 +1,43 @@
-"""What is to come after a test: quantiles of the faults, as far as life is likely to last."""
+"""From the growth of a unit to its outlook, and to quantiles of its faults to come."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
+from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES
+from ema_core.levels import ERROR, WARN
+from ema_monitor.health import (
+    TORQUE_PER_AMPERE,
+    Health,
+    HealthLimits,
+    Tracked,
+    assess,
+    with_requirements,
+)
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.growth.prediction import (
+    Fan,
+    Prognosis,
+    RemainingLife,
+    TrackedFault,
+)
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.growth_record import GrowthRecord
+from ema_monitor.prognosis.outlook import Outlook, Removal
+from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
+from ema_monitor.prognosis.requirements.requirements import Requirements
+from ema_monitor.prognosis.settings import PrognosisSettings
 
 LEVELS: Final = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles of a forecast [-]."""
 
 _TIMES: Final = 30
 _LEAST_SPAN_HOURS: Final = 1.0
+_QUANTILE: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,26 +52,17 @@ class Forecaster:
         What is known of growth; None when the service hours are unknown.
     limits
         Where the life of each fault ends.
-    observed_hours
-        Hours over which the unit has been observed [h].
-    horizon_hours
-        Longest life that is looked ahead [h].
-    missing_share
-        Probability that a test gives no valid estimate [-].
     """
 
     outlook: Outlook
     tracker: Tracker | None
     limits: HealthLimits
-    observed_hours: float
-    horizon_hours: float
-    missing_share: float
 
     def fan(self) -> Fan | None:
         """Return quantiles of the faults to come; None when the service hours are unknown."""
         if self.tracker is None:
             return None
-        ahead = hours_ahead(self.outlook.rul, self.observed_hours)
+        ahead = hours_ahead(self.outlook.rul, self.outlook.observed_hours)
         hours = ahead * np.linspace(0.0, 1.0, _TIMES)
         return self.tracker.fan(hours, LEVELS, self.outlook.future)
 
@@ -66,3 +80,243 @@ def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
     span = max(observed_hours, _LEAST_SPAN_HOURS)
     ahead = min(1.1 * life.hours_95, 2.5 * life.hours_50, 2.0 * span) if life.known else 0.0
     return max(ahead, 0.06 * span)
+
+
+def outlook_of(
+    growth: GrowthRecord, settings: PrognosisSettings, requirements: Requirements | str
+) -> Outlook:
+    """Return health and remaining life after the latest test, without events.
+
+    Parameters
+    ----------
+    growth
+        Of the unit; with at least one test.
+    settings
+        Limits, horizon and duty.
+    requirements
+        Those of the unit, or why they cannot be monitored.
+
+    Raises
+    ------
+    ValueError
+        When there is no test.
+    """
+    service, limits = growth.service, settings.limits
+    entry = service.latest
+    if entry is None:
+        raise ValueError("there is no history yet: no valid test so far")
+    future = _future(growth, settings)
+    observed, tracked = 0.0, ()
+    if service.unknown:
+        prognosis = Prognosis.unknown(service.unknown, limits, future)
+    else:
+        observed = service.hours - service.used[0].hours
+        tracked = tuple(_in_service(item, growth) for item in growth.tracker.components())
+        tracked = tuple(item for item in tracked if item.tests)
+        prognosis = growth.tracker.predict(future)
+    tracker = settings.tracker
+    horizon = min(tracker.horizon_hours, tracker.horizon_factor * observed) / future.factor
+    # Alarms do not wait for a count.
+    judged = {
+        item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
+        for item in (tracked if growth.latest_is_used else ())
+    }
+    health = assess(entry.estimate, limits, judged)
+    required = _required(growth, entry.estimate, tracked, prognosis, horizon, limits, requirements)
+    if isinstance(required, str):
+        required = RequiredLife.unknown(required, settings.requirements)
+    health = with_requirements(health, required.healths)
+    rul = earlier(prognosis.overall, required.overall, required.with_limits)
+    dominant, tests_tell = _worst_with_warning(health), True
+    lifetimes = levels = np.empty(0)
+    if rul.known:
+        by_fault = rul.criterion == prognosis.overall.criterion
+        dominant = prognosis.dominant_fault if by_fault else required.dominant
+        lifetimes = lifetimes_of(prognosis.samples, required.samples)
+        levels = prognosis.levels if by_fault else levels
+        hidden = dict(zip(FAULT_NAMES, entry.estimate.unobservable, strict=True))
+        tests_tell = not hidden.get(dominant, False)
+    hours_per_cycle = service.mean_hours_per_cycle or settings.service.hours_per_cycle or math.nan
+    hours_a_day = service.usage
+    if settings.scenario is not None:
+        hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
+        hours_a_day = settings.scenario.hours_per_day or hours_a_day
+    not_tracked = RemainingLife.unknown("", "its growth is not tracked")
+    return Outlook(
+        stamp_ns=entry.stamp_ns,
+        hours=service.hours,
+        cycles=entry.cycles,
+        hours_per_cycle=hours_per_cycle,
+        health=health,
+        trends={item.name: item.trend for item in tracked} | dict(required.trends),
+        lives={TORQUE_PER_AMPERE: not_tracked, **prognosis.components, **required.lives},
+        rul_faults=prognosis.overall,
+        rul_requirements=required.overall,
+        rul=rul,
+        dominant=dominant,
+        future=future,
+        assumption=prognosis.assumption,
+        observed_hours=observed,
+        horizon_hours=horizon,
+        lifetimes=lifetimes,
+        levels=levels,
+        removal=removal_of(
+            rul, lifetimes, settings.service.removal_risk, hours_per_cycle, hours_a_day
+        ),
+        tests_tell=tests_tell,
+        calibrations={item.name: item.calibration for item in tracked},
+    )
+
+
+def _future(growth: GrowthRecord, settings: PrognosisSettings) -> FutureDuty:
+    """Return the duty to come; ValueError when a scenario cannot be compared with the past."""
+    factor = settings.service.duty
+    if settings.scenario is not None:
+        return settings.scenario.future(growth.duty, factor)
+    return growth.duty.as_flown(factor) if growth.duty else FutureDuty.steady(factor)
+
+
+def _in_service(item: TrackedFault, growth: GrowthRecord) -> TrackedFault:
+    """Return what is known of a component with its trend an hour of service, not of growth."""
+    if growth.duty is None:
+        return item
+    rate = float(growth.duty.present[COMPONENTS.index(item.name)])
+    return replace(item, trend=rate * item.trend, trend_sigma=rate * item.trend_sigma)
+
+
+def _required(
+    growth: GrowthRecord,
+    estimate: Estimate,
+    tracked: tuple[TrackedFault, ...],
+    prognosis: Prognosis,
+    horizon_hours: float,
+    limits: HealthLimits,
+    requirements: Requirements | str,
+) -> RequiredLife | str:
+    """Return what is known as to the requirements, or why nothing is."""
+    if isinstance(requirements, str):
+        return requirements
+    faults, covariance = _latest_faults(growth, estimate, tracked)
+    judgement = requirements.judge(faults, covariance, warn_share=limits.warn_share)
+    if growth.service.unknown or np.isnan(faults).any():
+        reason = growth.service.unknown or "not all faults are observable"
+        return RequiredLife.unknown(reason, requirements, judgement.healths)
+    required = required_life(
+        requirements, judgement, faults, growth.tracker, tracked, prognosis, limits, horizon_hours
+    )
+    if growth.latest_is_used:
+        return required
+    alone = requirements.judge(estimate.faults, estimate.covariance, warn_share=limits.warn_share)
+    return replace(required, healths=alone.healths)
+
+
+def _latest_faults(
+    growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return faults, ``(8,)``, and covariance by all tests; without tracked ones, by the last.
+
+    What is unknown is NaN.
+    """
+    faults = np.array(estimate.faults)
+    if not tracked:
+        return faults, estimate.covariance
+    variance = np.where(estimate.unobservable, np.nan, np.diag(estimate.covariance))
+    for item in tracked:
+        number = FAULT_NAMES.index(item.name)
+        faults[number], variance[number] = item.value, item.sigma**2
+    if not math.isnan(growth.phase[0]):
+        faults[ECCENTRICITY_PHASE], variance[ECCENTRICITY_PHASE] = growth.phase
+    return faults, np.diag(variance)
+
+
+def _worst_with_warning(health: Health) -> str:
+    """Return what is worst by level and share of the way to its limit; empty without a warning."""
+    alarmed = [
+        item for item in (*health.faults, *health.requirements) if item.level in (WARN, ERROR)
+    ]
+    worst = max(alarmed, key=lambda item: (item.level, item.share), default=None)
+    return worst.name if worst else ""
+
+
+def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -> RemainingLife:
+    """Return the life that ends with the first of two.
+
+    Parameters
+    ----------
+    one, other
+        Lives of the same actuator.
+    together
+        Life that ends with the first of them, from samples that both share. It may rest on fewer
+        samples: the result is never longer than either by itself. The criterion is that of the
+        lesser median.
+    """
+    known = [life for life in (one, other) if life.known]
+    if not known:
+        reasons = dict.fromkeys(filter(None, [one.reason, other.reason]))
+        return RemainingLife.unknown("the first fault limit or requirement", "; ".join(reasons))
+    first = min(known, key=lambda life: life.hours_50)
+    every = [*known, together] if together.known else known
+    return RemainingLife(
+        True,
+        min(life.hours_05 for life in every),
+        min(life.hours_50 for life in every),
+        min(life.hours_95 for life in every),
+        first.criterion,
+    )
+
+
+def lifetimes_of(
+    by_faults: NDArray[np.float64], by_requirements: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return samples of the life that ends with the first of two, quantile by quantile (P12).
+
+    Parameters
+    ----------
+    by_faults
+        Samples of the life by fault limits [h], ``(n,)``; empty when it is unknown.
+    by_requirements
+        Samples of the life by requirement or limit [h], ``(m,)``; empty when it is unknown.
+
+    Returns
+    -------
+    numpy.ndarray
+        As many as by faults and in their order, infinite where neither ends [h].
+    """
+    if not by_requirements.size:
+        return by_faults
+    if not by_faults.size:
+        return by_requirements
+    rank = np.argsort(np.argsort(by_faults, kind="stable"), kind="stable")
+    at = rank * by_requirements.size // by_faults.size
+    return np.minimum(by_faults, np.sort(by_requirements)[at])
+
+
+def removal_of(
+    life: RemainingLife,
+    lifetimes: NDArray[np.float64],
+    risk: float,
+    hours_per_cycle: float,
+    hours_a_day: float,
+) -> Removal:
+    """Return by when to remove a unit.
+
+    Parameters
+    ----------
+    life
+        Its remaining life.
+    lifetimes
+        Equally probable remaining lives [h], ``(n,)``; empty when it is unknown.
+    risk
+        Probability of a failure before that is accepted [-].
+    hours_per_cycle, hours_a_day
+        Flight hours of a test cycle [h] and of a day [h/d]; NaN when unknown.
+    """
+    if not life.known or not lifetimes.size:
+        return Removal(risk, hours_a_day=hours_a_day)
+    hours = float(np.quantile(lifetimes, risk, method="inverted_cdf"))
+    # The published quantiles may rest on fewer samples, and never contradict this.
+    if risk <= _QUANTILE:
+        hours = min(hours, life.hours_05)
+    if risk >= _QUANTILE:
+        hours = max(hours, life.hours_05)
+    return Removal(risk, hours, hours / hours_per_cycle, hours / hours_a_day, hours_a_day)

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from functools import cache
 from io import BytesIO
-from itertools import chain, compress
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,8 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import OUTLIER
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.history_entry import Entry, Finding
 from ema_monitor.prognosis.service import ServiceHours
-from ema_monitor.prognosis.unit_event import Finding
 
 
 class GrowthRecord:
@@ -37,12 +36,12 @@ class GrowthRecord:
     limits, settings
         Those of the tracker.
     entries
-        Tests so far; each further one is in it by the time at which the next is added.
-    damage
-        How duty does damage.
+        Tests so far.
     kept
         What ``state`` of an earlier record returned; used if it is by the same settings and code,
         and by the first of these tests.
+    damage
+        How duty does damage.
 
     Attributes
     ----------
@@ -52,10 +51,12 @@ class GrowthRecord:
         Service hours at the tests.
     duty
         Duty between them; None when it is not known, and growth is by hours.
+    tests
+        Number of tests that the tracker was updated by.
+    kept_tests
+        Number of these that were known from ``kept``.
     doubtful
         Components that the latest test shows to be where growth does not explain them.
-    kept_tests
-        Number of tests that were known from ``kept``.
     phase
         Direction of eccentricity in the latest test, and its variance; NaN when unknown.
     """
@@ -68,147 +69,112 @@ class GrowthRecord:
         kept: bytes = b"",
         damage: DamageSettings | None = None,
     ) -> None:
-        self._limits, self._settings, self._entries = limits, settings, entries
+        self._limits, self._settings = limits, settings
         self.service = ServiceHours()
         self._damage = DutyRecord(damage or DamageSettings())
+        self._entries: dict[int, Entry] = {}
         for entry in entries:
-            self.service.add(entry)
-            self._damage.add(entry)
+            self._note(entry)
         self.duty = self._damage.course(self.service.used)
         self._restart()
-        self.kept_tests = 0
         if kept:
             self._restore(kept)
+        self.kept_tests = self.tests
         self._update()
 
     @property
     def latest_is_used(self) -> bool:
         """Whether the tracker was updated by the latest test."""
-        latest = self.service.latest
-        return latest is not None and latest.stamp_ns in self._fed_ns[-1:]
+        latest, used = self.service.latest, self.service.used
+        return latest is not None and bool(used) and used[-1].stamp_ns == latest.stamp_ns
 
     def add(self, entry: Entry) -> list[Finding]:
         """Add the next test; return what it reveals."""
-        self._damage.add(entry)
-        findings = self.service.add(entry)
+        findings = self._note(entry)
         self.duty = self._damage.course(self.service.used)
-        return [*findings, *self._update([entry])]
-
-    @property
-    def tests(self) -> int:
-        """Number of tests that the tracker was updated by."""
-        return self._fed_ns.size
+        return findings + self._update()
 
     def state(self) -> bytes:
         """Return what is known, for a later record of the same and later tests."""
-        arrays = {
-            **self.tracker.state(),
-            "phase": np.array(self.phase),
-            "doubtful": np.array([name in self.doubtful for name in COMPONENTS]),
-            "made_by": self._made_by(),
-            **self._identity(self.tests, self._own_hours()),
-        }
+        stamps_ns, hours = self._used()
         stream = BytesIO()
-        np.savez(stream, **arrays)
+        np.savez(
+            stream,
+            allow_pickle=False,
+            **self.tracker.state(),
+            made_by=self._made_by(),
+            used_ns=stamps_ns,
+            used_hours=hours,
+            phase=np.array(self.phase),
+            doubtful=np.array([name in self.doubtful for name in COMPONENTS]),
+        )
         return stream.getvalue()
+
+    def _note(self, entry: Entry) -> list[Finding]:
+        self._entries[entry.stamp_ns] = entry
+        self._damage.add(entry)
+        return self.service.add(entry)
 
     def _restore(self, kept: bytes) -> None:
         """Go on from a kept state; without it, or from one of something else, begin anew."""
         try:
             with np.load(BytesIO(kept), allow_pickle=False) as file:
                 state = dict(file)
-            tests, own = len(state["used_hours"]), self._own_hours()
-            expected = {"made_by": self._made_by(), **self._identity(tests, own)}
-            if not all(np.array_equal(state[name], value) for name, value in expected.items()):
+            fed = state["used_ns"], state["used_hours"]
+            if state["made_by"] != self._made_by() or not self._begins_with(fed):
                 return
             self.tracker.restore(state)
             phase, variance = state["phase"]
             self.phase = float(phase), float(variance)
             self.doubtful = frozenset(compress(COMPONENTS, state["doubtful"]))
-            self._note_fed(tests, own)
-            self.kept_tests = tests
+            self._fed, self.tests = fed, len(fed[0])
         except Exception:  # of archives, numpy and zipfile raise whatever they come across
             self._restart()
 
-    def _made_by(self) -> NDArray[np.uint8]:
+    def _made_by(self) -> str:
         """Return a digest of settings and code, for other ones know other things."""
         text = repr((self._limits, self._settings)).encode()
-        return np.frombuffer(hashlib.sha256(text + _code()).digest(), np.uint8)
+        return hashlib.sha256(text + _code()).hexdigest()
 
     def _restart(self) -> None:
         self.tracker = Tracker(self._limits, self._settings)
         self.phase = (math.nan, math.nan)
         self.doubtful = frozenset[str]()
-        # Stamps of the tests that the tracker was updated by, and a digest of all of them.
-        self._note_fed(0, self._own_hours())
+        self.tests = 0
+        # Stamps of the tests that the tracker was updated by, and their hours.
+        self._fed = np.empty(0, np.int64), np.empty((0, 1 + len(COMPONENTS)))
 
-    def _own_hours(self) -> NDArray[np.float64]:
-        """Return the hours of growth of each component at the tests [h], ``(n, 7)``."""
-        if self.duty is not None:
-            return self.duty.own_hours
-        hours = np.array([test.hours for test in self.service.used])
-        return np.broadcast_to(hours[:, None], (hours.size, len(COMPONENTS)))
+    def _used(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return stamps [ns] and hours of service and growth [h] of the tests that are used."""
+        used = self.service.used
+        hours = np.array([test.hours for test in used], dtype=np.float64)[:, None]
+        own = hours.repeat(len(COMPONENTS), axis=1) if self.duty is None else self.duty.own_hours
+        return np.array([test.stamp_ns for test in used], np.int64), np.hstack([hours, own])
 
-    def _identity(
-        self, tests: int, own_hours: NDArray[np.float64]
-    ) -> dict[str, NDArray[np.generic]]:
-        """Return what identifies the first of the tests that are used."""
-        return {
-            "used_ns": self._used_ns(tests),
-            "used_hours": np.array([test.hours for test in self.service.used[:tests]], np.float64),
-            "used_own_hours": own_hours[:tests],
-        }
+    def _begins_with(self, fed: tuple[NDArray[np.int64], NDArray[np.float64]]) -> bool:
+        n = len(fed[0])
+        return all(np.array_equal(one, now[:n]) for one, now in zip(fed, self._used(), strict=True))
 
-    def _used_ns(self, tests: int) -> NDArray[np.int64]:
-        return np.array([test.stamp_ns for test in self.service.used[:tests]], np.int64)
-
-    def _digest(self, tests: int, own_hours: NDArray[np.float64]) -> bytes:
-        digest = hashlib.sha256()
-        for array in self._identity(tests, own_hours).values():
-            digest.update(array.tobytes())
-        return digest.digest()
-
-    def _note_fed(self, tests: int, own_hours: NDArray[np.float64]) -> None:
-        self._fed_ns = self._used_ns(tests)
-        self._fed_digest = self._digest(tests, own_hours)
-
-    def _update(self, latest: Sequence[Entry] = ()) -> list[Finding]:
+    def _update(self) -> list[Finding]:
         """Feed the tracker with what is new; return the events of tests that are new to it."""
-        known, own = set[int](), self._own_hours()
+        known = set[int]()
         # Once the reference duty is known, the growth before counts by damage, too.
-        if self._digest(self.tests, own) != self._fed_digest:
-            known.update(self._fed_ns.tolist())
+        if not self._begins_with(self._fed):
+            known.update(self._fed[0].tolist())
             self._restart()
-        new = [self.service.used[place] for place in range(self.tests, len(self.service.used))]
-        entries = self._entries_at({test.stamp_ns for test in new}, latest)
+        stamps_ns, hours = self._used()
         events = [
             event
-            for test, hours in zip(new, own[self.tests :], strict=True)
-            for event in self._feed(entries[test.stamp_ns], test.hours, hours.copy())
-            if test.stamp_ns not in known
+            for stamp_ns, (hour, *own) in zip(
+                stamps_ns[self.tests :].tolist(), hours[self.tests :].tolist(), strict=True
+            )
+            for event in self._feed(self._entries[stamp_ns], hour, np.array(own))
+            if stamp_ns not in known
         ]
-        self._note_fed(len(self.service.used), own)
+        self._fed, self.tests = (stamps_ns, hours), len(stamps_ns)
         if not self.latest_is_used:
             self.doubtful = frozenset()
         return events
-
-    def _entries_at(self, stamps_ns: set[int], latest: Sequence[Entry]) -> dict[int, Entry]:
-        """Return the tests of some stamps [ns], which are nearly always the latest.
-
-        Raises
-        ------
-        ValueError
-            When one is not there.
-        """
-        found: dict[int, Entry] = {}
-        for entry in chain(latest, reversed(self._entries)):
-            if len(found) == len(stamps_ns):
-                break
-            if entry.stamp_ns in stamps_ns:
-                found.setdefault(entry.stamp_ns, entry)
-        if missing := stamps_ns - found.keys():
-            raise ValueError(f"the test that ends at {min(missing)} ns is not in the history")
-        return found
 
     def _feed(self, entry: Entry, hours: float, own_hours: NDArray[np.float64]) -> list[Finding]:
         estimate = entry.estimate

@@ -4,8 +4,9 @@ import os
 import shutil
 import sqlite3
 import threading
+import zlib
 from bisect import insort
-from contextlib import closing
+from collections.abc import Callable
 from functools import reduce
 from itertools import count
 from pathlib import Path
@@ -14,21 +15,29 @@ from typing import Final
 from urllib.parse import quote, unquote
 
 from ema_monitor.identification.estimate import SKIPPED
-from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.duty.flown import FlownDuty, together
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
-from ema_monitor.prognosis.history_tables import (
+from ema_monitor.prognosis.history_entry import (
+    Assessment,
+    Entry,
     Test,
-    check_kind,
-    empty,
-    insert_assessments,
-    insert_tests,
-    prepare,
-    read_assessments,
-    read_growth,
-    read_tests,
-    write_growth,
+    UnusedCycle,
+    as_text,
+    assessment_text,
+    read_assessment,
+    read_test,
 )
+
+SCHEMA_VERSION: Final = 9
+"""``user_version`` of the database."""
+
+_TABLES: Final = """
+    CREATE TABLE unit (actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL);
+    CREATE TABLE test (number INTEGER PRIMARY KEY AUTOINCREMENT, record TEXT NOT NULL,
+        crc32 INTEGER NOT NULL);
+    CREATE TABLE assessment (end_ns INTEGER PRIMARY KEY, record TEXT NOT NULL,
+        crc32 INTEGER NOT NULL);
+    CREATE TABLE growth (state BLOB NOT NULL, crc32 INTEGER NOT NULL);
+"""
 
 _LATE_SHARE: Final = 0.05
 # The third: tables or columns are missing.
@@ -39,7 +48,7 @@ class History:
     """Tests of one unit and what followed from each, in memory and, with a path, in a file.
 
     The file is an SQLite database with a write-ahead log, one transaction a test, locked for this
-    process alone, and each test is linked to those before it by a hash. A file that is damaged, of
+    process alone; the checksum of a test covers its unit and place. A file that is damaged, of
     another unit, kind or version, or in which tests were deleted, doubled or swapped, is set aside
     under another name, and a new one begun with the tests that are intact; one that is deleted or
     moved while in use is written anew. Nothing here raises because of a file: ``problem`` says what
@@ -82,17 +91,15 @@ class History:
         self._lock = threading.RLock()
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
-        # All tests, of which the file has the first; stamps of all, and of those that are valid.
+        # All tests as they came, of which the file has the first; by stamp, whether each is valid.
         self._tests: list[Test] = []
-        self._stamps_ns: set[int] = set()
-        self._valid_ns: set[int] = set()
-        # End of the chain in the file.
-        self._head = empty(self.unit)
+        self._is_valid: dict[int, bool] = {}
+        self._written = 0
         # Stamps of assessments that are not in the file as they are here.
-        self._changed: dict[int, None] = {}
+        self._changed: set[int] = set()
         self._mended = ""
         self._trouble = ""
-        if path is not None:
+        if path is not None and path.exists():
             try:
                 self._open(path)
             except (sqlite3.Error, OSError) as error:
@@ -116,11 +123,11 @@ class History:
 
     def holds(self, stamp_ns: int) -> bool:
         """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
-        return stamp_ns in self._stamps_ns
+        return stamp_ns in self._is_valid
 
     def holds_valid(self, stamp_ns: int) -> bool:
         """Return whether a valid test of the window that ends at a stamp [ns] is."""
-        return stamp_ns in self._valid_ns
+        return self._is_valid.get(stamp_ns, False)
 
     def append(self, test: Test) -> None:
         """Add a test, and wait until the disk has it."""
@@ -129,16 +136,11 @@ class History:
             self._write()
 
     def assess(self, assessment: Assessment) -> None:
-        """Add what was found after a test, or replace it; ``write_assessments`` writes it."""
+        """Add what was found after a test, or replace it, and wait until the disk has it."""
         with self._lock:
             self.assessments[assessment.stamp_ns] = assessment
-            self._changed[assessment.stamp_ns] = None
-
-    def write_assessments(self) -> None:
-        """Write the assessments that are not in the file, and wait until the disk has them."""
-        with self._lock:
-            if self._changed:
-                self._write(with_assessments=True)
+            self._changed.add(assessment.stamp_ns)
+            self._write()
 
     def keep_growth(self, state: bytes) -> None:
         """Write what is known of growth by all tests so far, if these are in the file.
@@ -147,10 +149,13 @@ class History:
         alone.
         """
         with self._lock:
-            if self._db is None or self._head.tests != len(self._tests) or self._trouble:
+            if self._db is None or self._trouble:
                 return
             try:
-                write_growth(self._db, self._head, state)
+                with self._db as db:
+                    db.execute("BEGIN IMMEDIATE")
+                    db.execute("DELETE FROM growth")
+                    db.execute("INSERT INTO growth VALUES (?, ?)", (state, zlib.crc32(state)))
             except sqlite3.Error as error:
                 self._trouble = f"the history {self.path} cannot be written: {_reason_of(error)}"
 
@@ -158,18 +163,44 @@ class History:
         """Write all tests, what was found after them and what is known of growth to a new file."""
         self.path = path
         self._forget_written()
-        self.write_assessments()
+        self._write()
         self.keep_growth(growth)
         self.close()
 
-    def _write(self, *, with_assessments: bool = False) -> None:
+    def close(self) -> None:
+        """Release the file; what is added from now on is in memory only."""
+        with self._lock:
+            self.path = None
+            self._release()
+
+    def _release(self) -> None:
+        if self._db is not None:
+            self._db.close()
+            self._db = None
+
+    def _add(self, test: Test) -> None:
+        self._tests.append(test)
+        last_ns = self.entries[-1].stamp_ns if self.entries else -1
+        if isinstance(test, UnusedCycle):
+            self._is_valid.setdefault(test.stamp_ns, False)
+            self.unused += [test] if test.stamp_ns > last_ns else []
+            return
+        self._is_valid[test.stamp_ns] = True
+        (self.late if test.stamp_ns < last_ns else self.entries).append(test)
+        if len(self.late) > _LATE_SHARE * len(self.entries):
+            for late in self.late:
+                insort(self.entries, late, key=lambda entry: entry.stamp_ns)
+            self.late.clear()
+        last_ns = self.entries[-1].stamp_ns
+        self.unused = [one for one in self.unused if one.stamp_ns > last_ns]
+
+    def _write(self) -> None:
+        """Write what is not in the file yet."""
         if self.path is None:
             self._changed.clear()
             return
         try:
             self._write_pending(self.path)
-            if with_assessments:
-                self._write_changed(self.path)
         except (sqlite3.Error, OSError) as error:
             self._trouble = (
                 f"the history {self.path} cannot be written: {_reason_of(error)}; "
@@ -180,53 +211,52 @@ class History:
                 f"the history {self.path} was written by another monitor since this one "
                 "began; this one's is in memory only until it starts again"
             )
-            self._keep_to_memory()
+            self.close()
 
-    def close(self) -> None:
-        """Release the file; what is added from now on is in memory only."""
-        with self._lock:
-            self._keep_to_memory()
+    def _write_pending(self, path: Path) -> None:
+        """Write it in one transaction; ValueError for a file with tests that were not read."""
+        if self._db is not None and _file_id(path) != self._file_id:
+            self._mended = (
+                f"the history {path} was deleted or moved while it was in use; a new file with "
+                "all its tests is begun"
+            )
+            self._forget_written()
+        db = self._db
+        if db is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            db = self._connect(path)
+            if db.execute("SELECT count(*) FROM test").fetchone()[0]:
+                raise ValueError("it holds tests that were not read")
+        tests = enumerate(self._tests[self._written :], self._written + 1)
+        assessments = (self.assessments[stamp_ns] for stamp_ns in self._changed)
+        with db:
+            db.execute("BEGIN IMMEDIATE")
+            db.executemany(
+                "INSERT INTO test VALUES (?, ?, ?)",
+                [self._row(number, as_text(test)) for number, test in tests],
+            )
+            db.executemany(
+                "INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)",
+                [self._row(one.stamp_ns, assessment_text(one)) for one in assessments],
+            )
+        self._written = len(self._tests)
+        self._changed.clear()
+        self._trouble = ""
 
-    def _keep_to_memory(self) -> None:
-        self.path = None
-        self._release()
-
-    def _release(self) -> None:
-        if self._db is not None:
-            self._db.close()
-            self._db = None
-
-    def _add(self, test: Test) -> None:
-        self._tests.append(test)
-        self._stamps_ns.add(test.stamp_ns)
-        if isinstance(test, Entry):
-            self._valid_ns.add(test.stamp_ns)
-            if self.entries and test.stamp_ns < self.entries[-1].stamp_ns:
-                self.late.append(test)
-            else:
-                self.entries.append(test)
-            if len(self.late) > _LATE_SHARE * len(self.entries):
-                for late in self.late:
-                    insort(self.entries, late, key=lambda entry: entry.stamp_ns)
-                self.late.clear()
-            last_ns = self.entries[-1].stamp_ns
-            self.unused = [one for one in self.unused if one.stamp_ns > last_ns]
-        elif not self.entries or test.stamp_ns > self.entries[-1].stamp_ns:
-            self.unused.append(test)
+    def _row(self, key: int, record: str) -> tuple[int, str, int]:
+        """Return a row of a table: its key, its record, and a checksum of both and the unit."""
+        return key, record, zlib.crc32(f"{self.unit} {key} {record}".encode())
 
     def _open(self, path: Path) -> None:
-        """Read a file that is there."""
-        if not path.exists():
-            return
+        """Read a file; set it aside where it is damaged."""
         try:
             self._read(self._connect(path))
-        except (sqlite3.DatabaseError, ValueError, KeyError, TypeError) as error:
+        except (sqlite3.DatabaseError, ValueError) as error:
             if isinstance(error, sqlite3.Error) and _code_of(error) not in _DAMAGE:
                 raise
             self._set_aside(path, error)
             if self._tests:
                 self._write_pending(path)
-                self._write_changed(path)
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Open the database for this process alone, and make its tables if it has none.
@@ -245,33 +275,72 @@ class History:
         try:
             # Held until the connection is closed, or the process ends.
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            check_kind(db, self.unit)
+            is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
+            if not is_new:
+                self._check_kind(db)
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = FULL")
             # After each test: a copy or a move of the file alone has all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
-            prepare(db, self.unit)
+            with db:
+                # Also where nothing is to be made: it shows whether the file can be written.
+                db.execute("BEGIN IMMEDIATE")
+                if is_new:
+                    for statement in filter(str.strip, _TABLES.split(";")):
+                        db.execute(statement)
+                    db.execute("INSERT INTO unit VALUES (?, ?)", self.unit)
+                    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         except BaseException:
             db.close()
             raise
         self._db, self._file_id = db, _file_id(path)
         return db
 
+    def _check_kind(self, db: sqlite3.Connection) -> None:
+        version = db.execute("PRAGMA user_version").fetchone()[0]
+        if version != SCHEMA_VERSION:
+            raise ValueError(f"its schema version is {version}, expected {SCHEMA_VERSION}")
+        units = db.execute("SELECT actuator_id, serial_number FROM unit").fetchall()
+        if units != [self.unit]:
+            raise ValueError(f"it is of unit {units}, not {self.unit}")
+
     def _read(self, db: sqlite3.Connection) -> None:
-        """Add what is intact in the file; raise for the rest."""
+        """Add what is intact in the file; raise ValueError for the rest."""
+        damage: list[str] = []
+
+        def read(what: str, key: int, record: str, crc32: int, add: Callable[[str], None]) -> None:
+            try:
+                if (key, record, crc32) != self._row(key, record):
+                    raise ValueError("its checksum is wrong")
+                add(record)
+            except Exception as error:  # a record of something else raises whatever it may
+                damage.append(f"{what} is damaged: {error}")
+
+        def add_assessment(record: str) -> None:
+            one = read_assessment(record)
+            self.assessments[one.stamp_ns] = one
+
         try:
-            head = read_tests(db, self.unit, self._add)
+            for row in db.execute("SELECT number, record, crc32 FROM test ORDER BY number"):
+                damage += _missing(self._written, row[0] - 1)
+                read(f"test {row[0]}", *row, lambda record: self._add(read_test(record)))
+                self._written = row[0]
         finally:
-            for one in read_assessments(db):
-                self.assessments[one.stamp_ns] = one
+            for row in db.execute("SELECT end_ns, record, crc32 FROM assessment"):
+                read(f"the assessment of the test at {row[0]} ns", *row, add_assessment)
+        for (last,) in db.execute("SELECT seq FROM sqlite_sequence WHERE name = 'test'"):
+            damage += _missing(self._written, last)
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
-            raise ValueError(f"it is damaged: {result}")
-        self._head = head
-        self.growth = read_growth(db)
+            damage.append(f"it is damaged: {result}")
+        for state, crc32 in db.execute("SELECT state, crc32 FROM growth"):
+            self.growth = state if zlib.crc32(state) == crc32 else b""
+        if damage:
+            more = f", and {len(damage) - 1} more of the kind" if len(damage) > 1 else ""
+            raise ValueError(f"{damage[0]}{more}")
 
     def _read_copy(self, path: Path, error: Exception) -> None:
         """Read a file that cannot be opened for writing, as on read-only media; keep to memory."""
-        self._keep_to_memory()
+        self.close()
         if _code_of(error) == sqlite3.SQLITE_BUSY:
             self._trouble = (
                 f"the history {path} is in use by another monitor; this one's is in memory only"
@@ -280,24 +349,17 @@ class History:
         unread = ""
         try:
             if not self._tests:
-                self._read_in_copy(path)
-        except (sqlite3.Error, OSError, ValueError, KeyError, TypeError) as damage:
+                with TemporaryDirectory() as folder:
+                    self._read(self._connect(_copied(path, folder)))
+        except (sqlite3.Error, OSError, ValueError) as damage:
             unread = f"; nor read: {_reason_of(damage)}"
+        self._release()
         self._trouble = (
             f"the history {path} cannot be written: {_reason_of(error)}{unread}; "
             "tests from now on are in memory only"
         )
 
-    def _read_in_copy(self, path: Path) -> None:
-        """Read a copy of a file and its log, if there is one."""
-        with TemporaryDirectory() as folder, closing(self):
-            copy = Path(folder) / path.name
-            _copy_database(path, copy)
-            if copy.exists():
-                self._read(self._connect(copy))
-
     def _set_aside(self, path: Path, error: Exception) -> None:
-        self._release()
         self._forget_written()
         aside = _free_name(path)
         for suffix in ("-wal", ""):
@@ -309,33 +371,10 @@ class History:
             f"{_reason_of(error)}"
         )
 
-    def _write_pending(self, path: Path) -> None:
-        if self._db is not None and _file_id(path) != self._file_id:
-            self._mended = (
-                f"the history {path} was deleted or moved while it was in use; a new file with "
-                "all its tests is begun"
-            )
-            self._release()
-            self._forget_written()
-        if self._db is None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if self._connect(path).execute("SELECT count(*) FROM test").fetchone()[0]:
-                raise ValueError("it holds tests that were not read")
-        if waiting := self._tests[self._head.tests :]:
-            self._head = insert_tests(self._db or self._connect(path), self._head, waiting)
-        self._trouble = ""
-
-    def _write_changed(self, path: Path) -> None:
-        """Write the assessments that are not in the file, in one transaction."""
-        insert_assessments(
-            self._db or self._connect(path), [self.assessments[stamp] for stamp in self._changed]
-        )
-        self._changed.clear()
-
     def _forget_written(self) -> None:
         """Note that nothing is in the file that is used from now on."""
-        self._head = empty(self.unit)
-        self._changed = dict.fromkeys(self.assessments)
+        self._release()
+        self._written, self._changed = 0, set(self.assessments)
 
 
 def read_history(path: Path) -> History:
@@ -357,8 +396,7 @@ def read_history(path: Path) -> History:
     if not plus or path.suffix != ".sqlite":
         raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
     with TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        _copy_database(path, copy)
+        copy = _copied(path, folder)
         history = History(unquote(actuator_id), unquote(serial_number), copy)
         history.close()
         if history.problem:
@@ -371,11 +409,22 @@ def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
     return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.sqlite"
 
 
-def _copy_database(path: Path, copy: Path) -> None:
-    """Copy a file and its log, if there is one."""
+def _copied(path: Path, folder: str) -> Path:
+    """Return a copy of a file in a folder, with its log, if there is one."""
+    copy = Path(folder) / path.name
     for suffix in ("", "-wal"):
         if (source := _with_suffix(path, suffix)).exists():
             shutil.copyfile(source, _with_suffix(copy, suffix))
+    return copy
+
+
+def _missing(before: int, last: int) -> list[str]:
+    """Return that tests behind one of a number are missing, up to another; nothing without any."""
+    if last <= before:
+        return []
+    if last == before + 1:
+        return [f"test {last} is missing"]
+    return [f"tests {before + 1} to {last} are missing"]
 
 
 def _code_of(error: Exception) -> int:
@@ -384,9 +433,6 @@ def _code_of(error: Exception) -> int:
 
 
 def _reason_of(error: Exception) -> str:
-    """Return in words what is wrong."""
-    if isinstance(error, KeyError):
-        return f"{error} is missing"
     if _code_of(error) == sqlite3.SQLITE_BUSY:
         return "it is in use by another monitor"
     return getattr(error, "strerror", None) or str(error)

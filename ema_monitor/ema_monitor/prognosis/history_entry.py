@@ -1,11 +1,10 @@
-"""A test in the history of a unit, and its record in a file."""
+"""What the history of a unit holds: its tests, and what was found and happened at each."""
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final, NamedTuple
 
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
@@ -14,9 +13,14 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
-# Tests without a new count go on from the latest.
-_MOST_KEPT_CYCLES: Final = 10 * _MOST_CYCLES
-_MOST: Final = 2**63
+
+FAULT: Final = "fault"
+CALIBRATION: Final = "calibration"
+RESTART: Final = "restart"
+GAP: Final = "gap"
+SERVICE_HOURS: Final = "service hours"
+HISTORY: Final = "history"
+OTHER: Final = "other"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,24 +116,68 @@ class UnusedCycle:
     flown: FlownDuty | None = None
 
 
-@contextmanager
-def as_value_error() -> Iterator[None]:
-    """Raise ``ValueError`` for whatever else a record that is none makes its reader raise."""
-    try:
-        yield
-    except (ArithmeticError, AttributeError, IndexError, RecursionError) as error:
-        raise ValueError(f"it is no record: {error!r}") from error
+Test = Entry | UnusedCycle
 
 
-def whole(record: Mapping[str, Any], name: str) -> int:
-    """Return a number of a record that is whole and has 64 bits; raise ``ValueError`` else."""
-    value = record[name]
-    if isinstance(value, bool) or not isinstance(value, int) or not -_MOST <= value < _MOST:
-        raise ValueError(f"{name} = {str(value)[:40]}: expected a whole number of 64 bits")
-    return value
+class Finding(NamedTuple):
+    """What a test reveals: its kind, as in ``ema_interfaces/msg/UnitEvent``, and words."""
+
+    kind: str
+    text: str
 
 
-def as_text(test: Entry | UnusedCycle) -> str:
+@dataclass(frozen=True, slots=True)
+class UnitEvent:
+    """Something that happened to a unit or to its monitoring.
+
+    Attributes
+    ----------
+    stamp_ns
+        Stamp of the test that showed it [ns].
+    hours
+        Service hours then [h]; NaN when unknown.
+    kind, text
+        What kind of event, as in ``ema_interfaces/msg/UnitEvent``, and words.
+    """
+
+    stamp_ns: int
+    hours: float
+    kind: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.text}"
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Health and remaining life after a test.
+
+    Attributes
+    ----------
+    stamp_ns, hours
+        Stamp of the test [ns] and its service hours [h]; NaN when unknown.
+    level, health_index, dominant_fault
+        As of health.
+    life
+        5, 50 and 95 % quantiles of the remaining life [h]; None when it is unknown.
+    alarms
+        Levels of the faults and requirements in WARN or ERROR, by name.
+    events
+        What happened since the test before.
+    """
+
+    stamp_ns: int
+    hours: float
+    level: int
+    health_index: float
+    dominant_fault: str
+    life: tuple[float, float, float] | None
+    alarms: Mapping[str, int] = field(default_factory=dict)
+    events: tuple[UnitEvent, ...] = ()
+
+
+def as_text(test: Test) -> str:
     """Return a test as JSON."""
     record: dict[str, Any] = {"end_ns": test.stamp_ns}
     if isinstance(test, Entry):
@@ -146,39 +194,33 @@ def as_text(test: Entry | UnusedCycle) -> str:
     return json.dumps(record, ensure_ascii=False, allow_nan=False)
 
 
-def count_of(record: Mapping[str, Any]) -> Count:
-    """Return the count that its values are a record of; raise ``ValueError`` where one is not."""
-    return Count(whole(record, "stamp_ns"), record["hours"], whole(record, "cycles"))
-
-
-def cycles_of(record: Mapping[str, Any]) -> int:
-    """Return the cycles of a record; raise ``ValueError`` where they are impossible."""
-    cycles = whole(record, "cycles")
-    if not 0 <= cycles <= _MOST_KEPT_CYCLES:
-        raise ValueError(f"cycles = {cycles}: expected one in [0, {_MOST_KEPT_CYCLES:g}]")
-    return cycles
-
-
-@as_value_error()
-def entry_of(text: str) -> Entry | UnusedCycle:
-    """Return the test that a text of ``as_text`` describes.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        When it describes none.
-    """
+def read_test(text: str) -> Test:
+    """Return the test that ``as_text`` describes."""
     record: dict[str, Any] = json.loads(text)
     flown = FlownDuty.of_record(record["duty"]) if "duty" in record else None
     if "estimate" not in record:
-        stamp_ns = whole(record, "end_ns")
-        return UnusedCycle(stamp_ns, str(record["verdict"]), str(record["reason"]), flown)
+        return UnusedCycle(record["end_ns"], record["verdict"], record["reason"], flown)
     hours, count = record["hours"], record["count"]
-    whole(record["estimate"], "end_ns")
     return Entry(
         estimate_of(record["estimate"]),
         math.nan if hours is None else hours,
-        cycles_of(record),
-        count_of(count) if count else None,
+        record["cycles"],
+        Count(**count) if count else None,
         flown,
+    )
+
+
+def assessment_text(one: Assessment) -> str:
+    """Return an assessment as JSON; what is not a finite number is NaN or Infinity in it."""
+    return json.dumps(asdict(one), ensure_ascii=False)
+
+
+def read_assessment(text: str) -> Assessment:
+    """Return the assessment that ``assessment_text`` describes."""
+    record: dict[str, Any] = json.loads(text)
+    life, events = record.pop("life"), record.pop("events")
+    return Assessment(
+        **record,
+        life=tuple(life) if life else None,
+        events=tuple(UnitEvent(**event) for event in events),
     )

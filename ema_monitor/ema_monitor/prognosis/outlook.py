@@ -8,28 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES
-from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_monitor.health import (
-    TORQUE_PER_AMPERE,
-    FaultHealth,
-    Health,
-    HealthLimits,
-    Tracked,
-    assess,
-    with_requirements,
-)
+from ema_core.levels import ERROR, OK, STALE
+from ema_monitor.health import FaultHealth, Health, HealthLimits, assess
 from ema_monitor.identification.estimate import FAILED, Estimate
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
-from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, TrackedFault
-from ema_monitor.prognosis.growth_record import GrowthRecord
-from ema_monitor.prognosis.history_entry import UnusedCycle
-from ema_monitor.prognosis.removal import Removal, removal_of, usage_of
-from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
-from ema_monitor.prognosis.requirements.requirements import Requirements
-from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.prognosis.unit_event import UnitEvent
+from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.prognosis.history_entry import UnitEvent, UnusedCycle
 
 _OTHER_CLOCK_NS: Final = 365 * 86_400 * 10**9
 
@@ -64,6 +49,30 @@ class Claim(NamedTuple):
         if self.received_ns and not 0 <= self.received_ns - begin_ns <= _OTHER_CLOCK_NS:
             begin_ns = self.received_ns
         return begin_ns + round(self.good_for_s * 1e9)
+
+
+class Removal(NamedTuple):
+    """By when to remove a unit (P27).
+
+    Attributes
+    ----------
+    risk
+        Probability of a failure before that is accepted [-].
+    hours
+        Flight hours from the latest test on [h]; NaN when the remaining life is unknown.
+    cycles
+        The same in test cycles; NaN when hours per cycle are unknown too.
+    days
+        The same in days of the calendar, at the present usage; NaN when that is unknown too.
+    hours_a_day
+        The present usage [h/d].
+    """
+
+    risk: float = 0.05
+    hours: float = math.nan
+    cycles: float = math.nan
+    days: float = math.nan
+    hours_a_day: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -102,6 +111,12 @@ class Outlook:
     events
         What happened since the outlook before: what the latest test revealed, restarts,
         calibrations, and faults that are new.
+    observed_hours
+        Hours over which the unit has been observed [h].
+    horizon_hours
+        Longest life that is looked ahead [h].
+    missing_share
+        Probability that a test gives no valid estimate [-].
     lifetimes
         Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
         is not known.
@@ -136,6 +151,9 @@ class Outlook:
     dominant: str
     future: FutureDuty
     assumption: str
+    observed_hours: float = 0.0
+    horizon_hours: float = 0.0
+    missing_share: float = 0.0
     failed_since: float = math.nan
     removal: Removal = field(default_factory=Removal)
     events: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
@@ -250,230 +268,3 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
         health=health,
         dominant=health.dominant_fault,
     )
-
-
-def _worst_with_warning(health: Health) -> str:
-    """Return what is worst by level and share of the way to its limit; empty without a warning."""
-    alarmed = [
-        item for item in (*health.faults, *health.requirements) if item.level in (WARN, ERROR)
-    ]
-    worst = max(alarmed, key=lambda item: (item.level, item.share), default=None)
-    return worst.name if worst else ""
-
-
-def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -> RemainingLife:
-    """Return the life that ends with the first of two.
-
-    Parameters
-    ----------
-    one, other
-        Lives of the same actuator.
-    together
-        Life that ends with the first of them, from samples that both share. It may rest on fewer
-        samples: the result is never longer than either by itself. The criterion is that of the
-        lesser median.
-    """
-    known = [life for life in (one, other) if life.known]
-    if not known:
-        reasons = dict.fromkeys(filter(None, [one.reason, other.reason]))
-        return RemainingLife.unknown("the first fault limit or requirement", "; ".join(reasons))
-    first = min(known, key=lambda life: life.hours_50)
-    every = [*known, together] if together.known else known
-    return RemainingLife(
-        True,
-        min(life.hours_05 for life in every),
-        min(life.hours_50 for life in every),
-        min(life.hours_95 for life in every),
-        first.criterion,
-    )
-
-
-def lifetimes_of(
-    by_faults: NDArray[np.float64], by_requirements: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return samples of the life that ends with the first of two, quantile by quantile (P12).
-
-    Parameters
-    ----------
-    by_faults
-        Samples of the life by fault limits [h], ``(n,)``; empty when it is unknown.
-    by_requirements
-        Samples of the life by requirement or limit [h], ``(m,)``; empty when it is unknown.
-
-    Returns
-    -------
-    numpy.ndarray
-        As many as by faults and in their order, infinite where neither ends [h].
-    """
-    if not by_requirements.size:
-        return by_faults
-    if not by_faults.size:
-        return by_requirements
-    rank = np.argsort(np.argsort(by_faults, kind="stable"), kind="stable")
-    at = rank * by_requirements.size // by_faults.size
-    return np.minimum(by_faults, np.sort(by_requirements)[at])
-
-
-def outlook_of(
-    growth: GrowthRecord, settings: PrognosisSettings, requirements: Requirements | str
-) -> Outlook:
-    """Return health and remaining life after the latest test, without events.
-
-    Parameters
-    ----------
-    growth
-        Of the unit; with at least one test.
-    settings
-        Limits, horizon and duty.
-    requirements
-        Those of the unit, or why they cannot be monitored.
-
-    Raises
-    ------
-    ValueError
-        When there is no test.
-    """
-    service, limits = growth.service, settings.limits
-    entry = service.latest
-    if entry is None:
-        raise ValueError("there is no history yet: no valid test so far")
-    future = _future(growth, settings)
-    if service.unknown:
-        tracked: tuple[TrackedFault, ...] = ()
-        prognosis = Prognosis.unknown(service.unknown, limits, future)
-    else:
-        tracked = tuple(_in_service(item, growth) for item in growth.tracker.components())
-        tracked = tuple(item for item in tracked if item.tests)
-        prognosis = growth.tracker.predict(future)
-    # Alarms do not wait for a count.
-    judged = {
-        item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
-        for item in (tracked if growth.latest_is_used else ())
-    }
-    health = assess(entry.estimate, limits, judged)
-    required = _required(growth, entry.estimate, tracked, prognosis, settings, requirements)
-    health = with_requirements(health, required.healths)
-    rul = earlier(prognosis.overall, required.overall, required.with_limits)
-    dominant, tests_tell = _worst_with_warning(health), True
-    lifetimes = levels = np.empty(0)
-    if rul.known:
-        by_fault = rul.criterion == prognosis.overall.criterion
-        dominant = prognosis.dominant_fault if by_fault else required.dominant
-        lifetimes = lifetimes_of(prognosis.samples, required.samples)
-        levels = prognosis.levels if by_fault else levels
-        hidden = dict(zip(FAULT_NAMES, entry.estimate.unobservable, strict=True))
-        tests_tell = not hidden.get(dominant, False)
-    hours_per_cycle = _hours_per_cycle(growth, settings)
-    hours_a_day = usage_of(service.used)
-    if settings.scenario is not None:
-        hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
-        hours_a_day = settings.scenario.hours_per_day or hours_a_day
-    return Outlook(
-        stamp_ns=entry.stamp_ns,
-        hours=service.hours,
-        cycles=entry.cycles,
-        hours_per_cycle=hours_per_cycle,
-        health=health,
-        trends={item.name: item.trend for item in tracked} | dict(required.trends),
-        lives={**prognosis.components, **required.lives, **_not_tracked(health)},
-        rul_faults=prognosis.overall,
-        rul_requirements=required.overall,
-        rul=rul,
-        dominant=dominant,
-        future=future,
-        assumption=prognosis.assumption,
-        lifetimes=lifetimes,
-        levels=levels,
-        removal=removal_of(
-            rul, lifetimes, settings.service.removal_risk, hours_per_cycle, hours_a_day
-        ),
-        tests_tell=tests_tell,
-        calibrations={item.name: item.calibration for item in tracked},
-    )
-
-
-def _future(growth: GrowthRecord, settings: PrognosisSettings) -> FutureDuty:
-    """Return the duty to come; ValueError when a scenario cannot be compared with the past."""
-    factor = settings.service.duty
-    if settings.scenario is not None:
-        return settings.scenario.future(growth.duty, factor)
-    return growth.duty.as_flown(factor) if growth.duty else FutureDuty.steady(factor)
-
-
-def _in_service(item: TrackedFault, growth: GrowthRecord) -> TrackedFault:
-    """Return what is known of a component with its trend an hour of service, not of growth."""
-    if growth.duty is None:
-        return item
-    rate = float(growth.duty.present[COMPONENTS.index(item.name)])
-    return replace(item, trend=rate * item.trend, trend_sigma=rate * item.trend_sigma)
-
-
-def _not_tracked(health: Health) -> dict[str, RemainingLife]:
-    """Return the lives of what is judged by the latest test alone."""
-    reason = "its growth is not tracked"
-    return {
-        item.name: RemainingLife.unknown("", reason)
-        for item in health.requirements
-        if item.name == TORQUE_PER_AMPERE
-    }
-
-
-def _required(
-    growth: GrowthRecord,
-    estimate: Estimate,
-    tracked: tuple[TrackedFault, ...],
-    prognosis: Prognosis,
-    settings: PrognosisSettings,
-    requirements: Requirements | str,
-) -> RequiredLife:
-    if isinstance(requirements, str):
-        return RequiredLife.unknown(requirements, settings.requirements)
-    limits = settings.limits
-    faults, covariance = _latest_faults(growth, estimate, tracked)
-    judgement = requirements.judge(faults, covariance, warn_share=limits.warn_share)
-    if growth.service.unknown or np.isnan(faults).any():
-        reason = growth.service.unknown or "not all faults are observable"
-        return RequiredLife.unknown(reason, requirements, judgement.healths)
-    required = required_life(
-        requirements,
-        judgement,
-        faults,
-        growth.tracker,
-        tracked,
-        prognosis,
-        limits,
-        settings.tracker,
-        growth.service.hours - growth.service.used[0].hours,
-    )
-    if growth.latest_is_used:
-        return required
-    alone = requirements.judge(estimate.faults, estimate.covariance, warn_share=limits.warn_share)
-    return replace(required, healths=alone.healths)
-
-
-def _latest_faults(
-    growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return faults, ``(8,)``, and covariance by all tests; without tracked ones, by the last.
-
-    What is unknown is NaN.
-    """
-    faults = np.array(estimate.faults)
-    if not tracked:
-        return faults, estimate.covariance
-    variance = np.where(estimate.unobservable, np.nan, np.diag(estimate.covariance))
-    for item in tracked:
-        number = FAULT_NAMES.index(item.name)
-        faults[number], variance[number] = item.value, item.sigma**2
-    if not math.isnan(growth.phase[0]):
-        faults[ECCENTRICITY_PHASE], variance[ECCENTRICITY_PHASE] = growth.phase
-    return faults, np.diag(variance)
-
-
-def _hours_per_cycle(growth: GrowthRecord, settings: PrognosisSettings) -> float:
-    """Return the flight hours from a test cycle to the next [h]; NaN when not known."""
-    used = growth.service.used
-    cycles = used[-1].cycles - used[0].cycles if used else 0
-    if cycles > 0 and (mean := (used[-1].hours - used[0].hours) / cycles) > 0.0:
-        return mean
-    return settings.service.hours_per_cycle or math.nan

@@ -1,14 +1,17 @@
-"""Service life of a unit: the service hours at its tests."""
+"""Service life of a unit: counts as they come, and the service hours at its tests."""
 
 import math
+import threading
 from dataclasses import dataclass
 from itertools import dropwhile, takewhile
 from typing import Final, NamedTuple, Self
 
+import numpy as np
+
+from ema_core.description import UnitKey
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
-from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.unit_event import SERVICE_HOURS, Finding
+from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
 
 UNKNOWN_HOURS: Final = (
     "service hours are unknown: no count on topic usage was read before the test, and the "
@@ -22,6 +25,12 @@ MOST_TESTS: Final = 10
 _STOPPED: Final = "service hours are unknown: the latest count of service hours"
 _LEAST_TESTS: Final = 3
 _IMPLAUSIBLE: Final = 10.0
+_MOST_COUNTS: Final = 1000
+_MOST_UNITS: Final = 1000
+_NS_PER_S: Final = 1_000_000_000
+_DAY_NS: Final = 86_400 * _NS_PER_S
+_RECENT_NS: Final = 90 * _DAY_NS
+_MOST_HOURS_A_DAY: Final = 24.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,52 @@ class Service:
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+
+class CountLog:
+    """Counts by unit, the first of each second; any thread may call.
+
+    A count without serial number that comes before the actuator is described belongs to the unit
+    that is described first. Of more than a thousand units, those without a count for longest are
+    dropped; of more than a thousand counts of a unit, those that came first.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        # The units, that of the latest count last.
+        self._counts: dict[UnitKey, dict[int, Count]] = {}
+
+    def add(self, unit: UnitKey, count: Count) -> None:
+        """Keep a count of a unit, whose serial number is empty as long as that is not known.
+
+        One of the very same stamp as an earlier one replaces it.
+        """
+        with self._lock:
+            counts = self._counts[unit] = self._counts.pop(unit, {})
+            # The first of each second.
+            second = count.stamp_ns // _NS_PER_S
+            if second not in counts or count.stamp_ns <= counts[second].stamp_ns:
+                counts[second] = count
+            if len(counts) > _MOST_COUNTS:
+                del counts[next(iter(counts))]
+            if len(self._counts) > _MOST_UNITS:
+                del self._counts[next(iter(self._counts))]
+
+    def assign(self, unit: UnitKey) -> None:
+        """Move counts of an actuator that was not described yet to the unit that it is."""
+        with self._lock:
+            early = self._counts.pop((unit[0], ""), {})
+            named = self._counts.pop(unit, {})
+        # Of counts of the same stamp, one that names the unit holds.
+        for count in (*early.values(), *named.values()):
+            self.add(unit, count)
+
+    def latest(self, unit: UnitKey, stamp_ns: int) -> Count | None:
+        """Return the latest count of a unit by a stamp [ns]; None when there is none."""
+        with self._lock:
+            counts = self._counts.get(unit, {}).values()
+            read = [count for count in counts if count.stamp_ns <= stamp_ns]
+        return max(read, key=lambda count: count.stamp_ns, default=None)
 
 
 class TimedTest(NamedTuple):
@@ -113,6 +168,30 @@ class ServiceHours:
     def hours(self) -> float:
         """Service hours at the latest test [h], or the latest known before it; else NaN."""
         return math.nan if self.unknown or not self.used else self.used[-1].hours
+
+    @property
+    def mean_hours_per_cycle(self) -> float:
+        """Flight hours from a test cycle to the next [h]; 0 when not known."""
+        cycles = self.used[-1].cycles - self.used[0].cycles if self.used else 0
+        return max((self.used[-1].hours - self.used[0].hours) / cycles, 0.0) if cycles > 0 else 0.0
+
+    @property
+    def usage(self) -> float:
+        """The present usage [h/d]: that of the last 90 days, as far as there are tests.
+
+        NaN when the tests do not span a day, or when more hours than a day has would be flown in
+        one: on a test bench, or in a simulation, stamps and service hours are not of one clock.
+        """
+        if not self.used:
+            return math.nan
+        last = self.used[-1]
+        latest_ns = np.maximum.accumulate([test.stamp_ns for test in self.used])
+        first = self.used[int(np.searchsorted(latest_ns, last.stamp_ns - _RECENT_NS))]
+        span_ns = last.stamp_ns - first.stamp_ns
+        if span_ns < _DAY_NS:
+            return math.nan
+        rate = (last.hours - first.hours) / (span_ns / _DAY_NS)
+        return rate if 0.0 < rate <= _MOST_HOURS_A_DAY else math.nan
 
     def by_stamp(self) -> dict[int, float]:
         """Return the service hours of those used [h] by their stamps [ns]."""

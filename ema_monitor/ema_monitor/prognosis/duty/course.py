@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings, damage_row
+from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.service import TimedTest
@@ -22,9 +22,7 @@ _LEAST_SPREAD: Final = 0.03
 _MOST_CUT: Final = 1000
 _SIGMA_OF_MEDIAN: Final = 1.4826 / np.sqrt(2.0)
 """Standard deviation over the median magnitude of differences, of independent normal values."""
-
 _PATHS: Final = 100
-_STEPS: Final = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,23 +50,25 @@ class DutyCourse:
     hours: NDArray[np.float64]
     rate: NDArray[np.float64]
     travel: NDArray[np.float64]
-    reference: NDArray[np.float64] = field(init=False)
+    reference: NDArray[np.float64] = field(default_factory=lambda: np.full(2, np.nan))
     relative: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
-        elapsed = np.diff(self.hours)
-        reference, relative = np.full(2, np.nan), np.ones((3, elapsed.size))
+        object.__setattr__(self, "relative", np.ones((3, self.travel.size)))
         for number, rate in enumerate(self.rate if self.settings.growth_per == "damage" else ()):
             first = np.flatnonzero(np.isfinite(rate))[:REFERENCE_TESTS]
             if first.size < REFERENCE_TESTS or not np.any(rate[first] > 0.0):
                 continue
-            reference[number] = np.average(rate[first], weights=elapsed[first])
-            own = np.minimum(rate / reference[number], _FASTEST)
+            self.reference[number] = np.average(rate[first], weights=self.elapsed[first])
+            own = np.minimum(rate / self.reference[number], _FASTEST)
             # An interval without known duty is as the one before; the first ones as the reference.
             latest = np.maximum.accumulate(np.where(np.isfinite(own), np.arange(own.size), -1))
-            relative[number] = np.where(latest < 0, 1.0, own[latest])
-        object.__setattr__(self, "reference", reference)
-        object.__setattr__(self, "relative", relative)
+            self.relative[number] = np.where(latest < 0, 1.0, own[latest])
+
+    @property
+    def elapsed(self) -> NDArray[np.float64]:
+        """Service hours of the intervals [h], ``(n - 1,)``."""
+        return np.diff(self.hours)
 
     @property
     def is_known(self) -> bool:
@@ -78,7 +78,7 @@ class DutyCourse:
     @property
     def own_hours(self) -> NDArray[np.float64]:
         """Hours of growth of each component at the tests [h], ``(n, 7)``."""
-        grown = np.cumsum(self.relative * np.diff(self.hours), axis=1)
+        grown = np.cumsum(self.relative * self.elapsed, axis=1)
         own = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
         own[~np.append(np.isfinite(self.reference), False)] = self.hours
         return own[MEASURE].T
@@ -99,12 +99,11 @@ class DutyCourse:
     def present(self) -> NDArray[np.float64]:
         """Hours of growth of each component in an hour since the latest change, ``(7,)`` [-]."""
         since = self._since
-        elapsed = np.diff(self.hours)[since:]
-        return np.average(self.relative[:, since:], axis=1, weights=elapsed)[MEASURE]
+        return np.average(self.relative[:, since:], axis=1, weights=self.elapsed[since:])[MEASURE]
 
     def lately(self, figure: NDArray[np.float64]) -> float:
         """Return the mean of a figure of the intervals since the latest change; NaN without any."""
-        recent, elapsed = figure[self._since :], np.diff(self.hours)[self._since :]
+        recent, elapsed = figure[self._since :], self.elapsed[self._since :]
         known = np.isfinite(recent)
         return float(np.average(recent[known], weights=elapsed[known])) if known.any() else np.nan
 
@@ -120,33 +119,26 @@ class DutyCourse:
         factor
             Growth beside it [-].
         """
-        since = self._since
-        words = f"future duty as flown since {self.hours[since]:.6g} h"
         rng = np.random.default_rng([1, self.hours.size])
-        steps = self._drawn_since(since, rng)
+        present, later = self._drawn_since(self._since, rng), self._drawn_since(0, rng)
+        words = f"future duty as flown since {self.hours[self._since]:.6g} h"
+        lasting = np.full(_PATHS, np.inf)
         if (changes := self._changes.size) > 1:
             words += f", and changing as often as it did ({changes} times)"
-            lasting = rng.exponential(self.hours[-1] - self.hours[0], size=(_PATHS, 1))
-            lasting /= changes - 1
-            steps = np.where(np.cumsum(steps[0], axis=1) <= lasting, steps, 0.0)
-            # Where the steps do not last as long, the duty goes on as in their mean.
-            drawn = steps.sum(axis=2, keepdims=True)
-            mean = drawn / np.maximum(drawn[0], 1e-12)
-            left = np.where(steps[0, :, -1:] > 0.0, lasting - drawn[0], 0.0) * mean
-            steps = np.concatenate([steps, left, self._drawn_since(0, rng)], axis=2)
-        return FutureDuty(factor, steps[0], steps[1:][MEASURE], words)
+            mean = (self.hours[-1] - self.hours[0]) / (changes - 1)
+            lasting = rng.exponential(mean, size=_PATHS)
+        return FutureDuty(factor, present, later, lasting, words)
 
     def _drawn_since(self, since: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return hours of service, and of growth by measure, of steps, ``(4, p, s)`` [h]."""
-        known = since + np.flatnonzero(np.diff(self.hours)[since:] > 0.0)
+        """Return mean hours of growth in an hour of each path, ``(7, p)``: a block bootstrap."""
+        known = since + np.flatnonzero(self.elapsed[since:] > 0.0)
         # Whole stretches of the past: what follows one another is alike.
         length = max(round(np.sqrt(known.size)), 1)
-        elapsed = np.diff(self.hours)[known]
-        growth = self.relative[:, known] * elapsed
-        start = rng.integers(known.size - length + 1, size=(_PATHS, _STEPS))
-        passed = np.cumsum(np.concatenate([elapsed[None], growth]), axis=1)
-        passed = np.concatenate([np.zeros((4, 1)), passed], axis=1)
-        return passed[:, start + length] - passed[:, start]
+        start = rng.integers(known.size - length + 1, size=(_PATHS, -(-known.size // length)))
+        drawn = known[start[..., None] + np.arange(length)].reshape(_PATHS, -1)
+        elapsed = self.elapsed[drawn]
+        growth = np.sum(self.relative[:, drawn] * elapsed, axis=-1)
+        return (growth / elapsed.sum(axis=-1))[MEASURE]
 
 
 def duty_changes(relative: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -185,39 +177,31 @@ def duty_changes(relative: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 class DutyRecord:
-    """Damage in the tests of a unit, from which its course follows for those that are used."""
+    """Damage up to the tests of a unit, from which its course follows for those that are used."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
-        self._stamps_ns: list[int] = []
-        self._passed: list[NDArray[np.float64]] = []
-        self._latest = np.zeros(5)
+        self._total = np.zeros(5)
+        # By the stamp of the test [ns].
+        self._until: dict[int, NDArray[np.float64]] = {}
 
     def add(self, entry: Entry) -> None:
         """Add the next test."""
-        self._latest = self._latest + damage_row(entry.flown, self._settings)
-        self._stamps_ns.append(entry.stamp_ns)
-        self._passed.append(self._latest)
+        self._total = self._total + self._settings.damage(entry.flown)
+        self._until[entry.stamp_ns] = self._total
 
     def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
         """Return the duty between tests in the order of their hours; None without any known."""
-        if len(used) <= REFERENCE_TESTS or not self._latest[0]:
+        if len(used) <= REFERENCE_TESTS or not self._total[0]:
             return None
         hours = np.array([test.hours for test in used])
-        places = _places(np.array(self._stamps_ns), np.array([test.stamp_ns for test in used]))
-        telemetry, travel, wear, warm, ageing = np.diff(np.array(self._passed)[places], axis=0).T
+        until = np.array([self._until[test.stamp_ns] for test in used])
+        telemetry, travel, wear, warm, ageing = np.diff(until, axis=0).T
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         least = np.where(elapsed > 0.0, least, np.inf)
         # Beyond the hours in service the unit moved on the ground; what is not covered was alike.
         within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
-        known = np.where(warm >= least, warm, np.nan)
-        rate = np.stack([wear / within, ageing / known])
+        rate = np.stack([wear / within, ageing / np.where(warm >= least, warm, np.nan)])
         course = DutyCourse(self._settings, hours, rate, travel / within)
         return course if course.is_known else None
-
-
-def _places(stamps_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Return where each wanted stamp is, the last place of one that is there twice."""
-    order = np.argsort(stamps_ns, kind="stable")
-    return order[np.searchsorted(stamps_ns, wanted_ns, side="right", sorter=order) - 1]

@@ -1,26 +1,24 @@
 """Damage that duty does: wear by load and travel, ageing by the temperature of the winding."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_core.quantity import check_quantities, quantity, text
-from ema_monitor.prognosis.duty.flown import FlownDuty, Spectrum
+from ema_monitor.prognosis.duty.flown import FlownDuty
 
 BOLTZMANN: Final = 8.617333e-5
 """Boltzmann's constant [eV/K]."""
 
 _ZERO_CELSIUS: Final = 273.15
 _REFERENCE_K: Final = 373.15
+_WEAR: Final = ("friction", "backlash")
+_AGEING: Final = ("short_circuit_a", "short_circuit_b", "short_circuit_c")
 
-WEAR: Final = ("friction", "backlash")
-AGEING: Final = ("short_circuit_a", "short_circuit_b", "short_circuit_c")
-
-MEASURE: Final = np.array([0 if c in WEAR else 1 if c in AGEING else 2 for c in COMPONENTS])
+MEASURE: Final = np.array([0 if c in _WEAR else 1 if c in _AGEING else 2 for c in COMPONENTS])
 """Damage measure of each component: 0 wear, 1 ageing, 2 hours, ``(7,)``."""
 
 
@@ -63,38 +61,31 @@ class DamageSettings:
     def __post_init__(self) -> None:
         check_quantities(self)
 
+    def wear(self, travel: ArrayLike, load: ArrayLike) -> float:
+        """Return the wear by travels [rad] at loads: the sum of load^p times travel [rad].
 
-def wear(travel: Spectrum, settings: DamageSettings) -> float:
-    """Return the wear by travel [rad] at loads, by Archard: the sum of load^p times travel [rad].
+        Archard (1953) has the power 1 for sliding contacts; the life of rolling contacts goes by
+        the power 3 of their load (ISO 281, ISO 3408-5).
+        """
+        return float(np.sum(np.asarray(travel) * np.asarray(load) ** self.wear_exponent))
 
-    Archard (1953) has the power 1 for sliding contacts; the life of rolling contacts goes by the
-    power 3 of their load (ISO 281, ISO 3408-5).
-    """
-    return sum(share.amount * share.mean**settings.wear_exponent for share in travel)
+    def ageing(self, hours: ArrayLike, celsius: ArrayLike) -> float:
+        """Return the ageing in hours at temperatures of the winding: those at 100 degC as bad [h].
 
+        By Arrhenius: exp(-E/kT), T in kelvin (Dakin 1948).
+        """
+        kelvin = np.maximum(np.asarray(celsius) + _ZERO_CELSIUS, 1.0)
+        away = self.activation_energy / BOLTZMANN * (1.0 / _REFERENCE_K - 1.0 / kelvin)
+        return float(np.sum(np.asarray(hours) * np.exp(away)))
 
-def ageing(hours: float, celsius: float, settings: DamageSettings) -> float:
-    """Return the ageing in hours at a temperature of the winding: those at 100 degC as bad [h].
-
-    By Arrhenius: exp(-E/kT), T in kelvin (Dakin 1948).
-    """
-    away = 1.0 / _REFERENCE_K - 1.0 / max(celsius + _ZERO_CELSIUS, 1.0)
-    return hours * math.exp(settings.activation_energy / BOLTZMANN * away)
-
-
-def damage_row(flown: FlownDuty | None, settings: DamageSettings) -> NDArray[np.float64]:
-    """Return hours of telemetry, travel, wear, hours of known temperature and ageing, ``(5,)``."""
-    if flown is None:
-        return np.zeros(5)
-    return np.array(
-        [
-            flown.hours,
-            flown.travelled,
-            wear(flown.travel, settings),
-            sum(share.amount for share in flown.winding),
-            sum(
-                ageing(share.amount, settings.winding_temperature + share.mean, settings)
-                for share in flown.winding
-            ),
-        ]
-    )
+    def damage(self, flown: FlownDuty | None) -> NDArray[np.float64]:
+        """Return hours of telemetry, travel, wear, hours of known temperature and ageing."""
+        if flown is None:
+            return np.zeros(5)
+        (travel, load), (hours, rise) = (
+            (amount, moment / np.where(amount > 0.0, amount, 1.0))
+            for amount, moment in (flown.travel, flown.winding)
+        )
+        wear = self.wear(travel, load)
+        ageing = self.ageing(hours, self.winding_temperature + rise)
+        return np.array([flown.hours, travel.sum(), wear, hours.sum(), ageing])

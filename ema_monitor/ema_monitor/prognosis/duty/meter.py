@@ -2,6 +2,7 @@
 
 import threading
 from collections import deque
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,10 +15,8 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.prognosis.duty.flown import (
     CLASS_KELVIN,
     LEAST_RISE,
-    LOAD_CLASSES,
     WINDING_CLASSES,
     FlownDuty,
-    spectrum,
     together,
 )
 
@@ -73,12 +72,7 @@ class DutyMeter:
     def __init__(self) -> None:
         self._last = np.nan
         self._next_index = -1
-        self._clear()
-
-    def _clear(self) -> None:
-        self._hours = 0.0
-        self._travel = np.zeros((2, LOAD_CLASSES))
-        self._winding = np.zeros((2, WINDING_CLASSES))
+        self._flown = FlownDuty()
 
     def add(
         self, block: Telemetry, parameters: ActuatorParameters, rise: float | None = None
@@ -100,18 +94,17 @@ class DutyMeter:
         if len(block.current):
             load = np.minimum(np.abs(block.current) / parameters.I_max, _MOST_LOAD)
         known = np.isfinite(position) & ~np.isnan(load)
-        self._last = count_travel(position[known], load[known], self._last, *self._travel)
+        self._last = count_travel(position[known], load[known], self._last, *self._flown.travel)
         hours = len(block) * block.sample_period / _S_PER_HOUR
-        self._hours += hours
+        self._flown = replace(self._flown, hours=self._flown.hours + hours)
         if rise is not None:
             number = int((rise - LEAST_RISE) / CLASS_KELVIN)
             number = min(max(number, 0), WINDING_CLASSES - 1)
-            self._winding[:, number] += hours, hours * rise
+            self._flown.winding[:, number] += hours, hours * rise
 
     def take(self) -> FlownDuty:
         """Return the duty since the last call."""
-        flown = FlownDuty(self._hours, spectrum(*self._travel), spectrum(*self._winding))
-        self._clear()
+        flown, self._flown = self._flown, FlownDuty()
         return flown
 
 

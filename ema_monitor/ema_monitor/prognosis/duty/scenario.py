@@ -1,7 +1,7 @@
 """Scenarios: duties to come as a planner gives them, checked, and the growth that they lead to."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,8 +11,7 @@ from ema_core.quantity import check_quantities, is_finite_number, quantity, text
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
 from ema_monitor.prognosis.duty.course import DutyCourse
-from ema_monitor.prognosis.duty.damage import MEASURE, ageing, wear
-from ema_monitor.prognosis.duty.flown import Share
+from ema_monitor.prognosis.duty.damage import MEASURE
 from ema_monitor.prognosis.duty.future import FutureDuty
 
 MOST_SCENARIOS: Final = 20
@@ -64,11 +63,6 @@ class Scenario:
         _check_shares("loads", self.loads, 0.0, 10.0, "-")
         _check_shares("winding", self.winding, -60.0, 300.0, "degC")
 
-    @property
-    def has_figures(self) -> bool:
-        """Whether it says more of the duty than a factor."""
-        return bool(self.travel_per_hour or self.loads or self.winding)
-
     def future(self, course: DutyCourse | None, factor: float) -> FutureDuty:
         """Return the duty to come.
 
@@ -86,48 +80,48 @@ class Scenario:
         """
         factor = factor * self.duty
         if course is None:
-            if self.has_figures:
-                raise NotComparableError(_NOT_KNOWN.format("its duty so far"))
+            if self.travel_per_hour or self.loads or self.winding:
+                raise NotComparableError("its duty so far")
             return FutureDuty.steady(factor)
         past, settings = course.as_flown(factor), course.settings
-        growth = np.array(past.growth)
+        rates: dict[int, float] = {}
         words = []
         if self.travel_per_hour or self.loads:
-            reference = _known(course.reference[0], "its travel and load so far")
-            travel = self.travel_per_hour or course.lately(course.travel)
+            known = course.lately(course.travel)
+            travel = self.travel_per_hour or known
             if self.loads:
-                total = sum(self.loads.values())
-                travels = (Share(0, way / total, load) for load, way in self.loads.items())
-                a_rad = wear(tuple(travels), settings)
+                shares = np.array(list(self.loads.values()))
+                wear = settings.wear(shares / shares.sum(), list(self.loads))
             else:
-                way = course.lately(course.travel)
-                a_rad = course.lately(course.rate[0]) / _known(way or np.nan, "its travel so far")
-            growth[MEASURE == 0] = past.hours * (travel * a_rad / reference)
+                wear = course.lately(course.rate[0]) / (known or np.nan)
+            rates[0] = travel * wear / course.reference[0]
             words.append(f"{travel:.4g} rad/h")
             words += [f"loads {_in_words(self.loads, '')}"] if self.loads else []
         if self.winding:
-            reference = _known(course.reference[1], "the temperature of its winding so far")
-            total = sum(self.winding.values())
-            rate = sum(ageing(hours / total, at, settings) for at, hours in self.winding.items())
-            growth[MEASURE == 1] = past.hours * (rate / reference)
+            shares = np.array(list(self.winding.values()))
+            rates[1] = settings.ageing(shares / shares.sum(), list(self.winding))
+            rates[1] /= course.reference[1]
             words.append(f"winding {_in_words(self.winding, ' degC')}")
-        given = f"future duty: {', '.join(words)}, the rest {past.words.partition(' duty ')[2]}"
-        return FutureDuty(factor, past.hours, growth, given if words else past.words)
+        if not words:
+            return past
+        present, later = past.present.copy(), past.later.copy()
+        for measure, rate in rates.items():
+            if not np.isfinite(rate):
+                names = ("its travel and load so far", "the temperature of its winding so far")
+                raise NotComparableError(names[measure])
+            present[measure == MEASURE] = later[measure == MEASURE] = rate
+        rest = past.words.partition(" duty ")[2]
+        given = f"future duty: {', '.join(words)}, the rest {rest}"
+        return replace(past, present=present, later=later, words=given)
 
 
 class NotComparableError(ValueError):
     """Of what a scenario gives, nothing is known of the unit so far."""
 
-
-_NOT_KNOWN: Final = (
-    "{} is not known, with which the scenario is compared: growth is counted by hours"
-)
-
-
-def _known(reference: float, what: str) -> float:
-    if not np.isfinite(reference):
-        raise NotComparableError(_NOT_KNOWN.format(what))
-    return float(reference)
+    def __init__(self, what: str) -> None:
+        super().__init__(
+            f"{what} is not known, with which the scenario is compared: growth is counted by hours"
+        )
 
 
 def _in_words(shares: Mapping[float, float], unit: str) -> str:
@@ -181,7 +175,8 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
     content = load_yaml(path)
     try:
         if not isinstance(content, dict) or set(content) != {"scenarios"}:
-            raise ValueError(f"{_named(content)}: expected one key, scenarios")
+            named = ", ".join(map(str, content)) if isinstance(content, dict) else str(content)
+            raise ValueError(f"{named[:80]}: expected one key, scenarios")
         rows = content["scenarios"]
         if not isinstance(rows, list) or not rows:
             raise ValueError(f"scenarios = {str(rows)[:80]}: expected a list of at least one")
@@ -191,17 +186,13 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
 
 
 def _scenario(number: int, row: Any) -> Scenario:
-    if not isinstance(row, dict):
-        raise ValueError(f"scenario {number} = {str(row)[:80]}: expected keys with values")
     known = [item.name for item in fields(Scenario)]
     try:
+        if not isinstance(row, dict):
+            raise ValueError(f"{str(row)[:80]}: expected keys with values")
         for key in row:
             if key not in known:
                 raise ValueError(unknown_name("key", key, known))
         return Scenario(**row)
     except ValueError as error:
         raise ValueError(f"scenario {number}: {error}") from error
-
-
-def _named(content: Any) -> str:
-    return ", ".join(map(str, content))[:80] if isinstance(content, dict) else str(content)[:80]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, healthy_faults
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, TrackedFault
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.waiting import NOT_SHOWN
 from ema_monitor.prognosis.requirements.requirements import (
@@ -93,8 +92,7 @@ def required_life(
     tracked: tuple[TrackedFault, ...],
     prognosis: Prognosis,
     limits: HealthLimits,
-    settings: TrackerSettings,
-    observed_hours: float,
+    horizon_hours: float,
 ) -> RequiredLife:
     """Return how long the requirements are met.
 
@@ -111,10 +109,10 @@ def required_life(
         Fault vector now, ``(8,)``.
     tracker, tracked, prognosis
         The growth, each component that a test has shown, and the life by fault limits.
-    limits, settings
-        Limits of the faults, and the horizon.
-    observed_hours
-        Hours over which the actuator has been observed [h].
+    limits
+        Limits of the faults.
+    horizon_hours
+        How far to look ahead [h].
     """
     healths = judgement.healths
     grows = any(life.known for life in prognosis.components.values())
@@ -127,12 +125,11 @@ def required_life(
     if not grows and not any(map(_surely_fails, healths)):
         return RequiredLife.unknown("no significant growth", requirements, healths)
     duty = prognosis.future
-    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty.factor
     longest = prognosis.overall.hours_95
     if 0.0 < longest < np.inf:
-        horizon = min(horizon, _BEYOND * longest)
+        horizon_hours = min(horizon_hours, _BEYOND * longest)
     # More times near now, where they count most.
-    hours = max(horizon, 1.0) * np.linspace(0.0, 1.0, _TIMES) ** 2
+    hours = max(horizon_hours, 1.0) * np.linspace(0.0, 1.0, _TIMES) ** 2
     paths = np.swapaxes(tracker.futures(hours, _SAMPLES, duty), 0, 1)
     if not grows:
         paths[:] = paths[:, :1]

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.advice import advise
-from ema_monitor.prognosis.advisory import Costs, Decision
+from ema_monitor.prognosis.advice import Costs, Decision, advise
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 from .test_forecaster import SETTINGS, grown
@@ -107,10 +106,8 @@ def test_inspection_that_tells_nothing_costs_what_it_costs():
     ],
 )
 def test_without_usable_costs_there_is_no_advice(costs: Costs, words: str):
-    unit, outlook = grown(20)
-    after = unit.forecaster(outlook)
-    assert after is not None
-    found = advise(after, costs)
+    _, outlook = grown(20)
+    found = advise(outlook, costs)
     assert found.action == "unknown"
     assert words in found.reason
     assert math.isnan(found.hours)
@@ -118,18 +115,14 @@ def test_without_usable_costs_there_is_no_advice(costs: Costs, words: str):
 
 def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit():
     # Friction of 0.05 + 0.01 a test reaches 0.5 at test 45, 460 h after the count began.
-    unit, outlook = grown(3)
-    after = unit.forecaster(outlook)
-    assert after is not None
-    early = advise(after, COSTS)
+    _, outlook = grown(3)
+    early = advise(outlook, COSTS)
     assert (early.action, math.isnan(early.rate)) == ("continue", True)
     assert "no remaining life is known" in early.reason
     actions = {}
     for tests in (26, 34, 40, 44):
-        unit, outlook = grown(tests)
-        after = unit.forecaster(outlook)
-        assert after is not None
-        actions[tests] = found = advise(after, COSTS)
+        _, outlook = grown(tests)
+        actions[tests] = found = advise(outlook, COSTS)
         assert found.hours == pytest.approx(outlook.hours + found.from_now)
         assert found.rate <= found.rate_at_once
     assert [one.action for one in actions.values()][:2] == ["continue", "continue"]
@@ -139,17 +132,13 @@ def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit():
 
 
 def test_failed_unit_is_to_be_removed_now():
-    unit, outlook = grown(50)
-    after = unit.forecaster(outlook)
-    assert after is not None
-    found = advise(after, COSTS)
+    _, outlook = grown(50)
+    found = advise(outlook, COSTS)
     assert (found.action, found.from_now, found.probability) == ("remove", 0.0, 1.0)
     assert found.reason.startswith("Remove now: failed since")
 
 
 def test_without_service_hours_there_is_no_advice():
-    unit, outlook = grown(10, PrognosisSettings())
-    after = unit.forecaster(outlook)
-    assert after is not None
-    assert advise(after, COSTS).action == "unknown"
+    _, outlook = grown(10, PrognosisSettings())
+    assert advise(outlook, COSTS).action == "unknown"
     assert SETTINGS.service.hours_per_cycle == 10.0
