@@ -15,7 +15,6 @@ from ema_monitor.identification.estimate import FAILED, Estimate
 from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import (
@@ -159,8 +158,13 @@ class Unit:
             else:
                 cycles = len(self.history.unused) + is_new
                 flown = together(self.history.unused_duty, flown)
-                entry, ignored = self._entry(estimate, cycles, count, flown)
-                findings = [*ignored, *self._gap_before(entry), *self._grow(entry)]
+                entry, findings = self._entry(estimate, cycles, count, flown)
+                try:
+                    findings += self.growth.add(entry)
+                except Exception:
+                    # The test enters neither growth nor history.
+                    self._find_growth_anew()
+                    raise
                 self.history.append(entry)
                 self._findings += findings
             return self._outlook_with_events(parameters)
@@ -347,39 +351,19 @@ class Unit:
     def _growth_of_all(self, kept: bytes = b"") -> GrowthRecord:
         """Return what all tests so far say, those that are known in what was kept included."""
         settings = self._settings
-        return GrowthRecord(
-            settings.limits,
-            self._tracker_settings(settings),
-            self.history.entries,
-            kept,
-            settings.damage,
-        )
-
-    def _grow(self, entry: Entry) -> list[Finding]:
-        """Add a test to what is known of growth; return what it reveals."""
-        try:
-            return self.growth.add(entry)
-        except Exception:
-            # The test enters neither growth nor history.
-            self._find_growth_anew()
-            raise
+        tracker, self._fleet_in_words = settings.tracker, ""
+        if settings.fleet is not None:
+            try:
+                fleet = settings.fleet.prior(settings.limits, without=self.history.unit)
+                tracker, self._fleet_in_words = replace(tracker, fleet=fleet), fleet.in_words()
+            except ValueError as error:
+                self._fleet_in_words = f"the fleet is not used: {error}"
+        entries = self.history.entries
+        return GrowthRecord(settings.limits, tracker, entries, kept, settings.damage)
 
     def _find_growth_anew(self) -> None:
         self.growth = self._growth_of_all()
         self._kept_tests = 0
-
-    def _tracker_settings(self, settings: PrognosisSettings) -> TrackerSettings:
-        """Return what the tracker assumes, with what the other units of the fleet say."""
-        self._fleet_in_words = ""
-        if settings.fleet is None:
-            return settings.tracker
-        try:
-            fleet = settings.fleet.prior(settings.limits, without=self.history.unit)
-        except ValueError as error:
-            self._fleet_in_words = f"the fleet is not used: {error}"
-            return settings.tracker
-        self._fleet_in_words = fleet.in_words()
-        return replace(settings.tracker, fleet=fleet)
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
         outlook = self._by_valid = self._outlook(parameters)
@@ -457,41 +441,30 @@ class Unit:
         return events
 
     def _entry(
-        self,
-        estimate: Estimate,
-        new_cycles: int,
-        count: Count | None,
-        flown: FlownDuty | None,
+        self, estimate: Estimate, new_cycles: int, count: Count | None, flown: FlownDuty | None
     ) -> tuple[Entry, list[Finding]]:
-        """Return a test as it is kept, and a finding when the first count is ignored."""
+        """Return a test as it is kept, and findings: the first count is ignored, tests missed."""
         latest = self.growth.service.latest
-        hours_per_cycle = self._settings.service.hours_per_cycle
+        each = self._settings.service.hours_per_cycle
         cycles = new_cycles + (latest.cycles if latest else 0)
-        if hours_per_cycle > 0.0:
-            hours = self.growth.service.after(cycles, hours_per_cycle)
-            entry = Entry(estimate, hours, cycles, flown=flown)
-            if count is None or self._ignores_usage:
-                return entry, []
-            self._ignores_usage = True
-            text = (
-                f"usage is ignored, {count.hours:g} h: "
-                f"hours_per_cycle = {hours_per_cycle:g} h is set"
-            )
-            return entry, [Finding(SERVICE_HOURS, text)]
-        before = latest.count if latest else None
-        # After a restart, the latest count may be in the history alone.
-        newest = _later(count, before, estimate.end_ns)
-        if newest is not None and newest != before:
-            cycles = newest.cycles or cycles
-        return Entry(estimate, math.nan, cycles, newest, flown), []
-
-    def _gap_before(self, entry: Entry) -> list[Finding]:
-        """Return that test cycles before a test had no valid estimate, if so."""
-        latest = self.growth.service.latest
-        if latest is None or (missed := entry.cycles - latest.cycles - 1) <= 0:
-            return []
-        text = f"{counted(missed, 'test')} without a valid estimate before this one"
-        return [Finding(GAP, text)]
+        hours, newest, findings = math.nan, None, list[Finding]()
+        if each > 0.0:
+            hours = self.growth.service.after(cycles, each)
+            if count is not None and not self._ignores_usage:
+                self._ignores_usage = True
+                text = f"usage is ignored, {count.hours:g} h: hours_per_cycle = {each:g} h is set"
+                findings.append(Finding(SERVICE_HOURS, text))
+        else:
+            before = latest.count if latest else None
+            # After a restart, the latest count may be in the history alone.
+            newest = _later(count, before, estimate.end_ns)
+            if newest is not None and newest != before:
+                cycles = newest.cycles or cycles
+        missed = cycles - latest.cycles - 1 if latest else 0
+        if missed > 0:
+            text = f"{counted(missed, 'test')} without a valid estimate before this one"
+            findings.append(Finding(GAP, text))
+        return Entry(estimate, hours, cycles, newest, flown), findings
 
 
 def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:

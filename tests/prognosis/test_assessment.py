@@ -87,21 +87,6 @@ def test_damaged_assessment_sets_the_file_aside_and_loses_no_test(path: Path):
     history.close()
 
 
-def test_file_that_is_deleted_while_in_use_gets_all_assessments_again(path: Path):
-    history = History(*UNIT, path)
-    for number in range(2):
-        history.append(entry(number))
-        history.assess(assessment(number))
-    for file in path.parent.glob("flap.sqlite*"):
-        file.unlink()
-    history.append(entry(2))
-    history.assess(assessment(2))
-    history.close()
-    again = History(*UNIT, path)
-    again.close()
-    assert (len(again.entries), len(again.assessments)) == (3, 3)
-
-
 def test_failure_is_dated_over_a_restart(path: Path):
     _, outlook = lived(path, [0.3, 0.4, 0.55])
     assert (outlook.health.level, outlook.failed_since) == (ERROR, 30.0)

@@ -3,7 +3,6 @@
 import os
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import tracemalloc
@@ -193,24 +192,6 @@ def test_full_disk_is_reported_and_caught_up_with(path: Path):
     assert history.problem == ""
     history.close()
     assert hours(path) == ([0.0, 10.0, 20.0, 30.0, 40.0], "")
-
-
-def test_disk_that_is_full_from_the_beginning_is_caught_up_with(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    history = History(*UNIT, path)
-
-    def full(*_: object, **__: object) -> None:
-        raise sqlite3.OperationalError("unable to open database file")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(sqlite3, "connect", full)
-        history.append(entry(0))
-    assert "unable to open database file" in history.problem
-    history.append(entry(1))
-    assert history.problem == ""
-    history.close()
-    assert hours(path) == ([0.0, 10.0], "")
 
 
 @contextmanager

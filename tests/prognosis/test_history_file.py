@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from ema_core.levels import OK
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import UnusedCycle
+from ema_monitor.prognosis.history_entry import Assessment, UnusedCycle
 
 from .kept_histories import UNIT, entry, hours, kept
 
@@ -82,6 +83,7 @@ def test_file_that_is_gone_while_in_use_is_written_anew_whole(path: Path, how: s
     history.append(entry(0))
     history.append(UnusedCycle(1, "refused", "gap"))
     history.append(entry(1))
+    history.assess(Assessment(entry(1).stamp_ns, 10.0, OK, 0.9, "", None))
     moved = path.with_name("elsewhere")
     if how == "moved":
         path.rename(moved)
@@ -91,12 +93,14 @@ def test_file_that_is_gone_while_in_use_is_written_anew_whole(path: Path, how: s
         shutil.rmtree(path.parent)
     history.append(UnusedCycle(2, "refused", "gap"))
     history.append(entry(2))
+    history.assess(Assessment(entry(2).stamp_ns, 20.0, OK, 0.9, "", None))
     assert "was deleted or moved while it was in use" in history.problem
     history.close()
     again = History(*UNIT, path)
     again.close()
     assert [item.hours for item in again.entries] == [0.0, 10.0, 20.0]
     assert (again.holds(1), again.holds(2), again.problem) == (True, True, "")
+    assert again.assessments == history.assessments
     if how == "moved":
         assert hours(moved) == ([0.0, 10.0], "")
 

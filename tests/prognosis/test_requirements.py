@@ -131,24 +131,10 @@ def test_unknown_faults_leave_every_requirement_stale(requirements):
         assert np.isnan(item.value)
 
 
-def rms(values):
-    return np.sqrt(np.mean(values**2))
-
-
 @pytest.mark.parametrize("name", MODELLED)
-def test_stand_in_is_better_than_the_trend_near_its_known_points(requirements, name):
-    rng = np.random.default_rng(6)
-    known = np.clip(healthy_faults() + 0.05 * rng.random((40, 8)), 0.0, 1.0)
+def test_surrogate_is_right_near_its_known_points(requirements, name):
+    known = np.clip(healthy_faults() + 0.05 * np.random.default_rng(6).random((40, 8)), 0.0, 1.0)
     near = known + 0.005
-    weights = requirements.trend[name]
-    stand_in = Surrogate(weights, known, requirements.exact_reserves((name,), known)[:, 0])
+    surrogate = Surrogate(known, requirements.exact_reserves((name,), known)[:, 0])
     right = requirements.exact_reserves((name,), near)[:, 0]
-    missed = rms(stand_in.at(near) - right)
-    assert missed < 0.015
-    assert missed < 0.5 * rms(Surrogate(weights).at(near) - right)
-
-
-def test_error_of_the_trend_is_small(requirements):
-    assert requirements.trend_error["tracking_error"] < 0.01
-    assert requirements.trend_error["bandwidth"] < 0.05
-    assert requirements.trend_error["torque_margin"] < 0.2
+    assert np.sqrt(np.mean((surrogate.at(near) - right) ** 2)) < 0.015

@@ -3,14 +3,12 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ema_core.levels import OK, WARN
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
-from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
@@ -19,12 +17,7 @@ from .lived_units import (
     PARAMETERS,
     TEN_HOURS,
     UNIT,
-    Cycle,
-    backlash,
-    counted,
-    drawn_count,
     follow,
-    friction,
     lived,
     plain,
     ten_hours_a_test,
@@ -69,21 +62,6 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     assert all(event.kind == "fault" for item in outlooks if item for event in item.events)
 
 
-def test_one_count_too_high_is_as_if_it_had_been_right():
-    outlooks = counted(ten_hours_a_test(60, at_18=50_000.0))
-    right = counted(ten_hours_a_test(60))
-    before, wrong, after, *_, last = outlooks[17:]
-    assert math.isnan(wrong.hours)
-    assert "went from 180 h to 50000 h" in wrong.rul.reason
-    # As one test shows it, not as growth over 50,000 h would have it: then it is 0.
-    assert wrong.health.level <= WARN
-    assert wrong.health.health_index == pytest.approx(before.health.health_index, abs=0.03)
-    assert [event.text for event in after.events if event.kind == "service hours"] == [
-        "50000 h at test 19 not confirmed by the next count, 200 h: interpolated instead"
-    ]
-    assert last.rul_faults.hours_50 == pytest.approx(right[-1].rul_faults.hours_50, rel=1e-6)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", [2_000.0, 50_000.0])
 @pytest.mark.parametrize("is_worn", [True, False])
@@ -104,22 +82,6 @@ def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
     assert outlooks[20].health.health_index == single.health_index > 0.7
 
 
-def test_long_pause_is_used_from_the_next_test_on():
-    hours = [*ten_hours_a_test(20), *(5000.0 + 10.0 * n for n in range(4))]
-    cycles = [worn(min(n, 20), h) for n, h in enumerate(hours)]
-    # No growth in the pause: the same levels go on, as new tests.
-    cycles[21:] = [
-        Cycle(made_test(n, seed=3, friction=friction(20), backlash=backlash(20)), hours[n])
-        for n in range(21, 24)
-    ]
-    prognostics = Unit(History(*UNIT))
-    outlooks = [item for item in follow(prognostics, cycles) if item]
-    assert "went from 200 h to 5000 h" in outlooks[20].rul.reason
-    assert "set from 200 h to 5010 h" in [event.text for event in outlooks[21].events]
-    assert all(item.health.level <= WARN for item in outlooks[20:])
-    assert [test.hours for test in prognostics.growth.service.used] == hours
-
-
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     for _ in range(3):
@@ -133,51 +95,6 @@ def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
     assert first is not None
     assert second is not None
     assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("by_cycles", [False, True])
-@pytest.mark.parametrize("seed", range(4))
-def test_restart_at_any_test_goes_on_as_if_there_had_been_none(
-    tmp_path: Path, seed: int, by_cycles: bool
-):
-    """Tests with and without estimate, counted, not counted, and counted wrongly."""
-    rng = np.random.default_rng(seed)
-    settings = PrognosisSettings(service=Service(hours_per_cycle=7.0 if by_cycles else 0.0))
-    cycles = []
-    for number in range(16):
-        hours = drawn_count(rng, number)
-        hours = math.nan if by_cycles else hours
-        cycles.append(worn(number, hours, valid=rng.random() > 0.3))
-    path = tmp_path / "history.sqlite"
-    live = Unit(History(*UNIT, path), settings)
-    expected = []
-    for number, cycle in enumerate(cycles, 1):
-        expected += follow(live, [cycle], settings)
-        if number % 4 == 3:
-            # What a kill would leave.
-            (tmp_path / f"{number}.sqlite").write_bytes(path.read_bytes())
-    live.history.close()
-    for number in (3, 7, 11, 15):
-        again = Unit(History(*UNIT, tmp_path / f"{number}.sqlite"), settings)
-        outlooks = follow(again, cycles[number:], settings)
-        again.history.close()
-        assert [plain(one) if one else None for one in outlooks] == [
-            plain(one) if one else None for one in expected[number:]
-        ]
-
-
-def test_cycles_without_estimate_count_across_a_restart(tmp_path: Path):
-    """Those since the latest valid test included, whose hours a restart would lose."""
-    path = tmp_path / "history.sqlite"
-    first, _ = lived(5, path=path, missing=(3, 4))
-    first.history.close()
-    second = Unit(History(*UNIT, path), TEN_HOURS)
-    [outlook] = follow(second, [worn(5)], TEN_HOURS)
-    second.history.close()
-    assert outlook is not None
-    assert (outlook.hours, outlook.cycles) == (60.0, 6)
-    assert "2 tests without a valid estimate" in outlook.events[0].text
 
 
 def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test():
@@ -204,22 +121,6 @@ def test_unit_is_judged_after_a_restart_without_a_new_test(tmp_path: Path):
     assert resumed is not None
     assert plain(resumed) == plain(outlooks[-1])
     assert Unit(History(*UNIT)).resume(PARAMETERS, TEN_HOURS) is None
-
-
-def test_count_known_from_the_history_alone_still_holds_after_a_restart(tmp_path: Path):
-    path = tmp_path / "history.sqlite"
-    first = Unit(History(*UNIT, path))
-    follow(first, [worn(n, 10.0 * n) for n in range(8)])
-    first.history.close()
-    second = Unit(History(*UNIT, path))
-    [waiting, counted_again] = follow(second, [worn(8), worn(9, 90.0)])
-    second.history.close()
-    assert waiting is not None
-    assert waiting.hours == 70.0
-    assert counted_again is not None
-    assert [test.hours for test in second.growth.service.used] == pytest.approx(
-        [10.0 * n for n in range(10)]
-    )
 
 
 def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():

@@ -10,15 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.levels import ERROR, OK, WARN
-from ema_core.parameters import ActuatorParameters
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import growth_record
 from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.forecaster import earlier
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.outlook import Outlook, earlier
+from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.settings import duty_of
@@ -95,26 +94,6 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
         assert last is not None
         assert (last.health.level, last.rul.known, last.dominant) == (OK, False, "")
         assert last.rul.reason
-
-
-@pytest.mark.slow
-def test_restart_changes_nothing(tmp_path: Path, worn):
-    path = tmp_path / "history.sqlite"
-    _, expected = worn
-    first, _ = lived(25, path=path)
-    # Killed: nothing is closed, but for the lock that goes with a process.
-    first.history.close()
-    second = Unit(History(*UNIT, path), TEN_HOURS)
-    outlooks = [
-        second.update(
-            made_test(number, seed=3, friction=friction(number), backlash=backlash(number)),
-            PARAMETERS,
-            TEN_HOURS,
-        )
-        for number in range(25, 40)
-    ]
-    assert [plain(item) for item in outlooks if item] == [plain(item) for item in expected[25:40]]
-    second.history.close()
 
 
 def test_same_test_again_changes_nothing(worn):
@@ -232,12 +211,6 @@ def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
     assert outlooks[1].events == ()
 
 
-def test_requirements_of_a_unit_are_made_once():
-    assert FITTED.of(PARAMETERS, RequirementLimits()) is FITTED.of(
-        ActuatorParameters(), RequirementLimits()
-    )
-
-
 class OfWideGain(Tracker):
     """A tracker whose futures of the gain, which it does not know to grow, go anywhere."""
 
@@ -299,13 +272,6 @@ def test_earlier_of_two_lives():
     assert earlier(one, unknown, unknown) == earlier(unknown, one, unknown) == one
     too_far = RemainingLife.unknown("x", "too far")
     assert earlier(unknown, too_far, unknown).reason == "no growth; too far"
-
-
-@pytest.mark.slow
-def test_settings_of_the_tracker_change_its_outlook():
-    short = replace(TEN_HOURS, tracker=TrackerSettings(horizon_hours=50.0))
-    _, outlooks = lived(65, short)
-    assert "horizon of 50 h" in outlooks[-1].lives["friction"].reason
 
 
 def test_value_of_a_test_that_is_not_confirmed_is_told_and_not_the_one_before():

@@ -141,7 +141,9 @@ def outlook_of(
     if settings.scenario is not None:
         hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
         hours_a_day = settings.scenario.hours_per_day or hours_a_day
-    not_tracked = RemainingLife.unknown("", "its growth is not tracked")
+    lives = {**prognosis.components, **required.lives}
+    if any(item.name == TORQUE_PER_AMPERE for item in health.requirements):
+        lives[TORQUE_PER_AMPERE] = RemainingLife.unknown("", "its growth is not tracked")
     return Outlook(
         stamp_ns=entry.stamp_ns,
         hours=service.hours,
@@ -149,7 +151,7 @@ def outlook_of(
         hours_per_cycle=hours_per_cycle,
         health=health,
         trends={item.name: item.trend for item in tracked} | dict(required.trends),
-        lives={TORQUE_PER_AMPERE: not_tracked, **prognosis.components, **required.lives},
+        lives=lives,
         rul_faults=prognosis.overall,
         rul_requirements=required.overall,
         rul=rul,

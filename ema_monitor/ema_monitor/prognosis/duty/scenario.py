@@ -186,10 +186,10 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
 
 
 def _scenario(number: int, row: Any) -> Scenario:
+    if not isinstance(row, dict):
+        raise ValueError(f"scenario {number} = {str(row)[:80]}: expected keys with values")
     known = [item.name for item in fields(Scenario)]
     try:
-        if not isinstance(row, dict):
-            raise ValueError(f"{str(row)[:80]}: expected keys with values")
         for key in row:
             if key not in known:
                 raise ValueError(unknown_name("key", key, known))

@@ -17,7 +17,6 @@ from ema_monitor.prognosis.requirements.performance import (
     PerformanceModel,
     as_faults,
 )
-from ema_monitor.prognosis.requirements.surrogate import Surrogate, training_faults, trend_weights
 
 REQUIREMENTS: Final = Performance._fields
 """Names of the requirements, in the order of `Performance`."""
@@ -28,14 +27,11 @@ MODELLED: Final = ("tracking_error", "bandwidth", "torque_margin")
 BELOW: Final = frozenset({"bandwidth", "torque_margin"})
 """Those that fail below their limit."""
 
-TRAINING_SIZE: Final = 4000
-"""Fault vectors that the trend is fitted to."""
-
 SEEN: Final = (-0.5, 1.5)
 """Reserves to which the surrogate is clipped [-]."""
 
 BEING_COMPUTED: Final = "requirements are being computed"
-"""Why nothing is said of the requirements of a unit as long as they are fitted elsewhere."""
+"""Why nothing is said of the requirements of a unit as long as they are made elsewhere."""
 
 _SMALLEST_STEP = 0.01
 _NEGLIGIBLE = 0.05
@@ -103,8 +99,6 @@ class Judgement:
 class Requirements:
     """The requirements of one actuator.
 
-    A surrogate of the model is fitted at construction, in about a second.
-
     Parameters
     ----------
     parameters
@@ -118,10 +112,6 @@ class Requirements:
         Performance of the healthy actuator by name.
     limit
         Value at which each requirement fails, by name; that of the tracking error is absolute.
-    trend
-        Weights of `trend_weights` of the reserve of each of the ``MODELLED`` requirements, by name.
-    trend_error
-        Its rms error on other faults than it was fitted to, by name [-].
 
     Raises
     ------
@@ -145,14 +135,6 @@ class Requirements:
                     f"{name}: a healthy actuator has {self.healthy[name]:.4g} {unit} and misses "
                     f"the limit of {self.limit[name]:.4g} {unit}; set one that it meets"
                 )
-        faults = training_faults(TRAINING_SIZE + TRAINING_SIZE // 4, seed=0)
-        values = np.clip(self.exact_reserves(MODELLED, faults), *SEEN)
-        weights = trend_weights(faults[:TRAINING_SIZE], values[:TRAINING_SIZE])
-        self.trend: dict[str, NDArray[np.float64]] = {}
-        self.trend_error: dict[str, float] = {}
-        for name, weight, exact in zip(MODELLED, weights, values[TRAINING_SIZE:].T, strict=True):
-            error = Surrogate(weight).at(faults[TRAINING_SIZE:]) - exact
-            self.trend[name], self.trend_error[name] = weight, float(np.sqrt(np.mean(error**2)))
 
     def reserve(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how much is left of the way from healthy to the limit: 1 when healthy, 0 there.
@@ -256,7 +238,7 @@ class Requirements:
 
 
 class FittedRequirements:
-    """The requirements of units, fitted once for each; any thread may call."""
+    """The requirements of units, made once for each; any thread may call."""
 
     def __init__(self) -> None:
         self._fitted: dict[tuple[ActuatorParameters, RequirementLimits], Requirements | str] = {}
@@ -265,7 +247,7 @@ class FittedRequirements:
     def of(self, parameters: ActuatorParameters, limits: RequirementLimits) -> Requirements | str:
         """Return the requirements of a unit, or why they cannot be monitored.
 
-        The first call for a unit takes about a second on two cores, others none.
+        The first call for a unit runs the model, and compiles it where that was not done before.
         """
         with self._fitting:
             key = parameters, limits
