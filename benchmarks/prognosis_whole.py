@@ -21,10 +21,10 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import (
-    FITTED,
     REQUIREMENTS,
     RequirementLimits,
     Requirements,
+    requirements_of,
 )
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
@@ -145,7 +145,7 @@ def seconds(scored: ScoredLife) -> NDArray[np.float64]:
     measurements = drawn(scored, scored.life())
     # Compiled code is loaded once a process, by any unit.
     _followed(measurements[:1], TrackerSettings())
-    FITTED.clear()
+    requirements_of.cache_clear()
     _, spent = _followed(measurements, TrackerSettings())
     return np.array(spent)
 
@@ -185,7 +185,7 @@ def _failure_hours(life: SimulatedLife) -> float:
 
 
 def _requirements() -> Requirements:
-    found = FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
+    found = requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     if isinstance(found, str):
         raise RuntimeError(found)
     return found

@@ -26,7 +26,7 @@ from ema_core.faults import N_FAULTS, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
@@ -69,8 +69,8 @@ def resume_s(path: Path) -> float:
 
 def measure(tests: int, runs: int) -> dict[str, Any]:
     """Return the median times with what is kept of growth, and without it [s]."""
-    # Fitted and compiled once a process, by any unit.
-    FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
+    # Made and compiled once a process, by any unit.
+    requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "unit.sqlite"
         lived(path, tests)

@@ -4,7 +4,7 @@ import math
 import threading
 from bisect import bisect
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -33,7 +33,7 @@ from ema_monitor.prognosis.history_entry import (
     UnusedCycle,
 )
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
-from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements.requirements import requirements_of
 from ema_monitor.prognosis.sentences import in_words
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -50,9 +50,6 @@ class KnownTest(NamedTuple):
     assessment: Assessment | None
 
 
-RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]
-
-
 class Unit:
     """Follows one unit from test to test; any thread may call.
 
@@ -67,8 +64,6 @@ class Unit:
         Tests so far.
     settings
         Those used first.
-    requirements_of
-        Gives the requirements of a unit, or why they cannot be monitored.
     opened_ns
         When a history with tests was opened, which is an event of its own [ns]; None for none.
     author
@@ -84,7 +79,6 @@ class Unit:
         self,
         history: History,
         settings: PrognosisSettings | None = None,
-        requirements_of: RequirementsOf = FITTED.of,
         opened_ns: int | None = None,
         author: str = "",
     ) -> None:
@@ -94,7 +88,6 @@ class Unit:
         self._received = 0, 0
         # What the valid tests say, unless settings or tests have changed since.
         self._by_valid: Outlook | None = None
-        self._requirements_of = requirements_of
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
         self.growth = self._growth_of_all(history.growth)
@@ -397,7 +390,7 @@ class Unit:
             return unknown_outlook("no valid test so far")
         requirements = "requirements cannot be monitored without a calibration of a known drive"
         if parameters is not None:
-            requirements = self._requirements_of(parameters, self._settings.requirements)
+            requirements = requirements_of(parameters, self._settings.requirements)
         outlook = outlook_of(self.growth, self._settings, requirements)
         return replace(
             outlook,

@@ -18,7 +18,11 @@ from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, RequirementLimits
+from ema_monitor.prognosis.requirements.requirements import (
+    REQUIREMENTS,
+    RequirementLimits,
+    requirements_of,
+)
 from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.settings import duty_of
 from ema_monitor.unit import Unit
@@ -66,7 +70,7 @@ def test_trends_are_those_of_the_laws(worn):
     now = fault_vector({item.name: item.value for item in worn[1][-1].health.faults})
     growth = np.array([trends.get(name, 0.0) for name in FAULT_NAMES])
     growth *= [name in ("friction", "backlash") for name in FAULT_NAMES]
-    requirements = FITTED.of(PARAMETERS, RequirementLimits())
+    requirements = requirements_of(PARAMETERS, RequirementLimits())
     assert not isinstance(requirements, str)
     before, after = requirements.model.performance([now - 60 * growth, now + 60 * growth])[-1]
     assert trends["torque_margin"] == pytest.approx((after - before) / 120.0, rel=0.15)

@@ -24,7 +24,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.monitor_node import MonitorNode
-from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
 from ema_ros import topics
 from ema_ros.executor import NodeExecutor
 from ema_ros.messages import description_to_message, telemetry_to_message
@@ -234,7 +234,7 @@ def monitor(
     while a busy machine takes its time.
     """
     # A health that is published before they are fitted is published again.
-    FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
+    requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     given = {
         "history_folder": "",
         "history_max_offset_s": ANY_OFFSET_S,

@@ -14,8 +14,6 @@ from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
-from ema_monitor.prognosis.requirements import requirements as requirements_module
-from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, Requirements
 from ema_monitor.unit import Unit
 from ema_ros import topics
 
@@ -250,37 +248,6 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
         session.until(session.healths)
     # What the end cuts off is refused by who ends it.
     assert threads[0] == "identification"
-
-
-def test_no_window_waits_for_the_requirements_of_its_unit(
-    cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
-):
-    go_on = threading.Event()
-
-    def slow(*args: Any) -> Requirements:
-        assert go_on.wait(20.0)
-        return Requirements(*args)
-
-    with monitor({"hours_per_cycle": HOURS}) as session:
-        monkeypatch.setattr(FITTED, "_fitted", {})
-        monkeypatch.setattr(requirements_module, "Requirements", slow)
-        session.describe()
-        try:
-            [early] = live(session, cycles[:1])
-            assert early.requirements == []
-            assert early.rul_requirements.reason == "requirements are being computed"
-            assert "requirements are being computed" in early.reason
-        finally:
-            go_on.set()
-        # The same test, once more.
-        session.until(lambda: len(session.healths()) == 2)
-        late = session.healths()[1]
-        assert (late.header, late.cycles) == (early.header, early.cycles)
-        assert [item.name for item in late.requirements] == list(REQUIREMENTS)
-        assert "being computed" not in late.reason
-        assert [str(item) for item in late.faults] == [str(item) for item in early.faults]
-        [after] = live(session, cycles[1:2])
-        assert [item.name for item in after.requirements] == list(REQUIREMENTS)
 
 
 def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(

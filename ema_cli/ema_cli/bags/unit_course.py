@@ -23,7 +23,7 @@ from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
-from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
+from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, requirements_of
 from ema_monitor.unit import Unit
 
 
@@ -172,7 +172,7 @@ def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np
     ]
     requirements = ""
     if parameters is not None:
-        requirements = FITTED.of(parameters, settings.requirements)
+        requirements = requirements_of(parameters, settings.requirements)
     if not isinstance(requirements, str):
         shares += list(1.0 - requirements.exact_reserves(REQUIREMENTS, faults).T)
     return np.max(shares, axis=0)

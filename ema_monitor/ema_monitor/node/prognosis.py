@@ -34,16 +34,11 @@ from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import FAULT, HISTORY, RESTART, Count, UnusedCycle
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
-from ema_monitor.prognosis.requirements.requirements import (
-    BEING_COMPUTED,
-    FITTED,
-    RequirementLimits,
-    Requirements,
-)
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
 from ema_monitor.prognosis.service import CountLog, Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
 from ema_monitor.reports import scenario_report
-from ema_monitor.unit import RequirementsOf, Unit
+from ema_monitor.unit import Unit
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.settings import LiveSettings
@@ -59,8 +54,6 @@ class MonitorHistories:
 
     Parameters
     ----------
-    requirements_of
-        Gives the requirements of a unit, or why they cannot be monitored.
     author
         Full name of the node.
 
@@ -72,8 +65,7 @@ class MonitorHistories:
         Whether histories are opened.
     """
 
-    def __init__(self, requirements_of: RequirementsOf = FITTED.of, author: str = "") -> None:
-        self._requirements_of = requirements_of
+    def __init__(self, author: str = "") -> None:
         self._author = author
         self._lock = threading.Lock()
         # A lock for each unit: reading a long history must not delay the others.
@@ -138,9 +130,7 @@ class MonitorHistories:
                 self._require_serving()
                 path = history_path(self._folder, *unit) if self._folder else None
                 history = History(*unit, path)
-                self._units[unit] = Unit(
-                    history, settings, self._requirements_of, time.time_ns(), self._author
-                )
+                self._units[unit] = Unit(history, settings, time.time_ns(), self._author)
             return self._units[unit]
 
     def _require_serving(self) -> None:
@@ -191,7 +181,7 @@ class MonitorPrognosis:
         self._damage = LiveSettings(node, DamageSettings, "damage.")
         self._recordable = Recordable(node)
         self._fleet: Fleet | None = None
-        self._histories = MonitorHistories(self._requirements_of, self._author)
+        self._histories = MonitorHistories(self._author)
         self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
         self._logged: dict[UnitKey, str] = {}
         self._resuming = threading.Lock()
@@ -269,7 +259,7 @@ class MonitorPrognosis:
         self.refresh(description)
 
     def refresh(self, description: ActuatorDescription) -> None:
-        """Have requirements fitted, the history opened and health published, in another thread."""
+        """Have requirements made, the history opened and health published, in another thread."""
         self._to_refresh.put(description)
         self._refresh_soon.trigger()
 
@@ -333,8 +323,6 @@ class MonitorPrognosis:
             # A failure here must prevent neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)
             return self._outlook_of_one(estimate, settings, reason, now_ns)
-        if outlook and outlook.rul_requirements.reason == BEING_COMPUTED:
-            self.refresh(description)
         self._log_problem(description, prognostics)
         for event in outlook.events if outlook else ():
             # Changes of level have a line of their own, and so have a restart and the history.
@@ -384,7 +372,7 @@ class MonitorPrognosis:
         return tasks
 
     def _refresh_all(self) -> None:
-        """Fit the requirements of units, read their histories, and publish their health."""
+        """Make the requirements of units, read their histories, and publish their health."""
         while True:
             try:
                 description = self._to_refresh.get_nowait()
@@ -393,7 +381,7 @@ class MonitorPrognosis:
             try:
                 parameters = self._parameters(description)
                 if parameters is not None:
-                    FITTED.of(parameters, self._requirements.value)
+                    requirements_of(parameters, self._requirements.value)
                 with self._resuming:
                     if not self._histories.is_serving:
                         return
@@ -402,16 +390,6 @@ class MonitorPrognosis:
                         self._resume(description, outlook)
             except Exception as error:
                 self.report_failure(description.actuator_id, error)
-
-    def _requirements_of(
-        self, parameters: ActuatorParameters, limits: RequirementLimits
-    ) -> Requirements | str:
-        """Return requirements if they are fitted: no window waits for that.
-
-        In simulated time windows may wait, so that a replay agrees with ``ema prognose``.
-        """
-        in_sim_time = self._node.get_parameter("use_sim_time").value
-        return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
 
     def _of(self, description: ActuatorDescription) -> Unit:
         prognostics = self._histories.of(description.unit_key, self.settings)

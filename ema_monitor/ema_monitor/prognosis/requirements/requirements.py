@@ -1,7 +1,7 @@
 """Required performance: its limits, and how far an actuator with given faults is from them."""
 
-import threading
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -30,13 +30,10 @@ BELOW: Final = frozenset({"bandwidth", "torque_margin"})
 SEEN: Final = (-0.5, 1.5)
 """Reserves to which the surrogate is clipped [-]."""
 
-BEING_COMPUTED: Final = "requirements are being computed"
-"""Why nothing is said of the requirements of a unit as long as they are made elsewhere."""
-
 _SMALLEST_STEP = 0.01
 _NEGLIGIBLE = 0.05
 _ROUNDED_ZETA = 0.02
-_MOST_FITTED = 256
+_MOST_UNITS = 256
 
 
 @dataclass(frozen=True)
@@ -237,42 +234,15 @@ class Requirements:
         return FaultHealth(name, level, value, sigma, self.limit[name], name in BELOW, share)
 
 
-class FittedRequirements:
-    """The requirements of units, made once for each; any thread may call."""
-
-    def __init__(self) -> None:
-        self._fitted: dict[tuple[ActuatorParameters, RequirementLimits], Requirements | str] = {}
-        self._fitting = threading.Lock()
-
-    def of(self, parameters: ActuatorParameters, limits: RequirementLimits) -> Requirements | str:
-        """Return the requirements of a unit, or why they cannot be monitored.
-
-        The first call for a unit runs the model, and compiles it where that was not done before.
-        """
-        with self._fitting:
-            key = parameters, limits
-            if key not in self._fitted:
-                while len(self._fitted) >= _MOST_FITTED:
-                    del self._fitted[next(iter(self._fitted))]
-                try:
-                    self._fitted[key] = Requirements(parameters, limits)
-                except ValueError as error:
-                    self._fitted[key] = f"requirements cannot be monitored: {error}"
-            return self._fitted[key]
-
-    def if_ready(
-        self, parameters: ActuatorParameters, limits: RequirementLimits
-    ) -> Requirements | str:
-        """Return the same without waiting: ``BEING_COMPUTED`` where ``of`` has not been called."""
-        return self._fitted.get((parameters, limits), BEING_COMPUTED)
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._fitted.clear()
-
-
-FITTED: Final = FittedRequirements()
-"""Those of all units in this process."""
+@lru_cache(_MOST_UNITS)
+def requirements_of(
+    parameters: ActuatorParameters, limits: RequirementLimits
+) -> Requirements | str:
+    """Return the requirements of a unit, made once for each, or why they cannot be monitored."""
+    try:
+        return Requirements(parameters, limits)
+    except ValueError as error:
+        return f"requirements cannot be monitored: {error}"
 
 
 def _criterion(name: str, limit: float) -> str:
