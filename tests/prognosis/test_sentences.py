@@ -71,6 +71,6 @@ def test_a_removal_is_told_in_hours_cycles_and_days_at_the_risk_that_is_accepted
         "Remove before 130 service hours (in 30 h, 15 test cycles, 4 days at 8 h a day; "
         "12.5 % risk of failure until then); median end of life 150 h: friction exceeds 0.5"
     )
-    soon = replace(removal, hours=0.4, cycles=0.2, days=math.nan)
+    soon = removal._replace(hours=0.4, cycles=0.2, days=math.nan)
     words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=soon))
     assert words.startswith("Remove now (in 0 h, 0 test cycles; 12.5 % risk")
