@@ -6,10 +6,9 @@ from pathlib import Path
 from ema_core.description import ActuatorDescription
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.files import built_of
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.current_balance.calibrating import calibrate_unknown
-from ema_monitor.current_balance.unit import FORMAT, UnknownDriveUnit
+from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | UnknownDriveUnit
@@ -27,9 +26,9 @@ def load_calibration(path: Path) -> AnyCalibration:
         When it cannot be read.
     """
     content = load_yaml(path)
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        return Calibration.of_content(path, content)
-    return built_of(path, content, UnknownDriveUnit.of_mapping)
+    if isinstance(content, dict) and content.get("format") == UnknownDriveUnit.FORMAT:
+        return UnknownDriveUnit.of_content(path, content)
+    return Calibration.of_content(path, content)
 
 
 def calibrate(

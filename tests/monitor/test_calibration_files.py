@@ -47,40 +47,12 @@ def refused(tmp_path):
     return refused
 
 
-def test_what_was_saved_is_loaded(calibration, path):
-    loaded = Calibration.load(path)
-    for name in EXACT:
-        assert getattr(loaded, name) == getattr(calibration, name)
-    # Half a digit of what is written: 1 nrad, 10 uA and 10 urad/s.
-    for name, half_digit in zip(ROWS, (0.5e-9, 0.5e-5, 0.5e-5), strict=True):
-        error = getattr(loaded, name) - getattr(calibration, name)
-        assert np.max(np.abs(error)) <= 1.0001 * half_digit
-
-
 def test_what_is_loaded_is_what_is_in_memory_to_the_last_bit(calibration, path):
     loaded = Calibration.load(path)
     for name in ARRAYS:
         assert getattr(loaded, name).tobytes() == getattr(calibration, name).tobytes()
     for name in EXACT:
         assert getattr(loaded, name) == getattr(calibration, name)
-
-
-def test_identity_survives_saving_and_loading(calibration, path, tmp_path):
-    loaded = Calibration.load(path)
-    assert loaded.calibration_id == calibration.calibration_id
-    assert loaded.calibration_id.startswith("SIM-0001-")
-    loaded.save(tmp_path / "again.yaml")
-    assert (tmp_path / "again.yaml").read_bytes() == path.read_bytes()
-
-
-def test_single_window_calibration_survives(healthy_windows, description, tmp_path):
-    """Its scatters are not numbers and stay so."""
-    calibration = calibrate_model(healthy_windows[:1], description)
-    calibration.save(tmp_path / "single.yaml")
-    loaded = Calibration.load(tmp_path / "single.yaml")
-    assert np.isnan(loaded.healthy_rms)
-    assert np.isnan(loaded.healthy_speed_rms)
-    assert loaded.calibration_id == calibration.calibration_id
 
 
 def test_different_content_has_a_different_identity(calibration, healthy_windows, description):
@@ -129,11 +101,6 @@ def test_other_yaml_files_are_refused(refused, content):
 )
 def test_other_files_are_refused(refused, content):
     assert "is not a YAML file: " in refused(content)
-
-
-def test_absent_file_is_an_os_error(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        Calibration.load(tmp_path / "none.yaml")
 
 
 @pytest.mark.slow
@@ -225,10 +192,6 @@ def test_impossible_figure_is_refused_by_name(refused, content, name, value):
 def test_impossible_deviation_is_refused_by_name(refused, content, name, value):
     unit = {**content["unit"], name: value}
     assert f"unit: {name} = {value!r}" in refused({**content, "unit": unit})
-
-
-def test_unknown_deviation_is_refused_by_name(refused, content):
-    assert "colour" in refused({**content, "unit": {**content["unit"], "colour": 0.1}})
 
 
 def test_missing_parameter_is_refused_by_name(refused, content):

@@ -59,15 +59,6 @@ def test_calibrated_model_is_exact_on_the_window_it_was_made_from(
     assert np.isnan(calibration.healthy_speed_rms)
 
 
-@pytest.mark.parametrize("form", FORMS_OF_DRIVES["six_step"])
-def test_residuals_average_to_zero(healthy_windows, description, form):
-    windows = healthy_windows if form == "fast" else healthy_windows[:2]
-    calibration = calibrate_model(windows, description, form)
-    residuals = [seen(w) - expected(calibration, w) for w in windows]
-    assert np.mean(residuals, axis=0) == pytest.approx(0.0, abs=1e-11)
-    assert calibration.windows == len(windows)
-
-
 @pytest.mark.parametrize(
     ("lift", "friction", "inertia"), [(0.2, 1.04, 0.97), (0.05, 0.9, 1.1), (0.13, 1.0, 1.0)]
 )
@@ -181,39 +172,11 @@ def test_healthy_rms_is_that_of_another_window(healthy_windows, description, win
     assert np.isnan(calibration.healthy_speed_rms)
 
 
-def test_scatter_of_the_speed_is_told_as_that_of_the_current(healthy_windows, description):
-    rng = np.random.default_rng(5)
-    base = made_by(PARAMETERS, healthy_windows[0], 0.13)
-    made = [
-        answered(base, base.current, base.telemetry.speed[1:] + rng.normal(0.0, 0.2, len(base)))
-        for _ in range(6)
-    ]
-    calibration = calibrate_model(made, description)
-    alone = rms(band_limited(rng.normal(0.0, 0.2, 200_000), H))
-    assert calibration.healthy_speed_rms == pytest.approx(alone * np.sqrt(7 / 6), rel=0.12)
-    assert np.isnan(calibration.healthy_rms)
-
-
 def test_equal_windows_tell_no_scatter(healthy_windows, description):
     calibration = calibrate_model([healthy_windows[0]] * 3, description)
     assert np.isnan(calibration.healthy_rms)
     assert calibration.windows == 3
     assert LEAST_SCATTER > 0.0
-
-
-def test_windows_that_begin_later_are_laid_over_the_first(record, healthy_windows, description):
-    """A window cut two samples later on has the correction of the same moments."""
-    window = healthy_windows[0]
-    one = calibrate_model([window], description)
-    telemetry = record({}, 5)
-    first = int(window.telemetry.first_index - telemetry.first_index) + 2
-    later = Window(telemetry.part(first, first + len(window) + 1), window.play)
-    assert np.array_equal(later.command[:-2], window.command[2:])
-    both = calibrate_model([window, later], description)
-    # The model starts anew two samples later, which the first milliseconds show.
-    inside = slice(500, -10)
-    assert both.correction[inside] == pytest.approx(one.correction[inside], abs=0.05)
-    assert rms(both.correction[inside] - one.correction[inside]) < 0.01
 
 
 def test_model_starts_where_the_window_says_the_motor_stands(healthy_windows, description):
@@ -250,14 +213,6 @@ def test_windows_of_another_sample_period_are_refused(healthy_windows, descripti
     other = changed(healthy_windows[1], sample_period=2e-4)
     with pytest.raises(ValueError, match=r"window 1: .* 0\.0002 s, the first of 0\.0001 s"):
         calibrate_model([healthy_windows[0], other], description)
-
-
-def test_calibration_is_that_of_the_described_unit(description, healthy_windows):
-    parameters = PARAMETERS.replace({"R_s": 3.0})
-    unit = replace(description, serial_number="N7", parameters=parameters)
-    calibration = calibrate_model(healthy_windows[:1], unit)
-    assert (calibration.serial_number, calibration.parameters) == ("N7", parameters)
-    assert calibration.unit_parameters.R_s == 3.0
 
 
 def test_window_without_excitation_is_no_calibration(description):

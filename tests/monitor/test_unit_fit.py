@@ -116,26 +116,6 @@ def test_another_command_narrows_what_the_first_leaves_open(of_several, descript
         assert sigma_of(calibration, name) < 0.9 * sigma_of(chirp_alone, name), name
 
 
-def test_covariance_is_symmetric_and_zero_where_nothing_is_fitted(of_several):
-    _, _, calibration = of_several
-    covariance = calibration.unit_covariance
-    assert covariance == pytest.approx(covariance.T, rel=1e-6, abs=1e-18)
-    fitted = {one.name for one in unit_priors(PARAMETERS, 0.03)}
-    for i, name in enumerate(NAMES):
-        assert np.any(covariance[i]) == (name in fitted)
-        assert (covariance[i, i] > 0.0) == (name in fitted)
-
-
-def test_command_given_in_another_order_gives_the_same_unit(of_several, description):
-    _, windows, calibration = of_several
-    other = calibrate_model(windows[::-1], description)
-    for name, one, two in zip(NAMES, calibration.unit, other.unit, strict=True):
-        # Where the iteration ends is a hundredth of what may be expected.
-        sigma = sigma_of(calibration, name)
-        assert one == pytest.approx(two, abs=0.2 * sigma + 1e-12), name
-    assert not np.array_equal(other.command, calibration.command)
-
-
 def test_what_the_windows_do_not_tell_keeps_its_prior(description):
     """A ramp of one speed does not tell viscous from dry friction, and hardly the play."""
     calibration = calibrate_model([made_by(Deviations(lift=0.125), RAMP)], description)

@@ -16,8 +16,7 @@ from ema_core.levels import OK, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import calibrate, load_calibration
-from ema_monitor.current_balance.columns import MotorMotion
-from ema_monitor.current_balance.play import free_play
+from ema_monitor.current_balance.motion import MotorMotion, free_play
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.diagnosis import Diagnosed, diagnose, identify
 from ema_monitor.health import TORQUE_PER_AMPERE, HealthLimits, assess

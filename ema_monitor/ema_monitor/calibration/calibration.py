@@ -3,9 +3,8 @@
 import math
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
-from importlib import resources
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 from ema_core.acquisition import USUAL, Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
+from ema_core.quantity import is_finite_number
 from ema_core.wording import counted
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.alignment import moved, shift_if_same
-from ema_monitor.calibration.files import built_of, identity_of, write_calibration
+from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
 from ema_monitor.windows.window import Window
@@ -26,7 +26,6 @@ LEAST_SCATTER: Final = 1e-6
 
 # Of the standard deviation that is expected before any window.
 _LEARNED = 0.7
-_FORMAT = 4
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
 _RANGES = {
@@ -61,7 +60,7 @@ class HealthyReference(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(StoredCalibration):
     """Calibration of a monitor model for one unit and one sample period.
 
     What the unit deviates from nominal changes the model itself, and so holds away from the healthy
@@ -110,6 +109,8 @@ class Calibration:
         When a figure is impossible; the message names it.
     """
 
+    FORMAT: ClassVar = 4
+
     actuator_id: str
     serial_number: str
     parameters: ActuatorParameters
@@ -143,7 +144,7 @@ class Calibration:
                     f"{name} = {value!r}: expected a number in [{lowest:g}, {highest:g}] {unit}"
                 )
         for name, value in self.unit._asdict().items():
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            if not is_finite_number(value):
                 raise ValueError(f"unit: {name} = {value!r}: expected a finite number")
         if self.unit_covariance.shape != (N_DEVIATIONS, N_DEVIATIONS):
             raise ValueError(
@@ -167,11 +168,6 @@ class Calibration:
         if math.isinf(self.law_offset):
             raise ValueError(f"law_offset = {self.law_offset!r} rad: expected a finite number")
         self.model().steps(self.sample_period)
-
-    @cached_property
-    def calibration_id(self) -> str:
-        """Identity of the content: the same figures give the same name."""
-        return identity_of(self.serial_number, self._as_mapping())
 
     def __str__(self) -> str:
         known = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
@@ -206,15 +202,6 @@ class Calibration:
     def drive(self) -> str:
         """The drive that its form is a model of."""
         return next(drive for drive, forms in FORMS_OF_DRIVES.items() if self.form in forms)
-
-    @property
-    def _unused(self) -> tuple[str, ...]:
-        return _unused_by(self.form)
-
-    @property
-    def _remark(self) -> str:
-        words = ", ".join(name.replace("_", " ") for name in self.not_learned)
-        return f"; not learned from these windows: {words}" if words else ""
 
     @property
     def residual_in_words(self) -> str:
@@ -253,15 +240,7 @@ class Calibration:
         )
 
     def expect(self, response: Response, window: Window) -> Response:
-        """Return what to expect to be measured in a window where the model gives a response.
-
-        Parameters
-        ----------
-        response
-            Of the model.
-        window
-            The window.
-        """
+        """Return what to expect to be measured in a window where the model gives a response."""
         current, speed = self.reference(window).corrections
         return Response(response.current + current, response.speed + speed)
 
@@ -280,31 +259,16 @@ class Calibration:
         )
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty when it does.
-
-        Parameters
-        ----------
-        description
-            The actuator.
-        """
+        """Return why this calibration does not fit a described actuator; empty when it does."""
         reasons = []
         if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
             reasons.append(
                 f"the actuator has drive {description.drive!r}, the calibration is that of "
                 f"{self.drive!r}"
             )
-        if description.serial_number != self.serial_number:
-            reasons.append(
-                f"the actuator has serial number {description.serial_number!r}, the calibration "
-                f"was made on {self.serial_number!r}"
-            )
-        mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
-        reasons += [
-            f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
-            for name in mine
-            if name not in self._unused
-            and not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
-        ]
+        unused = _unused_by(self.form)
+        used = [name for name in self.parameters.as_mapping() if name not in unused]
+        reasons += self._mismatches(description, used)
         if description.acquisition != self.acquisition:
             reasons.append(
                 f"the actuator has {description.acquisition}, the calibration {self.acquisition}"
@@ -312,50 +276,19 @@ class Calibration:
         return "; ".join(reasons)
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a window are not those calibrated; empty when they are.
-
-        Parameters
-        ----------
-        window
-            The window to be diagnosed.
-        """
-        if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
-            return (
-                f"the sample period is {window.sample_period:g} s, the calibration's "
-                f"{self.sample_period:g} s"
-            )
-        return self.acquisition.contradiction(window.telemetry.missing)
-
-    def save(self, path: Path) -> None:
-        """Write the calibration to a YAML file.
-
-        Parameters
-        ----------
-        path
-            File to write; an existing one is replaced only once the new one is complete.
-        """
-        write_calibration(path, self._as_mapping(), self.calibration_id)
+        """Return why the samples of a window are not those calibrated; empty when they are."""
+        missing = window.telemetry.missing
+        return super().shape_mismatch(window) or self.acquisition.contradiction(missing)
 
     @classmethod
     @cache
     def builtin(cls) -> "Calibration":
-        """Return the shipped calibration of the built-in actuator under the thesis's chirp.
-
-        It is read once: that takes a good part of 1 s.
-        """
-        with resources.as_file(
-            resources.files("ema_monitor.calibration") / "builtin_calibration.yaml"
-        ) as path:
-            return cls.load(path)
+        """Return the shipped calibration of the built-in actuator under the thesis's chirp."""
+        return cls.load(Path(__file__).with_name("builtin_calibration.yaml"))
 
     @classmethod
-    def load(cls, path: Path) -> "Calibration":
-        """Read a calibration from a YAML file.
-
-        Parameters
-        ----------
-        path
-            File written by ``save``.
+    def load(cls, path: Path) -> Self:
+        """Read a calibration from a file written by ``save``.
 
         Raises
         ------
@@ -367,38 +300,14 @@ class Calibration:
         return cls.of_content(path, load_yaml(path))
 
     @classmethod
-    def of_content(cls, path: Path, content: Any) -> "Calibration":
-        """Return the calibration that a file holds.
-
-        Parameters
-        ----------
-        path
-            The file, for the messages.
-        content
-            What it holds, in plain values.
-
-        Raises
-        ------
-        ValueError
-            When that is no calibration; the message names file and defect.
-        """
-        if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise ValueError(
-                f"{path} is not a calibration of format {_FORMAT}; "
-                "make it anew with `ema calibrate`"
-            )
-        return built_of(path, content, cls._of_mapping)
-
-    @classmethod
-    def _of_mapping(cls, content: dict[str, Any]) -> "Calibration":
-        """Return the calibration that the entries of a file describe, as `built_of` wants it."""
+    def _of_mapping(cls, content: dict[str, Any]) -> Self:
         given = content["parameters"]
         content["parameters"] = ActuatorParameters().replace(given)
         for name in content["parameters"].as_mapping():
             if name not in given and name not in _unused_by(content["form"]):
                 raise ValueError(f"parameter {name} is missing")
         for name in (*_ROWS, "unit_covariance"):
-            content[name] = _numbers(name, content[name])
+            content[name] = numbers(name, content[name])
         if not isinstance(content["unit"], dict):
             raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
         content["unit"] = Deviations(**content["unit"])
@@ -406,18 +315,16 @@ class Calibration:
         return cls(**content)
 
     def _as_mapping(self) -> dict[str, Any]:
-        content = {"format": _FORMAT, **asdict(self)}
-        # To the last bit: an identity stands for one set of figures.
+        content = {"format": self.FORMAT, **asdict(self)}
         for name in (*_ROWS, "unit_covariance"):
             content[name] = getattr(self, name).tolist()
         content["unit"] = self.unit._asdict()
-        for name in self._unused:
-            # So that files without it keep their identity.
-            del content["parameters"][name]
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
+        # What is usual is left out.
+        for name in _unused_by(self.form):
+            del content["parameters"][name]
         if self.acquisition == USUAL:
-            # So that files without it keep their identity.
             del content["acquisition"]
         for name in ("travel_ratio", "law_offset"):
             if math.isnan(content[name]):
@@ -428,10 +335,3 @@ class Calibration:
 def _unused_by(form: str) -> tuple[str, ...]:
     """Return the parameters that a form of the model does not know."""
     return () if form in FORMS_OF_DRIVES["field_oriented"] else ("omega_c",)
-
-
-def _numbers(name: str, values: Any) -> NDArray[np.float64]:
-    try:
-        return np.array(values, dtype=np.float64)
-    except (OverflowError, TypeError, ValueError):
-        raise ValueError(f"{name} is not made of numbers") from None

@@ -26,8 +26,7 @@ from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, Re
 from ema_monitor.model.readings import TRAVEL, law_slopes, read
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
-from ema_monitor.windows.control_law import law_offset
-from ema_monitor.windows.travel import travel_ratio
+from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
 
 _STEPS = 0.05

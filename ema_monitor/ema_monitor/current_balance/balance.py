@@ -1,7 +1,7 @@
-"""The current balance of a motion: its rows, and what explains them (M40)."""
+"""The current balance of a motion: its terms, its rows, and what explains them (M40)."""
 
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -9,18 +9,67 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.current_balance.columns import MotorMotion
-from ema_monitor.current_balance.play import Play, free_play, runs_of
-from ema_monitor.current_balance.terms import (
-    BASIC,
-    OF_CURRENT,
-    OF_DIRECTION,
-    columns_of,
-    ripples,
-)
+from ema_monitor.current_balance.motion import MotorMotion, Play, free_play, runs_of
 
+BASIC: Final = ("inertia", "friction", "viscous", "dead_current", "delay")
+"""Inertia, dry and viscous friction, all over the torque per ampere; the part of the measured
+current that makes no torque; how much later the current is than the speed."""
+
+OF_CURRENT: Final = "current"
 _LEAST_SPEED: Final = 0.05
 _HALF_WEIGHT: Final = 0.25
+
+
+class Ripple(NamedTuple):
+    """A torque that repeats with the angle of the motor.
+
+    Attributes
+    ----------
+    label
+        What it is, in words.
+    orders
+        Periods in a turn of the motor.
+    scales_with
+        What it is in proportion to: the current, nothing ("torque"), or the direction of motion.
+    terms
+        Where its terms are among all, after the basic ones: a cosine and a sine for each order.
+    """
+
+    label: str
+    orders: tuple[int, ...]
+    scales_with: str
+    terms: slice
+
+
+def ripples(pole_pairs: int) -> dict[str, Ripple]:
+    """Return the torques that repeat with the angle of a motor, by name (M43).
+
+    A phase that differs from the others is felt twice in an electrical turn. An eccentric rotor
+    modulates the phases once a turn, which gives ``2 P - 1`` and, commutated in six steps,
+    ``4 P + 1`` periods. Cogging of a motor with one slot per pole and phase has ``6 P``; what rubs
+    at one place of the shaft, or a bent shaft, has one.
+
+    Parameters
+    ----------
+    pole_pairs
+        Pole pairs P.
+    """
+    P, at = pole_pairs, len(BASIC)
+    found: dict[str, Ripple] = {}
+    for name, label, orders, scales_with in (
+        ("phases", "phases that differ", (2 * P, 4 * P), OF_CURRENT),
+        ("eccentricity", "eccentricity", (2 * P - 1, 4 * P + 1), OF_CURRENT),
+        ("cogging", "cogging", (6 * P,), "torque"),
+        ("turn", "friction once a turn", (1,), "direction"),
+    ):
+        found[name] = Ripple(label, orders, scales_with, slice(at, at + 2 * len(orders)))
+        at += 2 * len(orders)
+    return found
+
+
+def number_of_terms(pole_pairs: int) -> int:
+    """Return the number of terms, the basic ones and the ripples."""
+    return max(one.terms.stop for one in ripples(pole_pairs).values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +78,12 @@ class Balance:
 
     Attributes
     ----------
-    start_ns, end_ns
-        Stamps of the first and last sample [ns].
     current
         Mean measured current of each row, ``(n,)`` [A].
     design
-        What each term would make of it, ``(n, terms)``, in the order of `terms`.
+        What each term would make of it, ``(n, terms)``.
     nuisance
-        The same for load and stiffness, ``(n, 2)``.
+        The same for load and stiffness, which are of one motion alone, ``(n, 2)``.
     weight
         What each row counts, ``(n,)`` [-].
     step_s
@@ -49,8 +96,6 @@ class Balance:
         Largest speed of the motor [rad/s].
     """
 
-    start_ns: int
-    end_ns: int
     current: NDArray[np.float64]
     design: NDArray[np.float64]
     nuisance: NDArray[np.float64]
@@ -73,16 +118,15 @@ class Balance:
         knee
             Current from which on the part that makes no torque is constant [A].
         """
-        columns = MotorMotion.of(telemetry, description)
-        play = free_play(columns)
-        h, current, turned = columns.step_s, columns.current, columns.turned
+        motion = MotorMotion.of(telemetry, description)
+        play = free_play(motion)
+        h, span, current, turned = motion.step_s, motion.span, motion.current, motion.turned
         step_speed = np.diff(turned) / h
-        span = columns.span
-        if columns.speed is not None:
+        if motion.speed is not None:
             average = _Average(np.full(span, 1.0 / span), span)
-            acceleration = average.of_ends(columns.speed, span) / (span * h)
-            slowest = average.least(np.abs(columns.speed), span + 1)
-            way = average.common(np.sign(columns.speed), span + 1)
+            acceleration = average.of_ends(motion.speed, span) / (span * h)
+            slowest = average.least(np.abs(motion.speed), span + 1)
+            way = average.common(np.sign(motion.speed), span + 1)
         else:
             # The second difference of the position is the mean acceleration under a triangle.
             ramp = (np.arange(span) + 0.5) / span**2
@@ -91,56 +135,43 @@ class Balance:
             acceleration = average.of_ends(speed, span) / (span * h)
             slowest = np.minimum(np.abs(speed[span:]), np.abs(speed[:-span]))[::span]
             touching = np.zeros(len(step_speed))
-            for run in runs_of(columns.shaft, h):
+            for run in runs_of(motion.shaft, h):
                 touching[run.first : run.last] = run.way
             way = average.common(touching, 2 * span)
         middles = (turned[1:] + turned[:-1]) / 2.0 + (play.middle if play else 0.0)
         if play is None:
-            middles = middles + float(np.mean(columns.shaft - turned))
-        groups = ripples(description.parameters.P)
-        design = np.zeros((len(acceleration), len(BASIC) + sum(2 * len(g.orders) for g in groups)))
+            middles = middles + float(np.mean(motion.shaft - turned))
+        P = description.parameters.P
+        design = np.zeros((len(acceleration), number_of_terms(P)))
         design[:, 0] = acceleration
         design[:, 1] = way
         design[:, 2] = average(step_speed)
         design[:, 3] = average(np.clip(current / knee, -1.0, 1.0))
         design[:, 4] = average(np.gradient(current) / h if len(current) > 1 else 0.0 * current)
-        where = columns_of(groups)
-        for group in groups:
-            carrier = -current if group.scales_with == OF_CURRENT else np.ones(len(current))
-            for number, order in enumerate(group.orders):
+        for ripple in ripples(P).values():
+            carrier = -current if ripple.scales_with == OF_CURRENT else np.ones(len(current))
+            for at, order in enumerate(ripple.orders):
                 # The mean of the wave over the angle of a step.
                 wave = carrier * np.sinc(order * np.diff(turned) / (2.0 * np.pi))
-                pair = np.stack(
-                    [
-                        average(wave * np.cos(order * middles)),
-                        average(wave * np.sin(order * middles)),
-                    ],
-                    axis=1,
-                )
-                if group.scales_with == OF_DIRECTION:
+                waves = wave * np.cos(order * middles), wave * np.sin(order * middles)
+                pair = np.stack([average(one) for one in waves], axis=1)
+                if ripple.scales_with == "direction":
                     pair *= way[:, None]
-                at = where[group.name].start + 2 * number
-                design[:, at : at + 2] = pair
-        position = average((columns.shaft[1:] + columns.shaft[:-1]) / 2.0)
+                first = ripple.terms.start + 2 * at
+                design[:, first : first + 2] = pair
+        position = average((motion.shaft[1:] + motion.shaft[:-1]) / 2.0)
         nuisance = np.stack([np.ones(len(way)), position * description.parameters.tau], axis=1)
         rms = float(np.sqrt(np.mean(step_speed**2))) if len(step_speed) else 0.0
         counts = (way != 0.0) & (slowest > _LEAST_SPEED * rms)
         weight = np.where(counts, slowest / np.hypot(slowest, _HALF_WEIGHT * rms + 1e-12), 0.0)
-        return cls(
-            telemetry.stamp_ns,
-            int(telemetry.stamp_at(len(telemetry) - 1)),
-            average(current),
-            design,
-            nuisance,
-            weight,
-            h * columns.span,
-            play,
-            float(np.ptp(telemetry.position)),
-            float(np.max(np.abs(step_speed), initial=0.0)),
-        )
+        travel = float(np.ptp(telemetry.position))
+        fastest = float(np.max(np.abs(step_speed), initial=0.0))
+        return cls(average(current), design, nuisance, weight, h * span, play, travel, fastest)
 
-    def __len__(self) -> int:
-        return len(self.current)
+    @property
+    def rows(self) -> int:
+        """Number of rows that count."""
+        return int(np.count_nonzero(self.weight))
 
 
 class _Average:

@@ -8,12 +8,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.description import ActuatorDescription
-from ema_core.parameters import ActuatorParameters
-from ema_monitor.current_balance.balance import Balance
-from ema_monitor.current_balance.columns import has_speed
-from ema_monitor.current_balance.fitting import BalancePrior, Fit, fit
-from ema_monitor.current_balance.priors import Known, load_sigmas, taken_for_known_loads
-from ema_monitor.current_balance.terms import BASIC, OF_CURRENT, columns_of, ripples
+from ema_monitor.current_balance.balance import OF_CURRENT, Balance, ripples
+from ema_monitor.current_balance.fitting import (
+    BalancePrior,
+    Fit,
+    basic_terms,
+    fit,
+    loads_before,
+)
+from ema_monitor.current_balance.motion import has_speed
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.windows.window import Window
 
@@ -52,43 +55,32 @@ def calibrate_unknown(
         )
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
+    h = windows[0].sample_period
+    # One window after the other: they may be read when needed.
+    strong = []
     for number, window in enumerate(windows):
         if defect := motion_defect(window, description):
             raise ValueError(f"window {number}: {defect.reason}")
-    # One window after the other: they may be read when needed.
-    strong = [float(np.percentile(np.abs(one.current), 95.0)) for one in windows]
-    share = _KNEE if description.acquisition.speed else _KNEE_WITHOUT_SPEED
-    knee = share * float(np.median(strong))
-    if not knee > 0.0:
-        raise ValueError("the current is 0 throughout the healthy windows: is it measured?")
-    balances, known = [], []
-    h = windows[0].sample_period
-    for number, window in enumerate(windows):
         if abs(window.sample_period / h - 1.0) > 1e-6:
             raise ValueError(
                 f"window {number}: the sample period is {window.sample_period:g} s, that of the "
                 f"first one {h:g} s"
             )
-        balances.append(Balance.of(window.telemetry, description, knee))
-        known.append(taken_for_known_loads(window, description.parameters))
-    rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
+        strong.append(float(np.percentile(np.abs(window.current), 95.0)))
+    share = _KNEE if description.acquisition.speed else _KNEE_WITHOUT_SPEED
+    knee = share * float(np.median(strong))
+    if not knee > 0.0:
+        raise ValueError("the current is 0 throughout the healthy windows: is it measured?")
+    balances = [Balance.of(window.telemetry, description, knee) for window in windows]
+    rows = sum(one.rows for one in balances)
     if rows < _FEWEST_ROWS:
         raise ValueError(
             f"the healthy windows have {rows} means of steady motion one way, at least "
             f"{_FEWEST_ROWS} are needed: give longer motion"
         )
-    found = _fit(balances, known, description.parameters)
-    plays = [one.play for one in balances if one.play is not None]
-    play = play_sigma = float("nan")
-    if plays:
-        weights = np.array([1.0 / max(one.sigma, 1e-9) ** 2 for one in plays])
-        widths = np.array([one.width for one in plays])
-        play = float(weights @ widths / weights.sum())
-        scatter = float(np.std(widths)) / math.sqrt(max(1, len(plays) - 1))
-        play_sigma = max(float(weights.sum() ** -0.5), scatter if len(plays) > 1 else 0.0)
-        if not play > 0.0:  # no play: what was seen is the lag of the drive, or the sensors'
-            play = play_sigma = float("nan")
-    loads = found.loads.mean(axis=0)
+    found = _fit(windows, balances, description)
+    play, play_sigma = _play(balances)
+    load, stiffness = found.loads.mean(axis=0).tolist()
     return UnknownDriveUnit(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -98,8 +90,8 @@ def calibrate_unknown(
         windows=len(windows),
         terms=found.values,
         covariance=found.covariance,
-        load=float(loads[0]),
-        stiffness=float(loads[1]),
+        load=load,
+        stiffness=stiffness,
         knee=knee,
         noise=max(found.rms, _LEAST_NOISE),
         play=play,
@@ -135,12 +127,24 @@ def motion_defect(window: Window, description: ActuatorDescription) -> MotionDef
     return MotionDefect(reason, is_failure=True)
 
 
+def _play(balances: Sequence[Balance]) -> tuple[float, float]:
+    """Return the play of the healthy unit and its sigma [rad]; NaN where no motion shows it."""
+    plays = [one.play for one in balances if one.play is not None]
+    if not plays:
+        return math.nan, math.nan
+    weights = np.array([1.0 / max(one.sigma, 1e-9) ** 2 for one in plays])
+    widths = np.array([one.width for one in plays])
+    play = float(weights @ widths / weights.sum())
+    if not play > 0.0:  # no play: what was seen is the lag of the drive, or the sensors'
+        return math.nan, math.nan
+    scatter = float(np.std(widths)) / math.sqrt(max(1, len(plays) - 1))
+    return play, max(float(weights.sum() ** -0.5), scatter if len(plays) > 1 else 0.0)
+
+
 def _fit(
-    balances: Sequence[Balance], loads: Sequence[Known], parameters: ActuatorParameters
+    windows: Sequence[Window], balances: Sequence[Balance], description: ActuatorDescription
 ) -> Fit:
     """Fit the terms, without knowing anything of the unit."""
-    groups = ripples(parameters.P)
-    where = columns_of(groups)
     size = balances[0].design.shape[1]
     usual = float(np.median(np.concatenate([np.abs(one.current) for one in balances])))
     fastest = max(one.fastest for one in balances)
@@ -151,28 +155,18 @@ def _fit(
     sigma[2] = usual / fastest
     sigma[3] = 0.5 * usual
     sigma[4] = 3e-3
-    spreads = load_sigmas(parameters, balances)
-    prior = BalancePrior(
-        np.zeros(size),
-        sigma,
-        np.array([[known[0][0], known[1][0]] for known in loads]),
-        np.array(
-            [
-                [min(known[0][1], spread[0]), min(known[1][1], spread[1])]
-                for known, spread in zip(loads, spreads, strict=True)
-            ]
-        ),
-    )
-    basic = np.arange(size) < len(BASIC)
+    loads = loads_before(windows, balances, description.parameters)
+    prior = BalancePrior(np.zeros(size), sigma, *loads)
+    basic = basic_terms(prior)
     first = fit(balances, prior, basic, 1e-6 * usual)
     # What no motor is free of; left out, it would be taken for friction where the motor turns
     # less than once.
     small = np.full(size, _SMALL * abs(first.values[1]))
     sigma[3] = _SMALL * abs(first.values[1])
     sigma[2] = _VISCOUS * abs(first.values[1]) / fastest
-    for group in groups:
-        if group.scales_with == OF_CURRENT:
-            small[where[group.name]] = _SMALL_SHARE
+    for ripple in ripples(description.parameters.P).values():
+        if ripple.scales_with == OF_CURRENT:
+            small[ripple.terms] = _SMALL_SHARE
     sigma = np.where(basic, sigma, small)
     noise = max(first.rms, _LEAST_NOISE)
     return fit(balances, replace(prior, sigma=sigma), np.ones(size, dtype=bool), noise)

@@ -5,8 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.current_balance.calibrating import MotionDefect, motion_defect
-from ema_monitor.current_balance.identifying import identify_unknown
+from ema_monitor.current_balance.identifying import defect_of, identify_unknown
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
@@ -49,12 +48,9 @@ class CurrentCombination:
         self._description, self._unit = description, unit
         self._search, self._settings = search, settings
         self.tally = Tally()
-        self._caveats, self._refused = [], ""
-        if mismatch := unit.unit_mismatch(description):
-            if force:
-                self._caveats.append(f"forced although {mismatch}")
-            else:
-                self._refused = f"the calibration does not fit: {mismatch}"
+        mismatch = unit.unit_mismatch(description)
+        self._caveats = [f"forced although {mismatch}"] if mismatch and force else []
+        self._mismatch = "" if force else mismatch
         self._windows: list[Window] = []
         self._refused_in_a_row = 0
         self._pause_ns = (0, 0)
@@ -66,11 +62,17 @@ class CurrentCombination:
             self._count(**{"dropped" if stretch.is_dropped else "refused": 1})
             self.tally = self.tally._replace(reason=stretch.reason)
             return []
-        reason = self._refused or self._unit.shape_mismatch(stretch)
-        defect = MotionDefect(reason) if reason else motion_defect(stretch, self._description)
-        if defect is not None:
-            return self._refuse(stretch, defect)
-        estimates = self._conclude() if self._is_complete(stretch) else []
+        if defect := defect_of(stretch, self._description, self._unit, self._mismatch):
+            # Several in a row are said once.
+            self._count(refused=1)
+            self.tally = self.tally._replace(reason=defect.reason)
+            self._refused_in_a_row += 1
+            if self._refused_in_a_row != _REFUSED_IN_A_ROW:
+                return []
+            reason, is_failure = defect
+            refused = refusal(stretch, self._unit, self._search, reason, is_failure=is_failure)
+            return [replace(refused, stretches=1)]
+        estimates = self.finish() if self._is_complete(stretch) else []
         begin_ns, end_ns = self._pause_ns
         if begin_ns <= stretch.start_ns < end_ns:
             self._count(skipped=1)
@@ -88,7 +90,7 @@ class CurrentCombination:
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of what was combined so far, if there is one."""
-        return self._conclude()
+        return self._conclude(self._identified()) if self._windows else []
 
     def _identified(self) -> Estimate | str:
         limit = self._search.goodness_limit
@@ -96,28 +98,23 @@ class CurrentCombination:
 
     def _is_enough(self, found: Estimate) -> bool:
         """Return whether all that this motion can show is known as well as wanted."""
-        wanted = self._settings.wanted_sigma
         sigmas = [found.sigma.friction]
         if not math.isnan(self._unit.play):
             sigmas.append(found.sigma.backlash)
         sigmas += [one.sigma for one in found.causes if one.name == "torque_constant"]
-        return len(sigmas) > 2 and all(sigma <= wanted for sigma in sigmas)
+        return len(sigmas) > 2 and all(one <= self._settings.wanted_sigma for one in sigmas)
 
     def _is_complete(self, stretch: Window) -> bool:
         if not self._windows:
             return False
-        first = self._windows[0]
         if stretch.start_ns < self._windows[-1].start_ns:
             return True
-        age_s = (stretch.end_ns - first.start_ns) * 1e-9
+        age_s = (stretch.end_ns - self._windows[0].start_ns) * 1e-9
         is_full = len(self._windows) >= self._settings.most_stretches
         return is_full or age_s > self._settings.longest_s
 
-    def _conclude(self, found: Estimate | str | None = None) -> list[Estimate]:
+    def _conclude(self, found: Estimate | str) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
-        if not self._windows:
-            return []
-        found = self._identified() if found is None else found
         windows, self._windows = self._windows, []
         if isinstance(found, str):
             self._count(fruitless=1)
@@ -127,18 +124,6 @@ class CurrentCombination:
         self._pause_ns = (found.end_ns, found.end_ns + pause_ns)
         self.tally = self.tally._replace(reason="")
         return [replace(found, stretches=len(windows))]
-
-    def _refuse(self, stretch: Window, defect: MotionDefect) -> list[Estimate]:
-        """Count a stretch that cannot be used; several in a row are said once."""
-        self._count(refused=1)
-        self.tally = self.tally._replace(reason=defect.reason)
-        self._refused_in_a_row += 1
-        if self._refused_in_a_row != _REFUSED_IN_A_ROW:
-            return []
-        refused = refusal(
-            stretch, self._unit, self._search, defect.reason, is_failure=defect.is_failure
-        )
-        return [replace(refused, stretches=1)]
 
     def _count(self, **more: int) -> None:
         counts = {name: getattr(self.tally, name) + number for name, number in more.items()}

@@ -2,13 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.current_balance.balance import Balance
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.current_balance.balance import BASIC, Balance, Ripple
+from ema_monitor.windows.window import Window
 
+EVIDENT: Final = 36.0
+"""Squared distance from the healthy one, in its covariance, from which on a ripple is there."""
+
+_LOAD: Final = 0.2
+_WORTHWHILE: Final = 0.1
 _LAG_S: Final = 8e-3
 _FEWEST_LAGS: Final = 2
 _HUBER: Final = 3.0
@@ -45,8 +52,6 @@ class Fit:
         Load [A] and stiffness [A/rad] of each balance, ``(balances, 2)`` and ``(balances, 2, 2)``.
     rms, rms_before
         Weighted rms of what is left, and of what the prior's mean leaves but for loads [A].
-    rows
-        Number of rows that count.
     cost
         Sum of the weighted squares of what is left, times the time of a row [A^2.s].
     """
@@ -57,13 +62,43 @@ class Fit:
     load_covariances: NDArray[np.float64]
     rms: float
     rms_before: float
-    rows: int
     cost: float
 
     @property
     def sigma(self) -> NDArray[np.float64]:
         """Standard deviations of the terms."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def loads_before(
+    windows: Sequence[Window],
+    balances: Sequence[Balance],
+    parameters: ActuatorParameters,
+    healthy: tuple[float, float] = (0.0, 0.0),
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what is known of load [A] and stiffness [A/rad] before: means and sigmas.
+
+    A fifth of the largest current is usual beside those of the healthy unit. What was measured
+    beside a window is a torque: the described torque constant makes amperes of it.
+    """
+    strongest = max(float(np.max(np.abs(one.current), initial=0.0)) for one in balances)
+    usual = max(_LOAD * parameters.I_max, strongest)
+    means, sigmas = [], []
+    for window, one in zip(windows, balances, strict=True):
+        known = {cause.name: cause for cause in window.measured}
+        mean, sigma = list(healthy), [usual, usual / max(one.travel, 1e-9)]
+        for at, name in enumerate(("load_torque", "load_stiffness")):
+            if name in known:
+                mean[at] += known[name].value / parameters.k_t
+                sigma[at] = min(known[name].sigma / parameters.k_t, sigma[at])
+        means.append(mean)
+        sigmas.append(sigma)
+    return np.array(means), np.array(sigmas)
+
+
+def basic_terms(prior: BalancePrior) -> NDArray[np.bool_]:
+    """Return which terms are basic ones, ``(terms,)``."""
+    return np.arange(len(prior.mean)) < len(BASIC)
 
 
 def fit(
@@ -83,16 +118,29 @@ def fit(
         Rms of what is left of a healthy motion [A]; it weighs the prior.
     """
     chosen = np.flatnonzero(fitted)
-    robust = [np.ones(len(one)) for one in balances]
     scale = max(noise, 1e-9)
-    solved = _solved(balances, prior, chosen, robust, scale)
+
+    def solved(robust: list[NDArray[np.float64]]) -> tuple[Any, ...]:
+        """Return the optimum with some weights: parts, inverse, step and what it leaves."""
+        parts = [
+            _Part(one, prior, number, chosen, weight, scale)
+            for number, (one, weight) in enumerate(zip(balances, robust, strict=True))
+        ]
+        normal = np.diag((scale / prior.sigma[chosen]) ** 2)
+        normal += sum(part.design.T @ part.design for part in parts)
+        size = np.sqrt(np.diag(normal))
+        inverse = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
+        step = inverse @ sum(part.design.T @ part.left for part in parts)
+        return parts, inverse, step, [part.left - part.design @ step for part in parts]
+
+    parts, inverse, step, left = solved([np.ones(len(one.current)) for one in balances])
     for _ in range(_PASSES):
-        counted = [r[one.weight > 0.0] for r, one in zip(solved.left, balances, strict=True)]
+        counted = [r[one.weight > 0.0] for r, one in zip(left, balances, strict=True)]
         spread = 1.4826 * float(np.median(np.abs(np.concatenate(counted))))
         beyond = _HUBER * max(spread, 0.3 * scale)
-        robust = [1.0 / np.maximum(1.0, np.abs(r) / beyond) for r in solved.left]
-        solved = _solved(balances, prior, chosen, robust, scale)
-    parts, inverse, step, left = solved
+        parts, inverse, step, left = solved(
+            [1.0 / np.maximum(1.0, np.abs(r) / beyond) for r in left]
+        )
     meat = sum(
         _long_run(part.design * r[:, None], one.step_s)
         for part, r, one in zip(parts, left, balances, strict=True)
@@ -101,49 +149,52 @@ def fit(
     values = prior.mean.copy()
     values[chosen] += step
     covariance = np.zeros((len(values), len(values)))
-    covariance[np.ix_(chosen, chosen)] = inverse @ meat @ inverse
-    rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
+    covariance[np.ix_(chosen, chosen)] = of_chosen = inverse @ meat @ inverse
     power = sum(float(r @ r) for r in left)
     total = max(sum(float(np.sum(one.weight**2)) for one in balances), 1e-12)
-    loads = [part.loads_after(step, covariance[np.ix_(chosen, chosen)], scale) for part in parts]
+    loads, load_covariances = zip(
+        *(part.loads_after(step, of_chosen, scale) for part in parts), strict=True
+    )
     return Fit(
         values,
         covariance,
-        np.array([mean for mean, _ in loads]),
-        np.array([spread for _, spread in loads]),
+        np.array(loads),
+        np.array(load_covariances),
         float(np.sqrt(power / total)),
         float(np.sqrt(sum(float(part.left @ part.left) for part in parts) / total)),
-        rows,
         sum(float(r @ r) * one.step_s for r, one in zip(left, balances, strict=True)),
     )
 
 
-class _Solved(NamedTuple):
-    """Optimum with some weights: inverse of the normal matrix, step, and what it leaves."""
-
-    parts: list["_Part"]
-    inverse: NDArray[np.float64]
-    step: NDArray[np.float64]
-    left: list[NDArray[np.float64]]
-
-
-def _solved(
+def fit_with_ripples(
     balances: Sequence[Balance],
     prior: BalancePrior,
-    chosen: NDArray[np.int64],
-    robust: Sequence[NDArray[np.float64]],
-    scale: float,
-) -> _Solved:
-    parts = [
-        _Part(one, prior, number, chosen, weight, scale)
-        for number, (one, weight) in enumerate(zip(balances, robust, strict=True))
-    ]
-    normal = np.diag((scale / prior.sigma[chosen]) ** 2)
-    normal += sum(part.design.T @ part.design for part in parts)
-    size = np.sqrt(np.diag(normal))
-    inverse = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
-    step = inverse @ sum(part.design.T @ part.left for part in parts)
-    return _Solved(parts, inverse, step, [part.left - part.design @ step for part in parts])
+    noise: float,
+    ripples: Sequence[Ripple],
+) -> Fit:
+    """Fit the basic terms and, one after the other, the ripples that are evident (M43)."""
+    fitted = basic_terms(prior)
+    best, left = fit(balances, prior, fitted, noise), list(ripples)
+    while left:
+        tried = []
+        for ripple in left:
+            more = fitted.copy()
+            more[ripple.terms] = True
+            one = fit(balances, prior, more, noise)
+            tried.append((evidence(one, prior, ripple), ripple, more, one))
+        strength, ripple, more, one = max(tried, key=lambda item: item[0])
+        if strength < EVIDENT or one.cost > (1.0 - _WORTHWHILE) * best.cost:
+            break
+        fitted, best = more, one
+        left.remove(ripple)
+    return best
+
+
+def evidence(found: Fit, prior: BalancePrior, ripple: Ripple) -> float:
+    """Return the squared distance of a ripple from the mean of its prior."""
+    change = found.values[ripple.terms] - prior.mean[ripple.terms]
+    covariance = found.covariance[ripple.terms, ripple.terms]
+    return float(change @ np.linalg.solve(covariance, change)) if np.any(covariance) else 0.0
 
 
 class _Part:

@@ -1,11 +1,9 @@
-"""Calibration of a unit whose drive is unknown: its healthy current balance, and its file (M44)."""
+"""Calibration of a unit whose drive is unknown: its healthy current balance (M44)."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +11,8 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_monitor.calibration.files import identity_of, write_calibration
-from ema_monitor.current_balance.terms import BASIC, columns_of, ripples
-from ema_monitor.windows.window import Window
-
-FORMAT: Final = "unknown_drive_1"
-"""Of the file."""
+from ema_monitor.calibration.stored import StoredCalibration, numbers
+from ema_monitor.current_balance.balance import number_of_terms
 
 LEARNED: Final = 0.08
 """Relative standard deviation up to which the torque per ampere counts as known [-]."""
@@ -28,7 +22,7 @@ _POSITIVE: Final = ("sample_period", "knee", "noise", "fastest")
 
 
 @dataclass(frozen=True, eq=False)
-class UnknownDriveUnit:
+class UnknownDriveUnit(StoredCalibration):
     """What a healthy unit with an unknown drive is like.
 
     All torques are relative to the torque per ampere: in amperes of the current that they take.
@@ -66,6 +60,14 @@ class UnknownDriveUnit:
         When a figure is impossible; the message names it.
     """
 
+    FORMAT: ClassVar = "unknown_drive_1"
+
+    form = "unknown_drive"
+    """There are no kernels to compile for it."""
+
+    unit_parameters = None
+    """Nothing of the unit is known in the units of parameters."""
+
     actuator_id: str
     serial_number: str
     parameters: ActuatorParameters
@@ -82,12 +84,8 @@ class UnknownDriveUnit:
     play_sigma: float
     fastest: float
 
-    form = "unknown_drive"
-    """There are no kernels to compile for it."""
-
     def __post_init__(self) -> None:
-        groups = ripples(self.parameters.P)
-        size = len(BASIC) + sum(2 * len(group.orders) for group in groups)
+        size = number_of_terms(self.parameters.P)
         for name, shape in (("terms", (size,)), ("covariance", (size, size))):
             found = getattr(self, name)
             if found.shape != shape or not np.all(np.isfinite(found)):
@@ -103,43 +101,27 @@ class UnknownDriveUnit:
                     "positive number; is the sign of the current that of the motion?"
                 )
 
-    @cached_property
-    def calibration_id(self) -> str:
-        """Identity of the content: the same figures give the same name."""
-        return identity_of(self.serial_number, self._as_mapping())
-
     def __str__(self) -> str:
         J, f = self.terms[:2]
-        play = (
-            f"play {self.play:.4g} ± {self.play_sigma:.2g} rad"
-            if math.isfinite(self.play)
-            else "play not shown"
-        )
-        words = ", ".join(name.replace("_", " ") for name in self.not_learned)
+        play = "play not shown"
+        if math.isfinite(self.play):
+            play = f"play {self.play:.4g} ± {self.play_sigma:.2g} rad"
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (drive unknown) from "
             f"{counted(self.windows, 'window')}, relative to the torque per ampere: inertia "
             f"{J:.4g} A.s^2/rad, friction {f:.4g} A, {play}, residual of a healthy motion "
-            f"{self.noise:.4f} A" + (f"; not learned from these windows: {words}" if words else "")
+            f"{self.noise:.4f} A{self._remark}"
         )
 
-    @cached_property
+    @property
     def not_learned(self) -> tuple[str, ...]:
         """Names of what the healthy windows did not show."""
-        names = []
-        sigma = np.sqrt(np.diag(self.covariance))
-        if sigma[0] > LEARNED * self.terms[0]:
-            names.append("torque_per_ampere")
-        if self.friction_sigma > 0.1 * self.terms[1]:
-            names.append("friction")
-        if math.isnan(self.play):
-            names.append("backlash")
-        return tuple(names)
-
-    @property
-    def unit_parameters(self) -> None:
-        """Nothing of the unit is known in the units of parameters."""
-        return
+        is_missing = {
+            "torque_per_ampere": math.sqrt(self.covariance[0, 0]) > LEARNED * self.terms[0],
+            "friction": self.friction_sigma > 0.1 * self.terms[1],
+            "backlash": math.isnan(self.play),
+        }
+        return tuple(name for name, missing in is_missing.items() if missing)
 
     @cached_property
     def friction_pull(self) -> float:
@@ -162,10 +144,6 @@ class UnknownDriveUnit:
         """Return what holds under any command, which is all."""
         return self
 
-    def ripple(self, name: str) -> slice:
-        """Return where the terms of a ripple are."""
-        return columns_of(ripples(self.parameters.P))[name]
-
     def unit_mismatch(self, description: ActuatorDescription) -> str:
         """Return why this calibration does not fit a described actuator; empty when it does."""
         reasons = []
@@ -174,59 +152,22 @@ class UnknownDriveUnit:
                 f"the actuator has drive = {description.drive}, the calibration is of a drive "
                 "whose controller is unknown"
             )
-        if description.serial_number != self.serial_number:
-            reasons.append(
-                f"the actuator has serial number {description.serial_number!r}, the calibration "
-                f"was made on {self.serial_number!r}"
-            )
         if description.acquisition.speed != self.speed_measured:
             reasons.append(
                 "the speed is measured in one of both, telemetry and calibration, and not in the "
                 "other"
             )
-        mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
-        reasons += [
-            f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
-            for name in _USED
-            if not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
-        ]
-        return "; ".join(reasons)
-
-    def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a window are not those calibrated; empty when they are."""
-        if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
-            return (
-                f"the sample period is {window.sample_period:g} s, the calibration's "
-                f"{self.sample_period:g} s"
-            )
-        return ""
-
-    def save(self, path: Path) -> None:
-        """Write the calibration to a YAML file; an existing one is replaced once it is complete."""
-        write_calibration(path, self._as_mapping(), self.calibration_id)
-
-    @classmethod
-    def of_mapping(cls, content: Mapping[str, Any]) -> Self:
-        """Return the calibration that the entries of a file describe, as `built_of` gives them.
-
-        Raises
-        ------
-        ValueError, KeyError, TypeError
-            When it describes none.
-        """
-        values = {
-            name: value
-            for name, value in content.items()
-            if name not in ("format", "calibration_id")
-        }
-        values["parameters"] = ActuatorParameters().replace(values["parameters"])
-        for name in ("terms", "covariance"):
-            values[name] = np.array(values[name], dtype=np.float64)
-        return cls(**values)
+        return "; ".join(reasons + self._mismatches(description, _USED))
 
     def _as_mapping(self) -> dict[str, Any]:
-        content = {"format": FORMAT, **asdict(self)}
-        content["parameters"] = self.parameters.as_mapping()
+        content = {"format": self.FORMAT, **asdict(self)}
         for name in ("terms", "covariance"):
-            content[name] = getattr(self, name).tolist()
+            content[name] = content[name].tolist()
         return content
+
+    @classmethod
+    def _of_mapping(cls, content: dict[str, Any]) -> Self:
+        content["parameters"] = ActuatorParameters().replace(content["parameters"])
+        for name in ("terms", "covariance"):
+            content[name] = numbers(name, content[name])
+        return cls(**content)

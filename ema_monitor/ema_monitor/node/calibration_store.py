@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.files import is_calibration_file
+from ema_monitor.calibration.stored import is_calibration_file
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 
 _SUFFIXES: Final = (".yaml", ".yml")

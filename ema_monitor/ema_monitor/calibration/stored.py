@@ -1,0 +1,147 @@
+"""What calibrations of every kind have in common: identity, file, and whom they fit."""
+
+import hashlib
+import json
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.files import complete_file, open_regular_file
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.windows.window import Window
+
+_HEAD_BYTES: Final = 200
+_log = logging.getLogger(__name__)
+
+
+class StoredCalibration(ABC):
+    """A calibration of one unit, in a YAML file that carries its identity.
+
+    A kind of calibration is a frozen dataclass with the attributes below and a ``FORMAT`` of its
+    own.
+    """
+
+    FORMAT: ClassVar[int | str]
+
+    actuator_id: str
+    serial_number: str
+    parameters: ActuatorParameters
+    sample_period: float
+    not_learned: Any
+
+    @cached_property
+    def calibration_id(self) -> str:
+        """Identity of the content: the same figures give the same name."""
+        text = json.dumps(self._as_mapping(), sort_keys=True)
+        return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+
+    @property
+    def _remark(self) -> str:
+        words = ", ".join(name.replace("_", " ") for name in self.not_learned)
+        return f"; not learned from these windows: {words}" if words else ""
+
+    def shape_mismatch(self, window: Window) -> str:
+        """Return why the samples of a window are not those calibrated; empty when they are."""
+        if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
+            return (
+                f"the sample period is {window.sample_period:g} s, the calibration's "
+                f"{self.sample_period:g} s"
+            )
+        return ""
+
+    @abstractmethod
+    def unit_mismatch(self, description: ActuatorDescription) -> str:
+        """Return why this calibration does not fit a described actuator; empty when it does."""
+
+    def _mismatches(self, description: ActuatorDescription, used: Iterable[str]) -> list[str]:
+        """Return in what serial number and the parameters that are used differ."""
+        reasons = []
+        if description.serial_number != self.serial_number:
+            reasons.append(
+                f"the actuator has serial number {description.serial_number!r}, the calibration "
+                f"was made on {self.serial_number!r}"
+            )
+        mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
+        return reasons + [
+            f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
+            for name in used
+            if not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
+        ]
+
+    def save(self, path: Path) -> None:
+        """Write the calibration to a YAML file; an existing one is replaced once it is complete."""
+        text = yaml.safe_dump(
+            {**self._as_mapping(), "calibration_id": self.calibration_id},
+            sort_keys=False,
+            default_flow_style=None,
+            width=96,
+        )
+        with complete_file(path) as partial:
+            partial.write_text(text)
+
+    @classmethod
+    def of_content(cls, path: Path, content: Any) -> Self:
+        """Return the calibration that a file holds; log where that is not what was written to it.
+
+        Raises
+        ------
+        ValueError
+            When it holds none; the message names file and defect.
+        """
+        if not isinstance(content, dict) or content.get("format") != cls.FORMAT:
+            raise ValueError(
+                f"{path} is not a calibration of format {cls.FORMAT}; "
+                "make it anew with `ema calibrate`"
+            )
+        entries = {**content}
+        made_as = entries.pop("calibration_id", None)
+        del entries["format"]
+        try:
+            loaded = cls._of_mapping(entries)
+            found = loaded.calibration_id
+        except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path} is a damaged calibration: {error}") from error
+        # A change by hand is permitted.
+        if made_as not in (None, found):
+            _log.warning(
+                "%s was changed after it was written: it was calibration %s and is %s now",
+                path,
+                made_as,
+                found,
+            )
+        return loaded
+
+    @abstractmethod
+    def _as_mapping(self) -> dict[str, Any]:
+        """Return the content of the file but for the identity, to the last bit."""
+
+    @classmethod
+    @abstractmethod
+    def _of_mapping(cls, content: dict[str, Any]) -> Self:
+        """Return the calibration of the entries of a file, which may be changed."""
+
+
+def numbers(name: str, values: Any) -> NDArray[np.float64]:
+    """Return the array of an entry of a file; ValueError when it is not made of numbers."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (OverflowError, TypeError, ValueError):
+        raise ValueError(f"{name} is not made of numbers") from None
+
+
+def is_calibration_file(path: Path) -> bool:
+    """Return whether a file begins as the file of a calibration does, of any kind."""
+    try:
+        with open_regular_file(path) as file:
+            head = file.read(_HEAD_BYTES).split(b"\n")
+    except (OSError, ValueError):
+        return False
+    return len(head) > 1 and head[0].startswith(b"format: ") and head[1].startswith(b"actuator_id:")
