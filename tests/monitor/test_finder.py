@@ -57,16 +57,6 @@ def test_windows_are_numbered_and_counted():
     assert finder.has_rested
 
 
-@pytest.mark.parametrize("size", [1, 7, 100, 2700])
-def test_windows_do_not_depend_on_how_telemetry_is_cut(size: int):
-    telemetry = cycles(3)
-    expected = summary(fed(WindowFinder(SETTINGS, FLAP), telemetry))
-    assert summary(fed(WindowFinder(SETTINGS, FLAP), telemetry, size)) == expected
-    # From the last sample at rest, 50 ms on.
-    start_ns = START_NS + 100_000 * 200
-    assert expected[0] == (0, start_ns, start_ns + 50_000_000, "")
-
-
 def test_telemetry_that_comes_first_waits_for_the_description():
     finder = WindowFinder(SETTINGS)
     assert fed(finder, cycles(3)) == []
@@ -86,15 +76,6 @@ def test_only_the_latest_ten_seconds_wait():
     first_ns = telemetry.stamp_ns + 100_000 * 900 * 139 - 10_000_000_000
     kept = sum(block.stamp_ns >= first_ns for block in blocks(telemetry, 900))
     assert len(found) == kept == 112
-
-
-def test_same_description_again_changes_nothing():
-    finder = WindowFinder(SETTINGS, FLAP)
-    part = list(blocks(cycles(1), 100))
-    events = [event for block in part[:5] for event in finder.feed(block)]
-    events += finder.describe(replace(FLAP))
-    events += [event for block in part[5:] for event in finder.feed(block)]
-    assert [isinstance(item.window, Window) for item in found_in(events)] == [True]
 
 
 @pytest.mark.parametrize("change", ["description", "settings"])
@@ -182,14 +163,6 @@ def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
     assert finder.finish() == []
     assert [item.number for item in found_in(fed(finder, cycles(1, 5001)))] == [1]
     assert finder.lost_samples == 0
-
-
-def test_settings_that_change_before_any_telemetry_hold():
-    finder = WindowFinder(SETTINGS, FLAP)
-    assert finder.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings") == []
-    [first] = found_in(fed(finder, cycles(1)))
-    assert isinstance(first.window, Window)
-    assert len(first.window) == 300
 
 
 def test_setting_that_the_motion_so_far_does_not_satisfy_is_named_after_three_motions():

@@ -16,8 +16,7 @@ from ema_monitor.identification.objective import Objective, Relations
 from ema_monitor.model.deviations import COLUMNS, NAMES, hidden_causes
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.readings import read
-from ema_monitor.windows.control_law import law_offset
-from ema_monitor.windows.travel import travel_ratio
+from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.api import simulate

@@ -94,14 +94,6 @@ def test_index_that_goes_back_is_named(two_cycles, place):
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_repeated_block_is_named(two_cycles, place):
-    number = PLACES[place]
-    two_cycles.insert(number, two_cycles[number - 1])
-    reason = f"the sample index went back from {100 * number} to {100 * number - 99}"
-    check(feed(two_cycles), place, reason)
-
-
-@pytest.mark.parametrize("place", PLACES)
 def test_time_that_runs_backwards_is_named(two_cycles, place):
     """A clock that is set back by 2 s."""
     number = PLACES[place]
@@ -141,16 +133,6 @@ def test_stamps_at_another_rate_are_named(two_cycles, share, accepted):
         assert [refusal.reason for refusal in refusals_in(events)] == [said] * 2
 
 
-def test_clock_that_jumps_in_a_window_is_named(two_cycles):
-    two_cycles[90:] = [
-        replace(block, stamp_ns=block.stamp_ns + 60_000_000_000) for block in two_cycles[90:]
-    ]
-    events = feed(two_cycles)
-    [refusal], [window] = refusals_in(events[:1]), windows_in(events[1:])
-    assert "the stamps give one sample every" in refusal.reason
-    assert window.telemetry.first_index == STARTS[1]
-
-
 def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
     trigger = WindowTrigger(ActuatorParameters())
     # Block 99 ends with index 10000.
@@ -158,14 +140,6 @@ def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
     [refusal] = trigger.finish()
     assert (refusal.start_ns, refusal.end_ns) == (stamp(STARTS[0]), stamp(10_000))
     assert refusal.reason == "the telemetry ends 0.199 s into the window of 0.5 s"
-
-
-@pytest.mark.parametrize("stop", [22, 139])
-def test_end_of_the_telemetry_at_rest_is_no_defect(two_cycles, stop):
-    trigger = WindowTrigger(ActuatorParameters())
-    for block in two_cycles[:stop]:
-        trigger.feed(block)
-    assert trigger.finish() == []
 
 
 def test_broken_stream_refuses_the_window_that_is_open(two_cycles):
@@ -179,15 +153,6 @@ def test_broken_stream_refuses_the_window_that_is_open(two_cycles):
     refusal = trigger.interrupt(stamp(9050), "why")
     assert refusal == Refusal(stamp(STARTS[0]), stamp(9000), "why")
     assert trigger.finish() == []
-
-
-def test_both_defects_of_a_block_are_named(two_cycles):
-    spoiled = replace(two_cycles[24], speed=np.full(100, np.nan))
-    events = feed([*two_cycles[:22], spoiled, *two_cycles[25:]])
-    gap, not_finite = defects_in(events[:2])
-    assert "gap of 200 samples" in gap.reason
-    assert "speed is nan at index 2401" in not_finite.reason
-    assert len(windows_in(events[2:])) == 2
 
 
 def test_after_a_defect_there_must_be_rest_again(two_cycles):

@@ -31,8 +31,7 @@ from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.model.readings import MOVES_START, TRAVEL, law_slopes, read
 from ema_monitor.optimizers.least_squares import DIFFERENCE
-from ema_monitor.windows.control_law import law_offset
-from ema_monitor.windows.travel import travel_ratio
+from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
 
 _UNEXPLAINED_POWER = 0.05

@@ -56,14 +56,8 @@ FEATURES: Final = {
 class Motion:
     """What was commanded in a test, so that only like is compared with like.
 
-    Attributes
-    ----------
-    sample_period
-        Period of the samples [s].
-    travel
-        Travel of the command at the user shaft [rad].
-    speed
-        Speed of the command that all but 1 % of the samples stay below [rad/s].
+    It has the period of the samples [s], the travel of the command at the user shaft [rad], and the
+    speed that all but 1 % of its samples stay below [rad/s].
     """
 
     sample_period: float
@@ -95,11 +89,8 @@ class Part(NamedTuple):
 def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
     """Return the figures of each stretch of a test that moves in both directions.
 
-    Parameters
-    ----------
-    telemetry
-        Stretches without a gap. A current without sign is taken as it is: its magnitude is what
-        friction and load need in each direction.
+    A current without sign is taken as it is: its magnitude is what friction and load need in each
+    direction.
 
     Raises
     ------

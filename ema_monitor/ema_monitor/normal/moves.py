@@ -45,8 +45,6 @@ class MoveVerdict:
         How unlikely it is for the healthy unit; None while the reference is not complete.
     life_days
         Quantiles of 5, 50 and 95 % of the time to the limit [d]; None where none is told.
-    reason
-        Why, in words.
     """
 
     ratio: float
@@ -109,13 +107,8 @@ class MoveSeries:
             self._healthy.append(HealthyTest(move.stamp_ns, logs))
             missing = self._reference - len(self._healthy)
             self._note(day, 1.0)
-            return MoveVerdict(
-                1.0,
-                "STALE",
-                None,
-                None,
-                f"reference; {missing} more needed" if missing else "reference",
-            )
+            reason = f"reference; {missing} more needed" if missing else "reference"
+            return MoveVerdict(1.0, "STALE", None, None, reason)
         names = [name for name in logs if all(name in one.features for one in self._healthy)]
         if not names:
             raise ValueError("the move has none of the figures of the reference")

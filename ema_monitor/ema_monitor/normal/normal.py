@@ -1,7 +1,7 @@
 """A unit's own normal: how far its healthy tests scatter, and how unlikely a later one is (M47)."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -16,9 +16,7 @@ FEWEST_TESTS: Final = 3
 DEPARTED: Final = 1e-2
 """Probability below which a test departs."""
 
-BEYOND_DOUBT: Final = 1e-6
-"""Probability below which a departure is beyond doubt."""
-
+_LEAST_SAID: Final = 1e-6
 _FLOOR: Final = {LEVEL: 0.01, RATIO: 0.07, FIGURE: 0.03}
 _FLOOR_OF_DAYS: Final = {LEVEL: 0.10, RATIO: 0.20, FIGURE: 0.10}
 _FLOOR_FREEDOM: Final = 20.0
@@ -63,14 +61,8 @@ class Change(NamedTuple):
 class Departure:
     """How unlikely a test is for the healthy unit.
 
-    Attributes
-    ----------
-    probability
-        That a healthy test departs so far in one of its figures.
-    changes
-        The figures that depart, the most significant first.
-    remark
-        What was assumed; empty where nothing was.
+    ``probability`` is that of a healthy test to depart so far in one of its figures; ``changes``
+    are the figures that depart, the most significant first; ``remark`` says what was assumed.
     """
 
     probability: float
@@ -81,11 +73,6 @@ class Departure:
     def is_significant(self) -> bool:
         """Whether the test departs."""
         return self.probability < DEPARTED
-
-    @property
-    def is_beyond_doubt(self) -> bool:
-        """Whether no healthy test looks like this."""
-        return self.probability < BEYOND_DOUBT
 
     def __str__(self) -> str:
         if not self.is_significant:
@@ -103,17 +90,10 @@ class Normal:
     or two days, 10 % of the running current and 20 % of a scatter are taken for usual between days,
     for tests of another day.
 
-    Parameters
-    ----------
-    tests
-        Healthy tests, ``FEWEST_TESTS`` at least.
-    features
-        What the figures are, by name.
-
     Raises
     ------
     ValueError
-        When there are too few tests, or they share no figure.
+        When there are fewer healthy tests than ``FEWEST_TESTS``, or they share no figure.
     """
 
     def __init__(
@@ -135,12 +115,8 @@ class Normal:
         self._count = len(values)
         self._mean = values.mean(axis=0)
         self._variance = values.var(axis=0, ddof=1) * (1.0 + 1.0 / self._count)
-        levels = [
-            abs(mean)
-            for name, mean in zip(self.names, self._mean, strict=True)
-            if features[name].kind == LEVEL
-        ]
-        self._running = max(levels, default=0.0)
+        is_level = [features[name].kind == LEVEL for name in self.names]
+        self._running = float(np.max(np.abs(self._mean[is_level]), initial=0.0))
 
     def departure(self, test: HealthyTest) -> Departure:
         """Return how unlikely a test is; figures that it lacks do not count.
@@ -168,9 +144,8 @@ class Normal:
             freedom = 1.0 / (share**2 / (self._count - 1) + (1.0 - share) ** 2 / _FLOOR_FREEDOM)
             z = float((test.features[name] - self._mean[at]) / math.sqrt(variance))
             probability = float(2.0 * stdtr(freedom, -abs(z)))
-            healthy = float(self._mean[at])
-            value = float(test.features[name])
-            changes.append(Change(name, feature, healthy, value, z, probability))
+            figures = float(self._mean[at]), float(test.features[name])
+            changes.append(Change(name, feature, *figures, z, probability))
         changes.sort(key=lambda one: one.probability)
         # Bonferroni: holds however the figures depend on each other.
         smallest = min(1.0, changes[0].probability * len(changes)) if changes else 1.0
@@ -184,11 +159,5 @@ class Normal:
         return Departure(smallest, tuple(significant), remark)
 
 
-def out_of_each(tests: Sequence[HealthyTest]) -> Iterable[tuple[HealthyTest, list[HealthyTest]]]:
-    """Yield each test with the others."""
-    for number, test in enumerate(tests):
-        yield test, [*tests[:number], *tests[number + 1 :]]
-
-
 def _in_words(probability: float) -> str:
-    return f"{probability:.2g}" if probability >= BEYOND_DOUBT else f"below {BEYOND_DOUBT:g}"
+    return f"{probability:.2g}" if probability >= _LEAST_SAID else f"below {_LEAST_SAID:g}"

@@ -28,14 +28,7 @@ class States:
     """Tells labelled states apart by linear discriminants with shrinkage.
 
     A test that departs from all of them, each taken as a normal of its own, is none of these.
-
-    Parameters
-    ----------
-    tests
-        Labelled tests under one command and load. States with fewer than ``FEWEST_TESTS`` of them
-        are left out.
-    features
-        What the figures are, by name.
+    States with fewer than ``FEWEST_TESTS`` labelled tests are left out.
 
     Raises
     ------

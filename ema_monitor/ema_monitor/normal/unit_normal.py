@@ -24,22 +24,10 @@ _FORMAT: Final = 1
 
 @dataclass(frozen=True)
 class NamedTest:
-    """A test, and what its owner says of it.
+    """A test of a unit, read from a source, and what its owner says of it.
 
-    Attributes
-    ----------
-    source
-        Where it was read from.
-    actuator_id, serial_number
-        The unit.
-    stamp_ns
-        Its first sample [ns].
-    state
-        ``HEALTHY``, or what is wrong with the unit.
-    condition
-        What telemetry does not tell and has to be alike, such as a load.
-    parts
-        What its stretches show.
+    The state is ``HEALTHY``, or what is wrong with the unit; the condition is what telemetry does
+    not tell and has to be alike, such as a load. The stamp is that of the first sample [ns].
 
     Raises
     ------
@@ -97,15 +85,9 @@ _PLAIN: Final = ("source", "actuator_id", "serial_number", "stamp_ns", "state", 
 class Checked:
     """What is said of a test.
 
-    Attributes
-    ----------
-    departure
-        How unlikely it is for the healthy unit; None where nothing like it is known.
-    states
-        Probability of each state that was named, and of none of them, the largest first; empty
-        where fewer than two states are known.
-    reason
-        Why there is no departure; empty where there is one.
+    The departure is None where nothing like it is known, for this ``reason``. ``states`` are the
+    probabilities of each state that was named, and of none of them, the largest first; empty where
+    fewer than two states are known.
     """
 
     departure: Departure | None
@@ -131,18 +113,7 @@ class Checked:
 
 
 class UnitNormal:
-    """What is known of the normal of one unit.
-
-    Parameters
-    ----------
-    tests
-        Tests of one unit.
-
-    Raises
-    ------
-    ValueError
-        When they are of several units.
-    """
+    """What is known of the normal of one unit, by its tests."""
 
     def __init__(self, tests: Sequence[NamedTest] = ()) -> None:
         self.tests: list[NamedTest] = []

@@ -83,18 +83,14 @@ class WindowFinder:
         self, settings: TriggerSettings, description: ActuatorDescription | None = None
     ) -> None:
         self.description: ActuatorDescription | None = None
-        self.blocks = 0
-        self.lost_samples = 0
-        self.windows = 0
-        self._windows_before = 0
-        self._samples = 0
+        self.blocks = self.lost_samples = self.windows = 0
         self._settings = settings
         self._undescribed: deque[Telemetry | Defect] = deque()
-        self._undescribed_samples = 0
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
         self._period_reported = False
-        self._run = self._longest_run = 0
+        # Since the settings were set: windows before, samples, and the longest run without a gap.
+        self._windows_before = self._samples = self._run = self._longest_run = 0
         if description is not None:
             self.describe(description)
 
@@ -111,7 +107,7 @@ class WindowFinder:
     @property
     def passed_over(self) -> int:
         """Number of stretches of motion with too little travel."""
-        return self._trigger.passed_over if isinstance(self._trigger, StretchTrigger) else 0
+        return self._trigger.passed_over if self._trigger else 0
 
     @property
     def has_rested(self) -> bool:
@@ -143,20 +139,20 @@ class WindowFinder:
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._last is None or self.windows > self._windows_before:
             return ""
-        if self._samples * self._last.sample_period > self.window_s and self.shortage:
+        seen_s = self._samples * self._last.sample_period
+        if seen_s > self.window_s and self.shortage:
             return self.shortage
-        if self.passed_over >= _MANY_MOTIONS:
+        if trigger.passed_over >= _MANY_MOTIONS:
             return (
                 f"window_s = {self.window_s:g} s: the command never travels {MIN_TRAVEL:g} rad "
                 "within it"
             )
-        if trigger.short_motions >= _MANY_MOTIONS and self.longest_motion_s < settings.window_s:
+        if trigger.short_motions >= _MANY_MOTIONS and trigger.longest_motion_s < settings.window_s:
             return (
                 f"window_s = {settings.window_s:g} s: the longest motion after a rest of "
-                f"{settings.rest_s:g} s lasts {self.longest_motion_s:.3g} s"
+                f"{settings.rest_s:g} s lasts {trigger.longest_motion_s:.3g} s"
             )
-        seen_s = self._samples * self._last.sample_period
-        if settings.windows != ANY_MOTION and not self.has_rested and seen_s > LOOKBACK_S:
+        if settings.windows != ANY_MOTION and not trigger.has_rested and seen_s > LOOKBACK_S:
             return (
                 f"rest_s = {settings.rest_s:g} s, threshold = {settings.threshold:g} rad: the "
                 f"command was never at rest in {seen_s:.0f} s"
@@ -164,13 +160,7 @@ class WindowFinder:
         return ""
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
-        """Apply a description; another one than before ends a window that is open.
-
-        Parameters
-        ----------
-        description
-            The actuator.
-        """
+        """Apply a description; another one than before ends a window that is open."""
         if description == self.description:
             return []
         events = self.restart(self._settings, "the description of the actuator changed")
@@ -178,24 +168,15 @@ class WindowFinder:
         self._trigger = _trigger(description, self._settings)
         self._period_reported = False
         undescribed, self._undescribed = self._undescribed, deque()
-        self._undescribed_samples = 0
         for item in undescribed:
             if isinstance(item, Defect):
                 events += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
             else:
-                events += self._scan(item)
+                events += self._scan(item, self._trigger, description)
         return events
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
-        """Begin anew with other settings; a window that is open ends.
-
-        Parameters
-        ----------
-        settings
-            When a window begins and how long it is.
-        reason
-            Why.
-        """
+        """Begin anew with other settings, for this reason; a window that is open ends."""
         self._settings = settings
         self._windows_before, self._samples = self.windows, 0
         self._run = self._longest_run = 0
@@ -207,13 +188,7 @@ class WindowFinder:
         return events
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
-        """Process the next block; return the windows that it completes and its defects.
-
-        Parameters
-        ----------
-        block
-            Telemetry of the actuator.
-        """
+        """Process the next block; return the windows that it completes and its defects."""
         self.blocks += 1
         self._samples += len(block)
         if self._last is not None:
@@ -223,21 +198,13 @@ class WindowFinder:
         self._run += len(block)
         self._longest_run = max(self._longest_run, self._run)
         self._last = block
-        if self._trigger is None:
+        if self._trigger is None or self.description is None:
             self._keep(block)
             return []
-        return self._scan(block)
+        return self._scan(block, self._trigger, self.description)
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Process a block that is no valid telemetry.
-
-        Parameters
-        ----------
-        stamp_ns
-            Its stamp [ns].
-        reason
-            What is wrong with it.
-        """
+        """Process a block, stamped so [ns], that is no valid telemetry for this reason."""
         self.blocks += 1
         if self._trigger is None:
             defect = Defect(stamp_ns, reason)
@@ -255,32 +222,29 @@ class WindowFinder:
 
     def _keep(self, item: Telemetry | Defect) -> None:
         """Keep an item until the description is known, and drop those that are too old."""
-        self._undescribed.append(item)
+        kept = self._undescribed
+        kept.append(item)
         oldest_ns = item.stamp_ns - round(LOOKBACK_S * 1e9)
-        self._undescribed_samples += len(item) if isinstance(item, Telemetry) else 0
-        while self._undescribed and (
-            self._undescribed[0].stamp_ns < oldest_ns
-            or self._undescribed_samples > MOST_SAMPLES
-            or len(self._undescribed) > MOST_BLOCKS
+        samples = sum(len(one) for one in kept if isinstance(one, Telemetry))
+        while kept and (
+            kept[0].stamp_ns < oldest_ns or samples > MOST_SAMPLES or len(kept) > MOST_BLOCKS
         ):
-            dropped = self._undescribed.popleft()
-            self._undescribed_samples -= len(dropped) if isinstance(dropped, Telemetry) else 0
+            dropped = kept.popleft()
+            samples -= len(dropped) if isinstance(dropped, Telemetry) else 0
 
-    def _scan(self, block: Telemetry) -> list[Segment | Defect]:
-        if self._trigger is None or self.description is None:
-            return []
+    def _scan(
+        self, block: Telemetry, trigger: WindowTrigger, description: ActuatorDescription
+    ) -> list[Segment | Defect]:
         events: list[Segment | Defect] = []
-        period = self.description.sample_period
+        period = description.sample_period
         if not self._period_reported and abs(block.sample_period / period - 1.0) > 1e-6:
             self._period_reported = True
-            events.append(
-                Defect(
-                    block.stamp_ns,
-                    f"the description gives one sample every {period:g} s, the telemetry "
-                    f"{block.sample_period:g} s, which is used",
-                )
+            reason = (
+                f"the description gives one sample every {period:g} s, the telemetry "
+                f"{block.sample_period:g} s, which is used"
             )
-        return events + self._number(self._trigger.feed(block))
+            events.append(Defect(block.stamp_ns, reason))
+        return events + self._number(trigger.feed(block))
 
     def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:
         """Give windows their numbers."""
@@ -296,9 +260,10 @@ class WindowFinder:
 
 
 def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
-    kind = StretchTrigger if settings.windows == ANY_MOTION else WindowTrigger
-    if description.drive == "unknown" and kind is StretchTrigger:
+    if settings.windows != ANY_MOTION:
+        return WindowTrigger(description.parameters, settings)
+    if description.drive == "unknown":
         # Slow samples: a stretch has to hold several moves, to tell a load from friction.
         least_s = min(_LEAST_SAMPLES * description.sample_period, _LONGEST_STRETCH_S)
         settings = replace(settings, window_s=max(settings.window_s, least_s))
-    return kind(description.parameters, settings)
+    return StretchTrigger(description.parameters, settings)

@@ -37,24 +37,13 @@ class StretchTrigger(WindowTrigger):
     none for ``WAIT_S`` of motion, a stretch begins with an unknown place. There is no stretch at
     rest, and one with too little travel is passed over.
 
-    Parameters
-    ----------
-    parameters
-        Nominal parameters of the actuator.
-    settings
-        How long a stretch is, and what counts as motion.
-
-    Attributes
-    ----------
-    passed_over
-        Number of stretches with too little travel.
+    Parameters and attributes are those of `WindowTrigger`.
     """
 
     def __init__(
         self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
     ) -> None:
         self._tau = parameters.tau
-        self.passed_over = 0
         super().__init__(parameters, settings)
 
     def _reset(self) -> None:

@@ -70,17 +70,6 @@ class Defect:
 class TriggerSettings:
     """When a window begins and how long it is.
 
-    Attributes
-    ----------
-    windows
-        What is a window: a test cycle, or any stretch of motion.
-    window_s
-        Length of a window [s].
-    rest_s
-        How long the command must have been at rest before [s].
-    threshold
-        Change of the command that counts as motion [rad].
-
     Raises
     ------
     ValueError
@@ -130,6 +119,8 @@ class WindowTrigger:
         Whether the command was ever at rest.
     short_motions
         Number of motions that ended before a window was full.
+    passed_over
+        Number of stretches with too little travel.
     """
 
     def __init__(
@@ -138,7 +129,7 @@ class WindowTrigger:
         self.settings = settings or TriggerSettings()
         self.longest_motion_s = 0.0
         self.has_rested = False
-        self.short_motions = 0
+        self.short_motions = self.passed_over = 0
         self._approach_travel = approach_travel(parameters)
         self._reset()
 
@@ -154,13 +145,7 @@ class WindowTrigger:
         self._rest_count = 0
 
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the next block; return the windows that it completes and its defects.
-
-        Parameters
-        ----------
-        block
-            Telemetry of the actuator.
-        """
+        """Process the next block; return the windows that it completes and its defects."""
         events: list[Window | Refusal | Defect] = []
         if self._blocks and (reason := _break_between(self._blocks[-1], block)):
             events.append(self.interrupt(block.stamp_ns, reason))
@@ -192,30 +177,16 @@ class WindowTrigger:
         first, last = self._blocks_from(self._start)[0], self._blocks[-1]
         start_ns = first.stamp_at(self._start - first.first_index)
         end_ns = last.stamp_at(len(last) - 1)
-        return [
-            Refusal(
-                start_ns,
-                end_ns,
-                f"the telemetry ends {(end_ns - start_ns) * 1e-9:.3f} s into the window of "
-                f"{self.settings.window_s:g} s",
-                is_cut_off=True,
-            )
-        ]
+        reason = (
+            f"the telemetry ends {(end_ns - start_ns) * 1e-9:.3f} s into the window of "
+            f"{self.settings.window_s:g} s"
+        )
+        return [Refusal(start_ns, end_ns, reason, is_cut_off=True)]
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop the blocks kept because the stream broke; return the refusal of an open window.
+        """Drop the blocks kept because the stream broke at a time [ns], for a reason.
 
-        Parameters
-        ----------
-        stamp_ns
-            When it broke [ns].
-        reason
-            Why.
-
-        Returns
-        -------
-        Refusal or Defect
-            A defect where no window is open.
+        It is the refusal of the window that is open, or a defect where none is.
         """
         event: Refusal | Defect = Defect(stamp_ns, reason)
         for cut in self.finish():
@@ -306,21 +277,14 @@ class WindowTrigger:
         del self._blocks[:count]
 
     def _is_needed(self, block: Telemetry) -> bool:
-        """Return whether a block holds a part of the window that is open."""
         return self._start is not None and block.first_index + len(block) > self._start
 
 
 def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:
     """Return where in its play the motor stands after a command: 1 or -1, None when unknown.
 
-    Parameters
-    ----------
-    command
-        The command up to the moment in question, ``(n,)`` [rad].
-    travel
-        How far it must have gone one way last [rad].
-    tolerance
-        How far it may have gone back on the way, too little to move the motor [rad].
+    The command, ``(n,)``, must have gone one way last by ``travel``, and back on the way by no more
+    than ``tolerance``, too little to move the motor [rad].
     """
     for direction in (1.0, -1.0):
         way = direction * command
@@ -331,14 +295,9 @@ def play_after(command: NDArray[np.float64], travel: float, tolerance: float) ->
 
 
 def is_one_way(command: NDArray[np.float64], tolerance: float) -> bool:
-    """Return whether a command never turns back; some faults only show when it does.
+    """Return whether a command, ``(n,)``, turns back by no more than a tolerance [rad].
 
-    Parameters
-    ----------
-    command
-        The command, ``(n,)`` [rad].
-    tolerance
-        How far it may go back all the same [rad].
+    Some faults only show when it does.
     """
     return min(_way_back(command), _way_back(-command)) <= tolerance
 

@@ -71,25 +71,14 @@ class Window:
         """Return the speed after the start, ``(n,)`` [rad/s].
 
         It is that of the motor at the end of each sample. Where it is not measured, it is the mean
-        one over the sample of the fast shaft behind the play, by the position.
-
-        Parameters
-        ----------
-        tau
-            Gear ratio of the actuator [-].
+        one over the sample of the fast shaft behind the play, by the position and the gear ratio.
         """
         if len(self.telemetry.speed):
             return self.telemetry.speed[1:]
         return np.diff(self.telemetry.position) / (tau * self.sample_period)
 
     def initial_speed(self, tau: float) -> float:
-        """Return the speed of the motor at the start [rad/s].
-
-        Parameters
-        ----------
-        tau
-            Gear ratio of the actuator [-]; it counts where the speed is not measured.
-        """
+        """Return the speed of the motor at the start [rad/s], as `speed`."""
         if len(self.telemetry.speed):
             return float(self.telemetry.speed[0])
         n = min(max(2, round(_INITIAL_S / self.sample_period)), len(self))
@@ -100,14 +89,8 @@ class Window:
     ) -> NDArray[np.float64]:
         """Return what a response misses of current and speed, ``(2, ..., n)`` [A, rad/s].
 
-        Nothing is missed of a current that is not measured.
-
-        Parameters
-        ----------
-        current, speed
-            The response, ``(..., n)`` each [A, rad/s].
-        tau
-            Gear ratio of the actuator [-].
+        The response is ``(..., n)`` for each, the gear ratio is ``tau``. Nothing is missed of a
+        current that is not measured.
         """
         of_current = self.current - current if len(self.current) else np.zeros_like(current)
         return np.stack([of_current, self.speed(tau) - speed])

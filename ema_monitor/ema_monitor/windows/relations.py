@@ -1,0 +1,108 @@
+"""What the sensors of a window say of each other: the travel, and the law of the drive (M27)."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.parameters import ActuatorParameters, constants
+from ema_monitor.windows.band import band_limited
+from ema_monitor.windows.window import Window
+
+LEAST_SIGMA: Final = 3e-4
+"""What the ratio of two healthy sensors is known to at best [-]."""
+
+_SPACING_S: Final = 1e-3
+_SLOW: Final = 0.2
+_TRIMMED: Final = 2
+_FEWEST_RUNS: Final = 3
+_LEAST_SHARE: Final = 0.15
+_FAR_FROM_LIMITS: Final = 0.8
+_FEWEST: Final = 20
+
+
+class Relation(NamedTuple):
+    """A figure in which two sensors are related, and its sigma."""
+
+    value: float
+    sigma: float
+
+
+def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | None:
+    """Return the travel of the user shaft over that of the motor shaft and the gear [-].
+
+    The sensors of position and speed tell it in runs one way, in which motor and shaft touch, so
+    that the play does not count; an offset of the speed is fitted. It is None where the window has
+    too little motion, or the speed is not measured.
+    """
+    if not len(window.telemetry.speed):
+        return None
+    h, telemetry = window.sample_period, window.telemetry
+    turned = np.concatenate(
+        [[0.0], np.cumsum(h * (telemetry.speed[1:] + telemetry.speed[:-1]) / 2.0)]
+    )
+    every = max(1, round(_SPACING_S / h))
+    travelled = telemetry.position[::every] / parameters.tau
+    if len(travelled) < 2:
+        return None
+    runs = _runs(np.diff(travelled))
+    if len(runs) < _FEWEST_RUNS:
+        return None
+    first, last = runs.T
+    turns = turned[::every][last] - turned[::every][first]
+    design = np.stack([turns, h * every * (last - first)], axis=1)
+    excess = travelled[last] - travelled[first] - turns
+    normal = design.T @ design
+    if np.linalg.cond(normal) > 1e12:
+        return None
+    fitted = np.linalg.solve(normal, design.T @ excess)
+    left = excess - design @ fitted
+    variance = float(left @ left) / (len(runs) - 2)
+    sigma = np.sqrt(variance * np.linalg.inv(normal)[0, 0])
+    return Relation(1.0 + float(fitted[0]), float(np.hypot(sigma, LEAST_SIGMA)))
+
+
+def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | None:
+    """Return by how much the position is too high for what the drive makes of it [rad].
+
+    A speed loop in proportion has ``command - position = (k_t I / GAP + omega) / G_prop`` (M1),
+    whatever friction and load are. The offset is fitted with the gain of the loop, a delay of the
+    command and a gain of the position. At best it is known to 0.15 of what friction holds: where
+    the drive's gains are not as described, a load is at times taken for as much. It is None where
+    the drive has another law, too little of the window is within its limits, or current or speed is
+    not measured.
+    """
+    if parameters.GAI != 0.0 or parameters.GAD != 0.0 or window.telemetry.missing:
+        return None
+    telemetry, h = window.telemetry, window.sample_period
+    rows = np.stack([telemetry.command, telemetry.position, telemetry.current, telemetry.speed])
+    command, position, current, speed = band_limited(rows[:, 1:], h)
+    torque = parameters.k_t * current
+    wanted = (torque / parameters.GAP + speed) / parameters.G_prop
+    within = np.abs(current) < _FAR_FROM_LIMITS * parameters.I_max
+    within &= np.abs(wanted) < _FAR_FROM_LIMITS * parameters.omega_max / parameters.G_prop
+    if np.sum(within) < _FEWEST:
+        return None
+    design = np.stack([np.ones_like(wanted), wanted, np.gradient(command), command])[:, within]
+    scale = np.sqrt(np.mean(design**2, axis=1))
+    if np.any(scale == 0.0):
+        return None
+    design = (design / scale[:, None]).T
+    lag = (position - command)[within]
+    normal = design.T @ design
+    if np.linalg.cond(normal) > 1e10:
+        return None
+    fitted = np.linalg.solve(normal, design.T @ lag)
+    variance = float(np.mean((lag - design @ fitted) ** 2))
+    sigma = np.sqrt(variance * np.linalg.inv(normal)[0, 0])
+    held = float(constants(parameters).mechanics.f_s) / (parameters.GAP * parameters.G_prop)
+    return Relation(float(fitted[0]), float(np.hypot(sigma, _LEAST_SHARE * held)))
+
+
+def _runs(steps: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return first and last value of the runs one way, ``(k, 2)``, of steps, ``(n,)``."""
+    way = np.sign(steps) * (np.abs(steps) > _SLOW * np.sqrt(np.mean(steps**2)))
+    changes = np.flatnonzero(np.diff(way)) + 1
+    begins, ends = np.concatenate([[0], changes]), np.concatenate([changes, [len(way)]])
+    long = (way[begins] != 0.0) & (ends - begins > 2 * _TRIMMED)
+    return np.stack([begins[long] + _TRIMMED, ends[long] - _TRIMMED], axis=1)
