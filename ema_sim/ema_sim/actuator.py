@@ -24,7 +24,7 @@ from ema_sim.field_oriented import (
     field_oriented_at_rest,
     unlike_causes,
 )
-from ema_sim.reference import DT, State, advance
+from ema_sim.reference import DT, State, Stepping, advance
 
 _NOT_MEASURED = np.zeros(0)
 
@@ -181,24 +181,11 @@ class SimulatedActuator:
         if self._noise_sigma > 0.0 and self._rng is not None:
             hold = self._hold
             disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps // hold)
-        current, position, speed = np.empty(n), np.empty(n), np.empty(n)
+        columns = current, position, speed = np.empty(n), np.empty(n), np.empty(n)
         effects = courses(self._causes, self.sample_period, self._index - 1, self._causes_from, n)
-        signals = (
-            self._last_command,
-            commands,
-            self._last_load,
-            loads,
-            disturbances,
-            hold,
-            self._steps,
-            DT,
-            lag_factor(DT),
-            self._sampling,
-            self._sample,
-            current,
-            position,
-            speed,
-        )
+        stepping = Stepping(self._steps, hold, DT, lag_factor(DT), self._sampling)
+        loaded = self._last_load, loads, disturbances, stepping, self._sample, columns
+        signals = self._last_command, commands, *loaded
         if self.drive == "six_step":
             state, self._pauses, self._sample = advance(
                 *self._plant, effects, self._pauses, self.state, *signals

@@ -21,13 +21,7 @@ from ema_sim.sensors import Sensors
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """Settings of a test bench.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible; the message names it, its value, unit and range.
-    """
+    """Settings of a test bench; ValueError where one is impossible."""
 
     block_s: float = quantity(0.01, "s", 1e-6, 1.0, "length of a block of telemetry")
     pause_s: float = quantity(0.0, "s", 0.0, 3600.0, "pause between two test cycles")
@@ -49,22 +43,11 @@ class BenchSettings:
 
 @dataclass(frozen=True, eq=False)
 class RunningCycle:
-    """A test cycle that has begun.
+    """A test cycle that has begun, with its running number from 0.
 
-    Attributes
-    ----------
-    number
-        Running number, from 0.
-    start_ns
-        Time of its start [ns].
-    hours
-        Service hours of the actuator at its start [h].
-    faults
-        True faults of the actuator in it, ``(8,)``.
-    samples
-        How many samples it has, the pause included.
-    blocks
-        Its measured blocks, each with the motor torque at its end [N.m], computed on demand.
+    It has the service hours at its start [h], the true faults, ``(8,)``, the number of its samples,
+    the pause included, and its measured blocks, each with the motor torque at its end [N.m],
+    computed on demand.
     """
 
     number: int
@@ -89,6 +72,11 @@ class ActuatorBench:
         Resolution of the sensors by telemetry column [rad, A, rad/s]; other columns are exact.
     causes
         Hidden causes by name, in any form that ``ema_core.cause_profiles.cause_profiles`` accepts.
+
+    Attributes
+    ----------
+    end_ns
+        End of the last sample so far [ns].
 
     Raises
     ------
@@ -122,18 +110,13 @@ class ActuatorBench:
         )
         self._block_samples = max(1, round(self.settings.block_s / description.sample_period))
         self._next_cycle = 0
-        self._end_ns = 0
+        self.end_ns = 0
         self._service_hours = 0.0
         self._lock = threading.Lock()
         self._causes: dict[str, Profile] = {}
         self.set_command(THESIS_CHIRP)
         self.set_faults(healthy_faults())
         self.set_causes(causes)
-
-    @property
-    def end_ns(self) -> int:
-        """End of the last sample so far [ns]."""
-        return self._end_ns
 
     def set_command(self, command: Command) -> None:
         """Set the test command, from the next cycle on.
@@ -190,12 +173,6 @@ class ActuatorBench:
     def set_causes(self, causes: Causes) -> None:
         """Set the hidden causes, from the next cycle on, at whose start their times begin.
 
-        Parameters
-        ----------
-        causes
-            In any form that ``ema_core.cause_profiles.cause_profiles`` accepts; they replace those
-            set before.
-
         Raises
         ------
         ValueError
@@ -233,20 +210,20 @@ class ActuatorBench:
 
     def compile_kernels(self) -> None:
         """Compile the kernels of the simulation, or load them from the cache."""
-        h = self.description.sample_period
-        trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
-        trial.causes = self._causes
+        trial = self._trial(self._causes)
         trial.advance([0.0])
 
+    def _trial(self, causes: Causes) -> SimulatedActuator:
+        """Return a healthy actuator like that of the bench."""
+        h = self.description.sample_period
+        trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
+        trial.causes = causes
+        return trial
+
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
-        """Begin the next test cycle.
+        """Begin the next test cycle, at a time [ns] or at the end of the last sample.
 
         Remaining blocks of the previous cycle are not computed.
-
-        Parameters
-        ----------
-        start_ns
-            Time of its start [ns]; the end of the last sample when None.
         """
         with self._lock:
             faults, samples = self._faults, self._samples
@@ -259,15 +236,15 @@ class ActuatorBench:
             causes = self._causes if self._causes_are_new else None
             self._causes_are_new = False
         if start_ns is not None:
-            self._end_ns = start_ns
+            self.end_ns = start_ns
         self._actuator.faults = faults
         if causes is not None:
             self._actuator.causes = causes
             self._sensors.set_causes(causes)
         number = self._next_cycle
         self._next_cycle += 1
-        blocks = self._blocks(samples, self._end_ns)
-        return RunningCycle(number, self._end_ns, hours, faults.copy(), len(samples), blocks)
+        blocks = self._blocks(samples, self.end_ns)
+        return RunningCycle(number, self.end_ns, hours, faults.copy(), len(samples), blocks)
 
     def _blocks(
         self, samples: NDArray[np.float64], start_ns: int
@@ -277,7 +254,7 @@ class ActuatorBench:
             block = self._actuator.advance(samples[start : start + size], self.settings.load)
             elapsed = elapsed_ns(h, block.first_index - start - 1, start + 1)
             block = replace(block, stamp_ns=start_ns + elapsed)
-            self._end_ns = block.stamp_at(len(block) - 1)
+            self.end_ns = block.stamp_at(len(block) - 1)
             yield self._sensors.measure(block), self._actuator.state.torque
 
     def _check_simulable(
@@ -287,12 +264,7 @@ class ActuatorBench:
         causes: Mapping[str, Profile],
     ) -> None:
         """Raise ``ValueError`` if the faults, now or when grown, are beyond the simulation."""
-        trial = SimulatedActuator(
-            self._actuator.parameters,
-            sample_period=self.description.sample_period,
-            drive=self._drive,
-        )
-        trial.causes = causes
+        trial = self._trial(causes)
         trial.faults = faults
         worst = faults.copy()
         for i, fault in enumerate(FAULTS):

@@ -80,18 +80,9 @@ def courses(
 ) -> Courses | NoEffects:
     """Return the causes that act inside of the actuator in a block.
 
-    A cause is held over a sample at its value in the middle of it.
-
-    Parameters
-    ----------
-    profiles
-        Profiles by name; those of sensors are left out.
-    sample_period
-        Period of the telemetry [s].
-    first, origin
-        Number of samples before the block, and before the profiles' time 0.
-    n
-        Number of samples of the block.
+    A cause is held over a sample at its value in the middle of it; those of sensors are left out.
+    ``first`` and ``origin`` are the numbers of samples before the block of ``n``, and before the
+    profiles' time 0.
     """
     inside = {name: profile for name, profile in profiles.items() if name in Effects._fields}
     if not inside:
@@ -141,30 +132,12 @@ def changed_plant(
     effects: Effects, motor: MotorConstants, mech: MechanicalConstants, phases: Windings
 ):
     """Motor, mechanics and windings of a sample (M20)."""
-    motor = MotorConstants(
-        motor.V_max * (1.0 + effects.supply_voltage),
-        motor.T_max,
-        motor.k_e * (1.0 + effects.torque_constant),
-        motor.G_M,
-        motor.R_s * (1.0 + COPPER * effects.winding_temperature),
-        motor.L_s,
-        motor.P,
-        motor.h_b,
-        motor.N_a,
-        motor.N_b,
-        motor.N_c,
-        motor.zeta,
-        motor.phi,
-    )
-    mech = MechanicalConstants(
-        mech.J * (1.0 + effects.inertia),
-        mech.C * (1.0 + effects.viscous_friction),
-        mech.f_s,
-        mech.f_d,
-        mech.half_backlash,
-        mech.tau,
-        mech.theta_stop,
-    )
+    V_max = motor.V_max * (1.0 + effects.supply_voltage)
+    k_e = motor.k_e * (1.0 + effects.torque_constant)
+    R_s = motor.R_s * (1.0 + COPPER * effects.winding_temperature)
+    motor = MotorConstants(V_max, motor.T_max, k_e, motor.G_M, R_s, *motor[5:])
+    J, C = mech.J * (1.0 + effects.inertia), mech.C * (1.0 + effects.viscous_friction)
+    mech = MechanicalConstants(J, C, *mech[2:])
     return motor, mech, windings(motor)
 
 
@@ -204,10 +177,8 @@ def disturbed_speed(
         ripple = 1.0 + effects.friction_ripple * math.sin(theta_m)
         f_s *= ripple
         f_d *= ripple
-    friction = MechanicalConstants(
-        mech.J, mech.C, f_s, f_d, mech.half_backlash, mech.tau, mech.theta_stop
-    )
-    return next_speed(friction, omega, torque, max(f_s, f_d), dt)
+    mech = MechanicalConstants(mech.J, mech.C, f_s, f_d, *mech[4:])
+    return next_speed(mech, omega, torque, max(f_s, f_d), dt)
 
 
 @kernel()
@@ -226,19 +197,19 @@ def opened_resistances(effects: Effects, R_a, R_b, R_c):
 
 
 @kernel()
-def _no_pauses(effects: NoEffects, pauses, switches_a, switches_b, switches_c, dt):
+def _no_pauses(effects: NoEffects, pauses, switches, dt):
     return pauses
 
 
 @kernel()
-def pauses_after(effects: Effects, pauses, switches_a, switches_b, switches_c, dt):
+def pauses_after(effects: Effects, pauses, switches, dt):
     """Remaining dead times of the legs [steps], after some were told to switch (M24)."""
     # To a thousandth, so that whole steps are whole numbers.
     pause = round(1e3 * effects.dead_time / dt) / 1e3
     return (
-        pause if switches_a else pauses[0],
-        pause if switches_b else pauses[1],
-        pause if switches_c else pauses[2],
+        pause if switches[0] else pauses[0],
+        pause if switches[1] else pauses[1],
+        pause if switches[2] else pauses[2],
     )
 
 
@@ -253,85 +224,29 @@ def leg_voltage(q, i, half_V, off):
 
 
 @kernel()
-def undisturbed_currents(
-    effects: Effects | NoEffects,
-    phases,
-    pauses,
-    half_V,
-    omega,
-    dt,
-    q_a,
-    q_b,
-    q_c,
-    i_a,
-    i_b,
-    i_c,
-    k_a,
-    k_b,
-    k_c,
-):
+def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, omega, dt, q, i, k):
     """Phase currents [A] and remaining dead times [steps] after a step without either (M4)."""
-    v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
-    v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
-    v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
-    return *star_currents(phases, dt, v_a, v_b, v_c, i_a, i_b, i_c), pauses
+    v_a = half_V * q[0] - phases.R_a * i[0] - k[0] * omega
+    v_b = half_V * q[1] - phases.R_b * i[1] - k[1] * omega
+    v_c = half_V * q[2] - phases.R_c * i[2] - k[2] * omega
+    return star_currents(phases, dt, (v_a, v_b, v_c), i), pauses
 
 
 @kernel()
-def disturbed_currents(
-    effects: Effects,
-    phases,
-    pauses,
-    half_V,
-    omega,
-    dt,
-    q_a,
-    q_b,
-    q_c,
-    i_a,
-    i_b,
-    i_c,
-    k_a,
-    k_b,
-    k_c,
-):
+def disturbed_currents(effects: Effects, phases, pauses, half_V, omega, dt, q, i, k):
     """Phase currents [A] and remaining dead times [steps] after a step (M24, M25).
 
     What is rare has a function of its own, which keeps this one short enough to be inlined.
     """
     opens = effects.open_phase_a + effects.open_phase_b + effects.open_phase_c
     if opens + effects.dead_switch + pauses[0] + pauses[1] + pauses[2] == 0.0:
-        return undisturbed_currents(
-            effects,
-            phases,
-            pauses,
-            half_V,
-            omega,
-            dt,
-            q_a,
-            q_b,
-            q_c,
-            i_a,
-            i_b,
-            i_c,
-            k_a,
-            k_b,
-            k_c,
-        )
-    off_a = 1.0 if effects.dead_switch != 0.0 and q_a > 0.0 else min(pauses[0], 1.0)
-    off_b, off_c = min(pauses[1], 1.0), min(pauses[2], 1.0)
+        return undisturbed_currents(effects, phases, pauses, half_V, omega, dt, q, i, k)
+    off_a = 1.0 if effects.dead_switch != 0.0 and q[0] > 0.0 else min(pauses[0], 1.0)
+    offs = off_a, min(pauses[1], 1.0), min(pauses[2], 1.0)
     pauses = max(pauses[0] - 1.0, 0.0), max(pauses[1] - 1.0, 0.0), max(pauses[2] - 1.0, 0.0)
-    i_a, i_b, i_c = interrupted_currents(
-        (effects.open_phase_a, effects.open_phase_b, effects.open_phase_c),
-        (off_a, off_b, off_c),
-        phases,
-        half_V,
-        dt,
-        (q_a, q_b, q_c),
-        (i_a, i_b, i_c),
-        (k_a * omega, k_b * omega, k_c * omega),
-    )
-    return i_a, i_b, i_c, pauses
+    opens_of = effects.open_phase_a, effects.open_phase_b, effects.open_phase_c
+    emf = k[0] * omega, k[1] * omega, k[2] * omega
+    return interrupted_currents(opens_of, offs, phases, half_V, dt, q, i, emf), pauses
 
 
 @kernel()

@@ -13,7 +13,6 @@ from typing import Final, NamedTuple
 from ema_core._jit import kernel
 from ema_core.current_loop import LINEAR_RANGE, CurrentLoop
 from ema_core.dynamics import (
-    CurrentSampling,
     clip,
     follow_in_play,
     reference_current,
@@ -22,6 +21,7 @@ from ema_core.dynamics import (
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
 from ema_sim.effects import effects_at, half_voltage, motor_speed, plant_at, resistances_at
 from ema_sim.motor import GAP_REACH, gap_at, modulation, windings
+from ema_sim.reference import Stepping
 
 _HALF_ROOT: Final = math.sqrt(3.0) / 2.0
 _NOT_AVERAGED: Final = ("dead_time", "dead_switch")
@@ -102,18 +102,15 @@ def advance_sample(
     load_slope,
     disturbances,
     first,
-    hold,
-    steps,
-    dt,
-    lag,
-    sampling: CurrentSampling,
+    stepping: Stepping,
     sample,
 ):
-    """Advance the state by the ``steps`` steps of a sample.
+    """Advance the state by the steps of a sample.
 
     The arguments are those of `ema_sim.reference.advance_sample`. Returns the new state and what
     the sample of the current ends with.
     """
+    steps, hold, dt, lag, sampling = stepping
     theta_m, omega, theta_b, i_alpha, i_beta, z_d, z_q = x[:7]
     lag_1, lag_2, lag_3, integral, last_error, torque = x[7:]
     # Recomputed in each sample, so that samples do not depend on the division into blocks.
@@ -192,22 +189,9 @@ def advance_sample(
             omega = 0.0
         cosine, sine = turned(cosine, sine, motor.P * (theta_m - before))
         theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
-    state = FieldOrientedState(
-        theta_m,
-        omega,
-        theta_b,
-        i_alpha,
-        i_beta,
-        z_d,
-        z_q,
-        lag_1,
-        lag_2,
-        lag_3,
-        integral,
-        last_error,
-        torque,
-    )
-    return state, sample
+    electrical = i_alpha, i_beta, z_d, z_q
+    loops = lag_1, lag_2, lag_3, integral, last_error, torque
+    return FieldOrientedState(theta_m, omega, theta_b, *electrical, *loops), sample
 
 
 @kernel()
@@ -223,21 +207,17 @@ def advance_field_oriented(
     last_load,
     loads,
     disturbances,
-    hold,
-    steps,
-    dt,
-    lag,
-    sampling: CurrentSampling,
+    stepping: Stepping,
     sample,
-    current,
-    position,
-    speed,
+    columns,
 ):
-    """Advance the state by ``n`` samples of ``steps`` steps and fill the telemetry columns.
+    """Advance the state by ``n`` samples and fill the telemetry columns.
 
-    The arguments are those of `ema_sim.reference.advance`; ``current`` is that of the axis q. The
+    The arguments are those of `ema_sim.reference.advance`; the current is that of the axis q. The
     new state, as a plain tuple, and what the last sample of the current ended with are returned.
     """
+    steps = stepping.steps
+    current, position, speed = columns
     phases = windings(motor)
     for k in range(len(commands)):
         held = effects_at(effects, k)
@@ -256,16 +236,12 @@ def advance_field_oriented(
             (loads[k] - last_load) / steps,
             disturbances,
             k * steps,
-            hold,
-            steps,
-            dt,
-            lag,
-            sampling,
+            stepping,
             sample,
         )
         last_command = commands[k]
         last_load = loads[k]
-        current[k] = sample / sampling.divisor
+        current[k] = sample / stepping.sampling.divisor
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
     # A plain tuple, as in the reference with six steps: see there.
@@ -273,13 +249,7 @@ def advance_field_oriented(
 
 
 def field_oriented_at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> FieldOrientedState:
-    """Return the state of an actuator at rest without current.
-
-    Parameters
-    ----------
-    theta_m, theta_b
-        As of `ema_sim.actuator.at_rest`.
-    """
+    """Return the state of an actuator at rest without current, as `ema_sim.actuator.at_rest`."""
     return FieldOrientedState(float(theta_m), 0.0, float(theta_b), *(0.0,) * 10)
 
 

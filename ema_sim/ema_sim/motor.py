@@ -105,17 +105,8 @@ def windings(motor: MotorConstants):
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
     L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
     parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)
-    return Windings(
-        R * motor.N_a,
-        R * motor.N_b,
-        R * motor.N_c,
-        L_a,
-        L_b,
-        L_c,
-        parallel / L_a,
-        parallel / L_b,
-        parallel / L_c,
-    )
+    weights = parallel / L_a, parallel / L_b, parallel / L_c
+    return Windings(R * motor.N_a, R * motor.N_b, R * motor.N_c, L_a, L_b, L_c, *weights)
 
 
 @kernel()
@@ -146,14 +137,14 @@ def overshoot(switch, current, target):
 
 
 @kernel()
-def star_currents(phases: Windings, dt, v_a, v_b, v_c, i_a, i_b, i_c):
+def star_currents(phases: Windings, dt, v, i):
     """Phase currents after a step [A], under the voltages ``v`` that are left for them (M4).
 
     Floating star point: its voltage keeps the sum of the currents constant.
     """
-    v_n = phases.w_a * v_a + phases.w_b * v_b + phases.w_c * v_c
+    v_n = phases.w_a * v[0] + phases.w_b * v[1] + phases.w_c * v[2]
     return (
-        i_a + dt / phases.L_a * (v_a - v_n),
-        i_b + dt / phases.L_b * (v_b - v_n),
-        i_c + dt / phases.L_c * (v_c - v_n),
+        i[0] + dt / phases.L_a * (v[0] - v_n),
+        i[1] + dt / phases.L_b * (v[1] - v_n),
+        i[2] + dt / phases.L_c * (v[2] - v_n),
     )

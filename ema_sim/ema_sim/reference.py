@@ -40,6 +40,20 @@ DT: Final = 1e-6
 """Integration step [s]."""
 
 
+class Stepping(NamedTuple):
+    """How samples are made of steps, for kernels.
+
+    A sample has ``steps`` steps of ``dt`` [s]; noise is held for ``hold`` of them. ``lag`` is
+    ``lag_factor(dt)``; ``sampling`` makes the sample of the current.
+    """
+
+    steps: int
+    hold: int
+    dt: float
+    lag: float
+    sampling: CurrentSampling
+
+
 class State(NamedTuple):
     """State of the reference actuator between two steps.
 
@@ -82,24 +96,21 @@ def advance_sample(
     load_slope,
     disturbances,
     first,
-    hold,
-    steps,
-    dt,
-    lag,
-    sampling: CurrentSampling,
+    stepping: Stepping,
     sample,
 ):
-    """Advance the state by the ``steps`` steps of a sample.
+    """Advance the state by the steps of a sample.
 
     ``command`` is the angle at the start [rad], ``load`` the external torque against positive
     motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
-    reference current [A], each held for ``hold`` steps; the sample starts at their step ``first``.
-    ``lag`` is ``lag_factor(dt)``; ``sampling`` makes the sample of the current of ``lag_3`` in the
-    steps, ``sample`` is what the one before ended with. ``effects`` are those of hidden causes, or
-    ``NoEffects``, and ``pauses`` the remaining dead times of the legs [steps]. Returns the new
-    state, what the sample ends with and the new ``pauses``.
+    reference current [A]; the sample starts at their step ``first``. ``sample`` is what the sample
+    of the current before ended with. ``effects`` are those of hidden causes, or ``NoEffects``, and
+    ``pauses`` the remaining dead times of the legs [steps]. Returns the new state, what the sample
+    ends with and the new ``pauses``.
     """
-    theta_m, omega, theta_b, i_a, i_b, i_c, q_a, q_b, q_c = x[:9]
+    steps, hold, dt, lag, sampling = stepping
+    theta_m, omega, theta_b = x[:3]
+    i, q = x[3:6], x[6:9]
     lag_1, lag_2, lag_3, integral, last_error, torque = x[9:]
     half_V, h_b = 0.5 * motor.V_max, motor.h_b
     # Recomputed in each sample, so that samples do not depend on the division into blocks.
@@ -112,14 +123,17 @@ def advance_sample(
         integral += dt * error
         last_error = error
 
-        over_a = overshoot(q_a, i_a, I_ref * sector.s_a)
-        over_b = overshoot(q_b, i_b, I_ref * sector.s_b)
-        over_c = overshoot(q_c, i_c, I_ref * sector.s_c)
+        over_a = overshoot(q[0], i[0], I_ref * sector.s_a)
+        over_b = overshoot(q[1], i[1], I_ref * sector.s_b)
+        over_c = overshoot(q[2], i[2], I_ref * sector.s_c)
         if max(over_a, over_b, over_c) > h_b:
-            q_a = -q_a if over_a > h_b else q_a
-            q_b = -q_b if over_b > h_b else q_b
-            q_c = -q_c if over_c > h_b else q_c
-            pauses = pauses_at(effects, pauses, over_a > h_b, over_b > h_b, over_c > h_b, dt)
+            switches = over_a > h_b, over_b > h_b, over_c > h_b
+            q = (
+                -q[0] if switches[0] else q[0],
+                -q[1] if switches[1] else q[1],
+                -q[2] if switches[2] else q[2],
+            )
+            pauses = pauses_at(effects, pauses, switches, dt)
 
         delta = theta_m - sector.middle
         k_a = sector.k_a + sector.dk_a * delta
@@ -133,27 +147,13 @@ def advance_sample(
             k_b += k_b * m_b
             k_c += k_c * m_c
 
-        i_a, i_b, i_c, pauses = phase_currents(
-            effects,
-            phases,
-            pauses,
-            half_voltage(effects, half_V, j * dt),
-            omega,
-            dt,
-            q_a,
-            q_b,
-            q_c,
-            i_a,
-            i_b,
-            i_c,
-            k_a,
-            k_b,
-            k_c,
-        )
+        rail = half_voltage(effects, half_V, j * dt)
+        k = k_a, k_b, k_c
+        i, pauses = phase_currents(effects, phases, pauses, rail, omega, dt, q, i, k)
 
-        torque = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.T_max)
+        torque = clip(k_a * i[0] + k_b * i[1] + k_c * i[2], motor.T_max)
         sign = (1.0 if torque > 0.0 else 0.0) - (1.0 if torque < 0.0 else 0.0)
-        equivalent = 0.5 * sign * (abs(i_a) + abs(i_b) + abs(i_c))
+        equivalent = 0.5 * sign * (abs(i[0]) + abs(i[1]) + abs(i[2]))
         lag_1 += lag * (equivalent - lag_1)
         lag_2 += lag * (lag_1 - lag_2)
         lag_3 += lag * (lag_2 - lag_3)
@@ -168,23 +168,9 @@ def advance_sample(
                 omega = 0.0
             sector = sector_at(motor, mech, theta_m)
         theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
-    state = State(
-        theta_m,
-        omega,
-        theta_b,
-        i_a,
-        i_b,
-        i_c,
-        q_a,
-        q_b,
-        q_c,
-        lag_1,
-        lag_2,
-        lag_3,
-        integral,
-        last_error,
-        torque,
-    )
+    loops = lag_1, lag_2, lag_3, integral, last_error, torque
+    # To pyright a part of a tuple may have any length.
+    state = State(theta_m, omega, theta_b, *i, *q, *loops)  # pyright: ignore[reportCallIssue]
     return state, sample, pauses
 
 
@@ -201,24 +187,19 @@ def advance(
     last_load,
     loads,
     disturbances,
-    hold,
-    steps,
-    dt,
-    lag,
-    sampling: CurrentSampling,
+    stepping: Stepping,
     sample,
-    current,
-    position,
-    speed,
+    columns,
 ):
-    """Advance the state by ``n`` samples of ``steps`` steps and fill the telemetry columns.
+    """Advance the state by ``n`` samples and fill the telemetry columns.
 
     Command and load are interpolated linearly from the sample before (``last_command``,
-    ``last_load``); a disturbance is held for ``hold`` steps. ``current``, ``position`` and
-    ``speed`` are filled, all ``(n,)``. ``effects`` are the ``Courses`` of hidden causes, or
-    ``NoEffects``. The new state, as a plain tuple, ``pauses`` and what the last sample of the
-    current ended with are returned.
+    ``last_load``). ``columns`` are current, position and speed, all ``(n,)``. ``effects`` are the
+    ``Courses`` of hidden causes, or ``NoEffects``. The new state, as a plain tuple, ``pauses`` and
+    what the last sample of the current ended with are returned.
     """
+    steps = stepping.steps
+    current, position, speed = columns
     phases = windings(motor)
     for k in range(len(commands)):
         held = effects_at(effects, k)
@@ -234,16 +215,12 @@ def advance(
             (loads[k] - last_load) / steps,
             disturbances,
             k * steps,
-            hold,
-            steps,
-            dt,
-            lag,
-            sampling,
+            stepping,
             sample,
         )
         last_command = commands[k]
         last_load = loads[k]
-        current[k] = sample / sampling.divisor
+        current[k] = sample / stepping.sampling.divisor
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
     # Not the NamedTuple itself: to return one, numba runs Python code, and an interrupt during it

@@ -61,32 +61,13 @@ class Pacer:
         self._marks = (self._mark(self._due),) * 2
 
     def begin_cycle(self, *, from_now: bool) -> None:
-        """Begin a cycle.
-
-        Parameters
-        ----------
-        from_now
-            Whether its schedule starts now instead of at the end of the previous cycle's.
-        """
+        """Begin a cycle, whose schedule starts now or at the end of the previous cycle's."""
         self._lag_before_s, self._lag_s, self._skipped_s = self._lag_s, 0.0, 0.0
         if from_now:
             self._due = self._clock()
 
     def wait(self, simulated_s: float, stop: threading.Event) -> bool:
-        """Wait until the next block is due.
-
-        Parameters
-        ----------
-        simulated_s
-            Its length [s].
-        stop
-            Ends the wait when it is set.
-
-        Returns
-        -------
-        bool
-            Whether it is due; False when ``stop`` ended the wait.
-        """
+        """Wait until the next block, of some length [s], is due; False when ``stop`` ended it."""
         self._due += simulated_s / self._rate
         before = now = self._clock()
         while now < self._due:
@@ -109,14 +90,11 @@ class Pacer:
         mark = self._marks[0]
         elapsed = self._clock() - mark.wall_s
         lag = max(self._lag_s, self._lag_before_s)
-        if elapsed <= 0.0:
-            return Pace(lag > TOLERANCE_S, lag, math.nan, math.nan)
-        return Pace(
-            lag > TOLERANCE_S,
-            lag,
-            (self._simulated_s - mark.simulated_s) / elapsed,
-            1.0 - (self._waited_s - mark.waited_s) / elapsed,
-        )
+        rate = busy = math.nan
+        if elapsed > 0.0:
+            rate = (self._simulated_s - mark.simulated_s) / elapsed
+            busy = 1.0 - (self._waited_s - mark.waited_s) / elapsed
+        return Pace(lag > TOLERANCE_S, lag, rate, busy)
 
     def _mark(self, now: float) -> _Mark:
         return _Mark(now, self._simulated_s, self._waited_s)

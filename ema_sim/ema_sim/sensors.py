@@ -62,14 +62,9 @@ class Sensors:
 
 
 class Misreading:
-    """Gain, offset and delay of the columns (M26).
+    """Gain, offset and delay of the columns (M26); times of causes count from the first block.
 
     Samples do not depend on the length of the blocks, as it keeps those that are still read late.
-
-    Parameters
-    ----------
-    causes
-        Profiles by name, of which those of sensors count; their times count from the first block.
     """
 
     def __init__(self, causes: Mapping[str, Profile]) -> None:

@@ -9,13 +9,7 @@ from ema_core.quantity import check_quantities, quantity, text
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Simulated actuator and rate of the simulation.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible; the message names it, its value, unit and range.
-    """
+    """Simulated actuator and rate of the simulation; ValueError where a value is impossible."""
 
     actuator_file: str = text("", "YAML file that describes the actuator; empty: the built-in one")
     actuator_id: str = text("", "name of the actuator; empty: that of its description")
@@ -28,13 +22,7 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class ResolutionSettings:
-    """Resolution of the sensors; 0 where it is perfect.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible; the message names it, its value, unit and range.
-    """
+    """Resolution of the sensors; 0 where it is perfect. ValueError where one is impossible."""
 
     command: float = quantity(0.0, "rad", 0.0, 1.0, "resolution of the command; 0: perfect")
     current: float = quantity(0.0, "A", 0.0, 1e3, "resolution of the current; 0: perfect")

@@ -62,15 +62,3 @@ def test_what_is_not_measured_is_an_empty_column():
     again = telemetry_from_message(telemetry_to_message(telemetry, "flap"))
     assert again.missing == telemetry.missing
     assert telemetry.part(3, 9).missing == telemetry.missing
-
-
-def test_contradiction_names_the_column():
-    assert Acquisition().contradiction(()) == ""
-    assert "current is said to be measured (current mean" in Acquisition().contradiction(
-        ["current"]
-    )
-    told = Acquisition("none", speed=False).contradiction(["current"])
-    assert (
-        told
-        == "the speed is said not to be measured (no current, no speed), but its column is filled"
-    )

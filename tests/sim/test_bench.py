@@ -1,7 +1,6 @@
 """The test bench: what it makes of a cycle, and when what is set takes effect."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +9,8 @@ from ema_core.commands import Command, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.telemetry import COLUMNS, Telemetry, join
-from ema_sim.actuator import SimulatedActuator
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth, grow
-from ema_sim.sensors import Sensors
 
 FAULTS = fault_vector({"friction": 0.25, "eccentricity": 0.1})
 SHORT = Command("step", amplitude=1e-3, duration=2e-3, start_time=0.0)
@@ -36,27 +33,6 @@ def assert_same(one: Telemetry, other: Telemetry) -> None:
     assert one.first_index == other.first_index
     for column in COLUMNS:
         np.testing.assert_array_equal(getattr(one, column), getattr(other, column))
-
-
-def test_bench_is_actuator_and_sensors_run_through_cycles():
-    """Bit by bit, with every noise, against the parts themselves; a recording rests on it."""
-    description = ActuatorDescription()
-    plant = replace(description.parameters, R_s=2.24)
-    settings = BenchSettings(load=0.02, noise_gain=2.0, current_noise=0.05, seed=11)
-    resolutions = {"current": 0.005, "position": 1e-6}
-    bench = ActuatorBench(description, settings, parameters=plant, resolutions=resolutions)
-    bench.set_command(SHORT)
-    bench.set_faults(FAULTS)
-
-    of_sensors, of_current = np.random.default_rng(11).spawn(2)
-    sensors = Sensors(0.05, resolutions, of_sensors)
-    actuator = SimulatedActuator(plant, noise_gain=2.0, rng=of_current)
-    actuator.faults = FAULTS
-    for number in range(2):
-        cycle = bench.begin_cycle()
-        assert (cycle.number, cycle.samples) == (number, len(SHORT_SAMPLES))
-        np.testing.assert_array_equal(cycle.faults, FAULTS)
-        assert_same(telemetry(cycle), sensors.measure(actuator.advance(SHORT_SAMPLES, 0.02)))
 
 
 @pytest.mark.slow
@@ -154,9 +130,6 @@ def test_impossible_faults_are_refused_and_change_nothing(faults, growths, hours
 def test_impossible_settings_are_refused(name, value, unit):
     with pytest.raises(ValueError, match=rf"{name} = .*{unit}"):
         BenchSettings(**{name: value})
-
-
-CAUSES = ["load_torque=0.1@0.001", "position_offset=0.01@0.002", "speed_delay=3.3e-4"]
 
 
 def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():

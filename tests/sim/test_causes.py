@@ -13,7 +13,7 @@ from ema_core.commands import Command
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_sim.actuator import SimulatedActuator
-from ema_sim.effects import RIPPLE_FREQUENCY, Effects
+from ema_sim.effects import Effects
 
 P = ActuatorParameters()
 CHIRP = Command().sample(1e-4)[:2000]
@@ -89,16 +89,6 @@ def test_cause_is_another_plant_under_the_same_control(cause, value, changed):
     assert_same(run({cause: value}), run({}, parameters=replace(P, **changed)))
 
 
-def test_spring_costs_current_in_proportion_to_the_angle():
-    s = 2.0
-    command = ramp(100.0, 10)
-    extra = run({"load_stiffness": s}, command).current - run({}, command).current
-    angle = command[1000:]
-    slope = np.polyfit(angle, extra[1000:], 1)[0]
-    # To the ripple of phases and commutations, which the load changes a little.
-    assert slope == pytest.approx(s / P.k_t, rel=0.03)
-
-
 @pytest.mark.parametrize("dead_time", [5e-6, 1.5e-5])
 def test_dead_time_costs_half_of_what_the_current_falls_in_it(dead_time):
     """A blocked motor with two phases, of whose band the current only leaves the lower end."""
@@ -121,56 +111,6 @@ def test_cogging_costs_a_current_of_six_waves_a_pole_pair():
     # The speed yields a little: 38 Hz against the 318 Hz of the speed loop; the equivalent current
     # holds ripple of the third phase as well.
     assert abs(amplitude) == pytest.approx(A / P.k_t, rel=0.1)
-
-
-def test_supply_ripple_drives_its_current_through_the_winding():
-    """A blocked motor far below its limit of current is a resistance and an inductance."""
-    r, h = 0.2, 1e-5
-    parameters = replace(P, I_max=100.0)
-    command = np.full(500, 0.1)
-    causes = {"jam": 1.0, "supply_ripple": r}
-    extra = (
-        run(causes, command, parameters, h).current
-        - run({"jam": 1.0}, command, parameters, h).current
-    )
-    omega = 2 * math.pi * RIPPLE_FREQUENCY
-    kept = np.arange(250, 500)  # six periods, after the transient of 0.3 ms
-    time = (kept + 0.5) * h
-    amplitude = 2 * np.mean(extra[kept] * np.exp(-1j * omega * time))
-    lags = (1 + 1j * omega * 1e-5) ** 3
-    expected = -1j * P.V_max * r / (P.R_s + 1j * omega * P.L_s) / lags
-    # Euler steps of 1 us turn and stretch it by omega dt = 1.5 %.
-    assert abs(amplitude - expected) < 0.03 * abs(expected)
-
-
-@pytest.mark.parametrize("phase", "abc")
-def test_open_phase_carries_no_current(phase):
-    actuator = SimulatedActuator()
-    actuator.causes = [f"open_phase_{phase}=1@0.05"]
-    before, after = 0.0, []
-    for k, angle in enumerate(CHIRP[:1000]):
-        actuator.advance([angle])
-        x = actuator.state
-        if k < 500:
-            before = max(before, abs(getattr(x, f"i_{phase}")))
-        else:
-            after.append([getattr(x, f"i_{phase}"), x.i_a + x.i_b + x.i_c])
-    assert before > 1.0
-    assert np.abs(after)[:, 0].max() == 0.0
-    # The star point is left with two phases: their sum stays 0 but for rounding.
-    assert np.abs(after)[:, 1].max() < 1e-12
-
-
-def test_dead_switch_sources_no_current():
-    actuator = SimulatedActuator(sample_period=1e-5)
-    actuator.causes = {"dead_switch": 1.0}
-    currents = []
-    for angle in Command().sample(1e-5)[:20_000]:
-        actuator.advance([angle])
-        currents.append([actuator.state.i_a, actuator.state.i_b])
-    highest = np.max(currents, axis=0)
-    # Its upper diode still returns current to the supply.
-    assert highest[0] == 0.0 < 1.0 < highest[1]
 
 
 def test_winding_too_hot_for_the_step_is_refused():

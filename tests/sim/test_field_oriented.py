@@ -117,8 +117,3 @@ def test_causes_of_a_switching_inverter_are_refused_by_name(name):
     with pytest.raises(ValueError, match=f"{name}: the inverter of a field_oriented drive"):
         one.causes = {name: 1e-6 if name == "dead_time" else 1.0}
     assert one.causes == {}
-
-
-def test_drive_that_nobody_knows_is_not_simulated():
-    with pytest.raises(ValueError, match="drive 'unknown' cannot be simulated"):
-        SimulatedActuator(drive="unknown")

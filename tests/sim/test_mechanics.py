@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import at_rest
 from ema_sim.reference import DT
@@ -15,48 +14,8 @@ from .trajectories import run, unpowered
 # Enough damping to matter beside the dry friction: 0.1 against 0.08 N.m at the start.
 DAMPED = unpowered(constants(ActuatorParameters(C_m=0.01)))
 PLANT = unpowered(constants(ActuatorParameters()))
-OMEGA_0 = 10.0
-
-
 def spinning(omega: float):
     return at_rest()._replace(omega=omega)
-
-
-def test_coast_down_under_viscous_and_dry_friction():
-    """J omega' = -C omega - f_d until it stands still, and the error is of first order."""
-    m = DAMPED.mechanics
-    stop_time = m.J / m.C * math.log(1 + OMEGA_0 * m.C / m.f_d)
-    errors = []
-    for dt in (4e-6, 2e-6, 1e-6):
-        x = run(DAMPED, spinning(OMEGA_0), round(1.2 * stop_time / dt), dt=dt)
-        t = dt * np.arange(len(x))
-        omega = (OMEGA_0 + m.f_d / m.C) * np.exp(-m.C / m.J * t) - m.f_d / m.C
-        errors.append(np.abs(x.omega - np.maximum(omega, 0.0)).max())
-        # The step that would cross zero is cut short, so the stop is late by less than one step
-        # more than Euler's own error.
-        assert dt * np.argmin(x.omega) == pytest.approx(stop_time, abs=3 * dt)
-        assert (x.omega[t > stop_time + 3 * dt] == 0.0).all()
-        assert (np.diff(x.omega) <= 0.0).all()
-    # Euler on exp(-t / T) with T = J / C: at most dt / (2 e T) of its amplitude.
-    assert errors[-1] < 1.1 * (OMEGA_0 + m.f_d / m.C) * DT * m.C / m.J / (2 * math.e)
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    np.testing.assert_allclose(orders, 1.0, atol=0.1)
-
-
-@pytest.mark.parametrize("k", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_sticks_below_breakaway_and_moves_above_it(k, direction):
-    """A positive load pushes backwards; beyond breakaway only the dynamic friction is left."""
-    plant = degrade(PLANT, fault_vector({"friction": k}))
-    f_s = 0.1 * 1.689 * (1 + 2 * k)
-    stuck = run(plant, at_rest(), 200, load=direction * f_s * (1 - 1e-9))
-    assert (stuck.omega == 0.0).all()
-    assert (stuck.theta_m == 0.0).all()
-    load = direction * f_s * (1 + 1e-9)
-    moving = run(plant, at_rest(), 200, load=load)
-    acceleration = -(load - direction * f_s / 2) / 2.5e-5
-    # In 200 us the damping takes C t / 2 J = 4e-5 of the speed away.
-    assert moving.omega[-1] == pytest.approx(acceleration * 200 * DT, rel=1e-4)
 
 
 @pytest.mark.parametrize("plant", [PLANT, DAMPED], ids=["dry", "damped"])

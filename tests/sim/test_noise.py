@@ -64,9 +64,3 @@ def test_variance_and_hold_time(noise_gain, hold):
     # Binomial variance, if they are independent; 5 sigma of a variance from that many samples.
     expected = holds * 4 * p * (1 - p)
     assert whole.var() == pytest.approx(expected, rel=5 * math.sqrt(2 / SAMPLES))
-
-
-def test_noise_comes_before_the_current_limit():
-    """Whatever its size: the sum of bias and noise is clipped, its sign stays."""
-    limited = comparisons(1.0, 1e-5, bias=0.5, I_max=0.01)
-    np.testing.assert_allclose(limited, comparisons(1.0, 1e-5, bias=0.5), atol=0.01)

@@ -11,7 +11,7 @@ from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import GAP_REACH, sector_at, windings
-from ema_sim.reference import DT, advance_sample
+from ema_sim.reference import DT, Stepping, advance_sample
 
 from .reference_twin import ReferenceTwin
 from .trajectories import MEAN, step
@@ -130,7 +130,7 @@ def test_sample_equals_its_steps(case):
     for first in range(0, STEPS, long):
         knots = 0.8e-3 * (first / STEPS), 0.8e-3 * ((first + long) / STEPS)
         rise = (knots[1] - knots[0]) / long
-        rest = noise, first, 10, long, DT, lag, MEAN, 0.0
+        rest = noise, first, Stepping(long, 10, DT, lag, MEAN), 0.0
         plain = NO_EFFECTS, NO_PAUSES
         y, total, _ = advance_sample(*plant, phases, *plain, y, knots[0], rise, 0.02, 1e-5, *rest)
         summed = 0.0

@@ -14,7 +14,7 @@ from ema_core.parameters import (
 )
 from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import windings
-from ema_sim.reference import DT, State, advance_sample
+from ema_sim.reference import DT, State, Stepping, advance_sample
 
 Signal = float | Callable[[float], float]
 
@@ -38,7 +38,7 @@ def step(
     """State after a sample of one step; what is not held in it is found anew."""
     plant = control, motor, mechanics, windings(motor), NO_EFFECTS, NO_PAUSES
     held = np.array([disturbance])
-    rest = held, 0, 1, 1, dt, lag, MEAN, 0.0
+    rest = held, 0, Stepping(1, 1, dt, lag, MEAN), 0.0
     return advance_sample(*plant, state, command, 0.0, load, 0.0, *rest)[0]
 
 
