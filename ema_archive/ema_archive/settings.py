@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from ema_core.source_digest import source_digest
 from ema_monitor.health import HealthLimits
@@ -17,46 +17,17 @@ from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.trigger import TriggerSettings
 
-ESTIMATION: Final = (
-    "ema_core",
-    "ema_monitor.calibration",
-    "ema_monitor.identification",
-    "ema_monitor.model",
-    "ema_monitor.optimizers",
-    "ema_monitor.current_balance",
-    "ema_monitor.windows",
-    "ema_bags",
-    "ema_ros",
-    "ema_archive.bag_task",
-    "ema_archive.calibrations",
-    "ema_archive.tables",
-)
-"""Sources that the estimates of a bag depend on."""
-
-PROGNOSIS: Final = (
-    "ema_core",
-    "ema_monitor.calibration",
-    "ema_monitor.health",
-    "ema_monitor.identification.estimate",
-    "ema_monitor.model",
-    "ema_monitor.prognosis",
-    "ema_archive.calibrations",
-    "ema_archive.tables",
-    "ema_archive.unit_task",
-)
-"""Sources that health and life depend on, beside the estimates."""
-
 
 @cache
 def estimation_software() -> str:
     """Return a digest of all sources that the estimates of a bag depend on."""
-    return source_digest(ESTIMATION)
+    return source_digest(["ema_archive.bag_task"])
 
 
 @cache
 def prognosis_software() -> str:
     """Return a digest of all sources that health and life depend on, beside the estimates."""
-    return source_digest(PROGNOSIS)
+    return source_digest(["ema_archive.unit_task"])
 
 
 @dataclass(frozen=True)

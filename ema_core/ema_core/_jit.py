@@ -1,15 +1,15 @@
-"""Compilation options of all kernels, and the folder of their cache.
+"""Compilation options of all kernels, and their cache on disk.
 
 numba's file cache of a function goes stale when a function that it calls changes in another file.
 The name of the cache folder therefore contains a digest of the kernel's module and of all modules
-of ours that it imports, directly or not.
+of ours that it imports, directly or not. numba also trusts the files of its cache: of a damaged one
+the loader of machine code aborts the process. Each file therefore has a checksum of its content.
 """
 
 import hashlib
-import importlib.util
 import logging
 import os
-import re
+import pickle
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -17,65 +17,13 @@ from typing import Any, cast
 
 import numba
 from numba import config
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.serialize import dumps
 
-from ema_core.kernel_cache import KernelCache
+from ema_core.source_digest import source_digest
 
-_KERNEL_PACKAGES = ("ema_core", "ema_sim", "ema_monitor")
-_IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
-
-
-@cache
-def _source(module: str) -> str:
-    """Return the source of a module that may contain kernels; empty of any other."""
-    package, *path = module.split(".")
-    if package not in _KERNEL_PACKAGES:
-        return ""
-    spec = importlib.util.find_spec(package)
-    for location in (spec.submodule_search_locations or ()) if spec else ():
-        file = Path(location, *path)
-        for candidate in (file.with_suffix(".py"), file / "__init__.py"):
-            if candidate.is_file():
-                return candidate.read_text()
-    return ""
-
-
-def _imports(source: str) -> list[str]:
-    """Return the modules that a source imports, and the names from them, which may be modules."""
-    found: list[str] = []
-    for module, names in _IMPORT.findall(source):
-        found += [module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))]
-    return found
-
-
-def _digest(module: str) -> str:
-    """Return a digest of a module and of what it imports from packages with kernels."""
-    waiting, sources = [module], dict[str, str]()
-    while waiting:
-        name = waiting.pop()
-        if name not in sources and (source := _source(name)):
-            sources[name] = source
-            waiting += _imports(source)
-    digest = hashlib.sha256(numba.__version__.encode())
-    for name in sorted(sources):
-        digest.update(sources[name].encode())
-    return digest.hexdigest()[:16]
-
-
-@cache
-def _cache_folder(module: str) -> str:
-    root = os.environ.get("NUMBA_CACHE_DIR") or (
-        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ema"
-    )
-    return str(Path(root) / f"kernels-{_digest(module)}")
-
-
-def _cache_of(function: Callable[..., Any]) -> KernelCache:
-    """Return the cache of a kernel; RuntimeError when it cannot be in the folder of its module."""
-    found = KernelCache(function)
-    if not Path(found.cache_path).is_relative_to(_cache_folder(function.__module__)):
-        # Elsewhere it would go stale when a kernel changes that this one calls.
-        raise RuntimeError(found.cache_path)
-    return found
+_DIGEST_BYTES = hashlib.sha256().digest_size
+_log = logging.getLogger(__name__)
 
 
 def kernel() -> Callable[[Callable[..., Any]], Any]:
@@ -92,19 +40,89 @@ def kernel() -> Callable[[Callable[..., Any]], Any]:
         config.CACHE_DIR = folder  # pyright: ignore[reportAttributeAccessIssue]
         compiled = numba.njit(error_model="numpy", nogil=True)(function)
         try:
+            found = _KernelCache(function)
+            if not Path(found.cache_path).is_relative_to(folder):
+                # Elsewhere it would go stale when a kernel changes that this one calls.
+                raise RuntimeError(found.cache_path)
             # numba has no other way to a cache of one's own.
-            cast(Any, compiled)._cache = _cache_of(function)
+            cast(Any, compiled)._cache = found
         except RuntimeError:
             root = Path(folder).parent
             _log_once(f"{root} cannot be written: kernels are compiled at each start")
         finally:
             config.CACHE_DIR = shared_folder  # pyright: ignore[reportAttributeAccessIssue]
-
         return compiled
 
     return compile_kernel
 
 
 @cache
+def _cache_folder(module: str) -> str:
+    root = os.environ.get("NUMBA_CACHE_DIR") or (
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ema"
+    )
+    return str(Path(root) / f"kernels-{source_digest([module])}")
+
+
+@cache
 def _log_once(text: str) -> None:
-    logging.getLogger(__name__).warning(text)
+    _log.warning(text)
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """Index and data files of a kernel; a damaged one is removed, and counts as missing."""
+
+    def _load_index(self) -> dict[Any, str]:
+        version, stamp, overloads = self._read(Path(self._index_path)) or (None, None, {})
+        is_fresh = (version, stamp) == (self._version, self._source_stamp)
+        return overloads if is_fresh else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_data(self, name: str) -> Any:
+        content = self._read(Path(self._data_path(name)))
+        if content is None:
+            raise FileNotFoundError(name)  # numba compiles then
+        return content
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, content: Any) -> None:
+        text = dumps(content)
+        with self._open_for_write(path) as file:
+            file.write(hashlib.sha256(text).digest() + text)
+
+    def _read(self, path: Path) -> Any:
+        """Return the content of a file; None when there is none, or it is damaged."""
+        try:
+            stored = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        digest, text = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
+        if hashlib.sha256(text).digest() != digest:
+            _log.warning("%s is damaged: the kernel is compiled anew", path)
+            path.unlink(missing_ok=True)
+            return None
+        return pickle.loads(text)
+
+
+class _KernelCache(FunctionCache):
+    """Cache of one kernel; where nothing can be written the kernel is compiled for this process."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _CheckedFiles(
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save a compiled kernel."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            words = "a compiled kernel cannot be stored in %s and is compiled at each start: %s"
+            _log.warning(words, self.cache_path, error)

@@ -46,13 +46,7 @@ class Acquisition:
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradiction(self, missing: Collection[str]) -> str:
-        """Return in what telemetry is not acquired like this; empty when nothing contradicts it.
-
-        Parameters
-        ----------
-        missing
-            Names of its columns that are empty.
-        """
+        """Return in what telemetry with these empty columns is not acquired like this."""
         reasons = [
             f"the {name} is said to be measured ({self}), but its column is empty"
             if name in missing

@@ -54,10 +54,7 @@ Causes = Mapping[str, Profile | float] | Iterable[str]
 def cause_profiles(causes: Causes) -> dict[str, Profile]:
     """Return hidden causes as profiles by name.
 
-    Parameters
-    ----------
-    causes
-        Values or profiles by name, or texts such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
+    They are values or profiles by name, or texts such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
 
     Raises
     ------
@@ -76,9 +73,7 @@ def cause_profiles(causes: Causes) -> dict[str, Profile]:
         given = [_parsed(text) for text in causes]
     profiles: dict[str, Profile] = {}
     for name, profile in given:
-        cause = CAUSE_BY_NAME.get(as_identifier(name))
-        if cause is None:
-            raise ValueError(unknown_name("hidden cause", name, CAUSE_BY_NAME))
+        cause = _cause(name)
         if cause.name in profiles:
             raise ValueError(f"hidden cause {cause.name} is given more than once")
         profiles[cause.name] = _checked(cause, profile)
@@ -98,18 +93,15 @@ def _parsed(text: str) -> tuple[str, Profile]:
     if match is None:
         raise ValueError(f"hidden cause {text!r}: expected {GRAMMAR}")
     name, *figures = match.groups()
-    cause = CAUSE_BY_NAME.get(as_identifier(name))
-    if cause is None:
-        raise ValueError(unknown_name("hidden cause", name, CAUSE_BY_NAME))
-    unit = cause.unit if cause.unit != "-" else ""
+    cause = _cause(name)
     numbers = []
-    for figure, words in zip(
-        figures, (f"{cause.name} = {{}} {unit}", "start {} s", "end {} s"), strict=True
+    for what, figure, unit in zip(
+        (f"{cause.name} =", "start", "end"), figures, (cause.unit, "s", "s"), strict=True
     ):
         try:
             numbers.append(None if figure is None else float(figure))
         except ValueError:
-            said = words.format(figure).rstrip()
+            said = f"{what} {figure} {unit if unit != '-' else ''}".rstrip()
             raise ValueError(
                 f"hidden cause {text!r}: {said} is not a number; expected {GRAMMAR}"
             ) from None
@@ -120,6 +112,13 @@ def _parsed(text: str) -> tuple[str, Profile]:
             f"hidden cause {text!r}: the ramp's end {end:g} s is not after its start {start:g} s"
         )
     return name, Profile(value, start, start if end is None else end)
+
+
+def _cause(name: str) -> Cause:
+    cause = CAUSE_BY_NAME.get(as_identifier(name))
+    if cause is None:
+        raise ValueError(unknown_name("hidden cause", name, CAUSE_BY_NAME))
+    return cause
 
 
 def _checked(cause: Cause, profile: Profile) -> Profile:

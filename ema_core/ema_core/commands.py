@@ -106,12 +106,7 @@ class Command:
         )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
-        """Return the command's samples, ``(n,)`` [rad].
-
-        Parameters
-        ----------
-        sample_period
-            Period h [s].
+        """Return the command's samples at a period [s], ``(n,)`` [rad].
 
         Raises
         ------
@@ -216,14 +211,7 @@ def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_
     """Return a test cycle: hold, approach from below, command, return, rest.
 
     The position of the user shaft does not show where in its play the motor is. After the slow
-    approach from below it is always in contact on the same side.
-
-    Parameters
-    ----------
-    sample_period
-        Period h [s].
-    depth
-        Distance over which it approaches its start from below [rad].
+    approach from ``depth`` below [rad] it is always in contact on the same side.
 
     Raises
     ------

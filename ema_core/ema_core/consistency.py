@@ -32,10 +32,6 @@ class _Coupling(NamedTuple):
     unit: str = ""
 
 
-def _inertia(p: ActuatorParameters) -> float:
-    return p.J_m + p.J_u
-
-
 def _over(numerator: float, denominator: float) -> float:
     """Return a quotient; NaN where it does not exist, as nothing is coupled then."""
     return numerator / denominator if denominator > 0.0 else math.nan
@@ -79,7 +75,7 @@ _OF_BOTH: Final = (
     ),
     _Coupling(
         "(J_m + J_u) omega_max / T_max",
-        lambda p: _inertia(p) * p.omega_max / p.T_max,
+        lambda p: (p.J_m + p.J_u) * p.omega_max / p.T_max,
         1e-3,
         0.5,
         "the time to full speed; what the user shaft carries counts tau^2 times at the motor's",
@@ -87,7 +83,7 @@ _OF_BOTH: Final = (
     ),
     _Coupling(
         "GAP / (J_m + J_u)",
-        lambda p: _over(p.GAP, _inertia(p)),
+        lambda p: _over(p.GAP, p.J_m + p.J_u),
         50.0,
         1e4,
         "the bandwidth of the speed loop: its gain follows the inertia",
@@ -95,7 +91,7 @@ _OF_BOTH: Final = (
     ),
     _Coupling(
         "G_prop tau (J_m + J_u) / GAP",
-        lambda p: _over(p.G_prop * p.tau * _inertia(p), p.GAP),
+        lambda p: _over(p.G_prop * p.tau * (p.J_m + p.J_u), p.GAP),
         5e-3,
         0.6,
         "the bandwidth of the position loop over that of the speed loop",
@@ -160,18 +156,9 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
 
 
 def remarks(description: "ActuatorDescription") -> tuple[str, ...]:
-    """Return which coupled parameters of a description contradict each other.
+    """Return which coupled parameters of a description contradict each other, a sentence each.
 
-    Parameters
-    ----------
-    description
-        The actuator; nothing is said of a drive whose controller is unknown, as most of its
-        parameters are not used.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for each ratio that is not usual.
+    Nothing is said of a drive whose controller is unknown: most of its parameters are not used.
     """
     p, drive = description.parameters, description.drive
     if drive not in TORQUE_PER_EMF:

@@ -82,19 +82,9 @@ class ActuatorDescription:
 
 
 def check_name(what: str, name: object) -> None:
-    """Raise unless something can name an actuator or unit in files, topics' messages and logs.
+    """Raise ``ValueError`` unless something can name an actuator or unit in files and messages.
 
-    Parameters
-    ----------
-    what
-        What it names, for the message.
-    name
-        What is to be a text of 1 to 100 printable characters, without blanks at its ends.
-
-    Raises
-    ------
-    ValueError
-        When it is not.
+    It is a text of 1 to 100 printable characters, without blanks at its ends.
     """
     if not isinstance(name, str) or not name:
         raise ValueError(f"{what} = {name!r}: expected a name (text)")

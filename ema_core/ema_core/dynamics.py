@@ -16,13 +16,10 @@ LAG_TIME_CONSTANT: Final = 1e-5
 
 
 def lag_factor(dt: float) -> float:
-    """Return the relative approach of a first-order lag to its input in one step [-].
+    """Return the relative approach of a first-order lag to its input in one step ``dt`` [s].
 
-    Parameters
-    ----------
-    dt
-        Step [s]. The factor is exact for an input that is constant over the step, so that models
-        with different steps delay the current by the same time.
+    It is exact for an input that is constant over the step, so that models with different steps
+    delay the current by the same time.
     """
     return -math.expm1(-dt / LAG_TIME_CONSTANT)
 
@@ -41,16 +38,9 @@ class CurrentSampling(NamedTuple):
 
 
 def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> CurrentSampling:
-    """Return how samples of the current are made.
+    """Return how samples of the current are made of ``steps`` steps of ``dt`` [s].
 
-    Parameters
-    ----------
-    acquisition
-        How telemetry is acquired; a current that is not measured is averaged.
-    steps
-        Number of steps in a sample.
-    dt
-        Step [s].
+    A current that is not measured is averaged.
     """
     if acquisition.current == "instantaneous":
         return CurrentSampling(0.0, 0.0, 1.0, 1.0)

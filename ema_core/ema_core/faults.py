@@ -372,12 +372,9 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
 
 
 def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
-    """Draw a random multiple fault by the thesis's law (its section 7.2).
+    """Draw a random multiple fault by the thesis's law, ``(8,)`` (its section 7.2).
 
-    Returns
-    -------
-    numpy.ndarray
-        Fault vector, ``(8,)``: most components small, phase uniform, gain about its healthy value.
+    Most components are small, the phase is uniform, the gain about its healthy value.
     """
     r = rng.random(N_FAULTS)
     k = r**7
@@ -387,15 +384,8 @@ def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
 
 
 def estimation_error(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Return the error of an estimate in percent of the range.
+    """Return the error of an estimate, a fault vector, in percent of the range.
 
-    Parameters
-    ----------
-    estimate, truth
-        Fault vectors, ``(8,)``.
-
-    Notes
-    -----
     The form that reproduces the thesis's printed errors (equation M14): the phase counts by the
     estimated eccentricity. The phase difference is wrapped to half a turn.
     """

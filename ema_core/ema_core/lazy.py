@@ -1,8 +1,4 @@
-"""Public names of a package that are imported when they are first used.
-
-A node or a command imports modules of a package one by one. It must not pay for the whole library
-because the package itself has a public interface.
-"""
+"""Public names of a package that are imported when they are first used (PEP 562)."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -12,10 +8,7 @@ from typing import Any
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return ``__getattr__`` and ``__dir__`` of a package that offers ``__all__`` of its ``api``.
 
-    Notes
-    -----
-    PEP 562. For type checkers the package imports everything from its ``api`` under
-    ``TYPE_CHECKING``.
+    A node or a command imports modules one by one and must not pay for the whole library.
     """
 
     def get(name: str) -> Any:

@@ -48,57 +48,29 @@ def quantity(
         Name, unit, and how many of these are one ``unit``, as a parameter of a node: a figure that
         is written with an exponent in ``unit`` is read as a text by some tools.
     """
-    metadata = {
-        "unit": unit,
-        "range": (lowest, highest),
-        "description": description,
-        "usual": usual,
-        "shown": shown,
-    }
-    return field(default=default, metadata=metadata)
+    of_number = {"unit": unit, "range": (lowest, highest), "usual": usual, "shown": shown}
+    return field(default=default, metadata={"description": description, **of_number})
 
 
 def text(default: str, description: str, choices: tuple[str, ...] = ()) -> Any:
-    """Return a dataclass field of a text.
-
-    Parameters
-    ----------
-    choices
-        Its permitted values; any text when empty.
-    """
+    """Return a dataclass field of a text, one of the choices where there are some."""
     return field(default=default, metadata={"choices": choices, "description": description})
 
 
 def flag(default: bool, description: str) -> Any:
-    """Return a dataclass field that is true or false.
-
-    Parameters
-    ----------
-    description
-        What true means.
-    """
+    """Return a dataclass field that is true or false; the description says what true means."""
     return field(default=default, metadata={"flag": True, "description": description})
 
 
 def texts(description: str, default: tuple[str, ...] = ()) -> Any:
-    """Return a dataclass field of any number of texts.
-
-    Parameters
-    ----------
-    description
-        What they are.
-    """
+    """Return a dataclass field of any number of texts."""
     return field(default=default, metadata={"texts": True, "description": description})
 
 
 def check_quantities(instance: Any) -> None:
     """Validate the fields of a frozen dataclass and give each number the type of its default.
 
-    Parameters
-    ----------
-    instance
-        Dataclass with fields made by ``quantity``, ``text``, ``texts`` and ``flag``; other fields
-        are not checked.
+    Fields that ``quantity``, ``text``, ``texts`` or ``flag`` has not made are not checked.
 
     Raises
     ------
@@ -126,17 +98,8 @@ def check_quantities(instance: Any) -> None:
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:
     """Return the usual range of a refused value, and the unit that was probably meant.
 
-    Parameters
-    ----------
-    unit
-        Its expected unit; of a ratio, "-", the inverse is tried.
-    usual
-        Its usual range; without one the text is empty.
-
-    Returns
-    -------
-    str
-        The end of an error message, from its semicolon on.
+    It is the end of an error message, from its semicolon on; empty without a usual range. Of a
+    ratio, "-", the inverse is tried.
     """
     if usual is None:
         return ""
@@ -160,16 +123,9 @@ MOST_BYTES: Final = 1 << 28
 
 
 def check_length(count: float, what: str, columns: int = 1) -> None:
-    """Raise ``ValueError`` unless arrays of a length fit into ``MOST_BYTES``.
+    """Raise ``ValueError`` unless so many columns of a length fit into ``MOST_BYTES``.
 
-    Parameters
-    ----------
-    count
-        Their length, not rounded yet; infinite where it overflows.
-    what
-        What makes them so long, for the message.
-    columns
-        How many there are.
+    The length is not rounded, and infinite where it overflows; ``what`` makes them so long.
     """
     size = 8.0 * columns * count
     if not size <= MOST_BYTES:

@@ -1,34 +1,44 @@
 """A digest of the sources that a result follows from, by which an older one is known."""
 
 import hashlib
-from collections.abc import Sequence
-from importlib.util import find_spec
+import importlib.util
+import re
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import numba
 import numpy as np
 
+_IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 
-def source_digest(names: Sequence[str]) -> str:
-    """Return a digest of the sources of modules and packages, and of the libraries they use.
 
-    Parameters
-    ----------
-    names
-        Modules, and packages with all that is in them.
-
-    Raises
-    ------
-    RuntimeError
-        When one has no source.
-    """
+def source_digest(names: Iterable[str]) -> str:
+    """Return a digest of modules, of all modules of ours that they import, and of the libraries."""
+    waiting, sources = list(names), dict[str, str]()
+    while waiting:
+        name = waiting.pop()
+        if name not in sources and (source := _source(name)):
+            sources[name] = source
+            for module, found in _IMPORT.findall(source):
+                # What is imported from a package may be a module.
+                waiting += [module, *(f"{module}.{one}" for one in re.findall(r"\w+", found))]
     digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
-    for name in names:
-        spec = find_spec(name)
-        if spec is None or spec.origin is None:
-            raise RuntimeError(f"module {name} has no source")
-        source = Path(spec.origin)
-        is_package = spec.submodule_search_locations is not None
-        for path in sorted(source.parent.rglob("*.py")) if is_package else [source]:
-            digest.update(path.read_bytes())
+    for name in sorted(sources):
+        digest.update(sources[name].encode())
     return digest.hexdigest()[:16]
+
+
+@cache
+def _source(module: str) -> str:
+    """Return the source of a module of ours; empty of any other."""
+    package, *path = module.split(".")
+    if not package.startswith("ema_"):
+        return ""
+    spec = importlib.util.find_spec(package)
+    for location in (spec.submodule_search_locations or ()) if spec else ():
+        file = Path(location, *path)
+        for candidate in (file.with_suffix(".py"), file / "__init__.py"):
+            if candidate.is_file():
+                return candidate.read_text()
+    return ""

@@ -17,17 +17,9 @@ class SteadyThread:
     """Does work in a thread until it is ended; work that ends before is begun again.
 
     The first time it is begun again after 1 s, then after twice as long each time, at most 60 s;
-    work that went on for longer than the wait before it counts as begun for the first time.
-
-    Parameters
-    ----------
-    name
-        Name of the thread.
-    work
-        What it does; it returns once ``ending`` is set, or once it is told so in a way of its own.
-    on_failure
-        Called in the thread each time the work has ended by itself, with a line that says why and
-        the traceback.
+    work that went on for longer than the wait before it counts as begun for the first time. Each
+    time it has ended by itself, ``on_failure`` is called in the thread, with a line that says why
+    and the traceback.
 
     Attributes
     ----------
@@ -70,13 +62,7 @@ class SteadyThread:
         self._thread.start()
 
     def end(self, join_s: float | None = None) -> None:
-        """Have the thread end, and wait for it.
-
-        Parameters
-        ----------
-        join_s
-            For how long at most [s]; None until it has.
-        """
+        """Have the thread end, and wait for it, for so long at most [s]."""
         self.ending.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(join_s)

@@ -18,6 +18,7 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
 EXECUTORS: Final = ("processes", "threads", "dask")
@@ -39,16 +40,9 @@ class ClusterLostError(RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a task.
+    """Result of a task: its argument, and what the function returned or raised.
 
-    Attributes
-    ----------
-    item
-        Argument of the task.
-    value
-        What the function returned; None when it did not.
-    error
-        What it raised, or ``WorkerLostError``; None when it returned.
+    The error is ``WorkerLostError`` where the task ended its workers.
     """
 
     item: Any
@@ -115,18 +109,13 @@ class Workers(AbstractContextManager["Workers", None]):
         """
         waiting, suspects = iter(items), deque[tuple[Any, int]]()
         pending: dict[Future[Any], tuple[Any, int]] = {}
-        most = 2 * self._workers() + 2
-        silences, is_exhausted = 0, False
+        most, silences = 2 * self._workers() + 2, 0
         try:
             while True:
-                while not (is_exhausted or suspects or len(pending) >= most):
-                    try:
-                        item = next(waiting)
-                    except StopIteration:
-                        is_exhausted = True
-                    else:
+                if not suspects:
+                    for item in islice(waiting, max(0, most - len(pending))):
                         pending[self._submit(function, item)] = item, 0
-                if suspects and not pending:
+                elif not pending:
                     item, deaths = suspects.popleft()
                     pending[self._submit(function, item)] = item, deaths
                 if not pending:
@@ -137,8 +126,14 @@ class Workers(AbstractContextManager["Workers", None]):
                     raise self._lost()
                 for future in done:
                     item, deaths = pending.pop(future)
-                    error = self._error(future)
-                    if not _is_death(error):
+                    try:
+                        error = future.exception()
+                    except CancelledError as cancelled:
+                        # Its scheduler has ended: another one there knows nothing of it.
+                        raise self._lost() from cancelled
+                    # Dask's own error is known by its name: `distributed` is an extra.
+                    is_death = isinstance(error, BrokenProcessPool)
+                    if not is_death and type(error).__name__ != "KilledWorker":
                         yield Outcome(item, None if error else future.result(), error)
                     elif deaths + 1 < _MOST_DEATHS:
                         # All tasks of the pool end with one worker: each shows by itself.
@@ -192,23 +187,11 @@ class Workers(AbstractContextManager["Workers", None]):
     def _is_there(self) -> bool:
         return self._client is None or self._client.status == "running"
 
-    def _error(self, future: Future[Any]) -> BaseException | None:
-        try:
-            return future.exception()
-        except CancelledError as error:
-            # Its scheduler has ended: another one at the same address knows nothing of it.
-            raise self._lost() from error
-
     def _lost(self) -> ClusterLostError:
         address = self._client.scheduler.address
         return ClusterLostError(
             f"the Dask scheduler {address} is out of reach; what is done is kept"
         )
-
-
-def _is_death(error: BaseException | None) -> bool:
-    # Dask's own error is known by its name: `distributed` is an extra.
-    return isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker"
 
 
 def _dask_client(number: int, scheduler: str) -> Any:

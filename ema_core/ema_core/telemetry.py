@@ -120,16 +120,8 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
 
     The end of the sample of running index i is i periods after a common origin, rounded to the
     nearest nanosecond, in integers throughout: a sample has the same stamp in every part of the
-    telemetry.
-
-    Parameters
-    ----------
-    sample_period
-        Period [s].
-    first_index
-        Running index of the sample from which the time counts.
-    samples
-        Number of samples from there to each of the others, an integer or an array of integers.
+    telemetry. The time counts from the sample ``first_index``; ``samples`` are the numbers of
+    samples from there, an integer or an array of integers.
     """
     whole, over, per = _period_ns(sample_period)
     before = (first_index * over + per // 2) % per
@@ -149,14 +141,7 @@ def _period_ns(sample_period: float) -> tuple[int, int, int]:
 
 
 def join(blocks: list[Telemetry]) -> Telemetry:
-    """Return consecutive blocks as one.
-
-    Parameters
-    ----------
-    blocks
-        At least one block, each beginning where the one before ends, with the same columns
-        measured.
-    """
+    """Return blocks, each beginning where the one before ends, as one."""
     first = blocks[0]
     return Telemetry(
         first.stamp_ns,

@@ -5,28 +5,12 @@ from difflib import get_close_matches
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless there is exactly one.
-
-    Parameters
-    ----------
-    noun
-        In the singular; its plural ends in "s", or "es" after "ch".
-    """
+    """Return a number with its noun; the plural ends in "s", or "es" after "ch"."""
     return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("ch") else "s")
 
 
 def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
-    """Return the message for an unknown name, with the closest and all known names.
-
-    Parameters
-    ----------
-    kind
-        What it should name.
-    name
-        What was given: of a file, it may be no text.
-    known
-        All names there are.
-    """
+    """Return the message for an unknown name of a kind, with the closest and all known names."""
     by_lower_case = {item.lower(): item for item in known}
     close = get_close_matches(as_identifier(str(name)), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""
@@ -34,13 +18,7 @@ def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
 
 
 def as_identifier(label: str) -> str:
-    """Return the form of a label in files and commands: "short circuit A" is short_circuit_a.
-
-    Parameters
-    ----------
-    label
-        Words separated by blanks or hyphens.
-    """
+    """Return the form of a label in files and commands: "short circuit A" is short_circuit_a."""
     return "_".join(label.lower().replace("-", " ").split())
 
 

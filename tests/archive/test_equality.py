@@ -3,13 +3,11 @@
 import json
 import math
 import subprocess
-import sys
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from ema_archive import settings
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_unit
 from ema_archive.running import scan
@@ -22,10 +20,6 @@ from .conftest import exactly
 pytestmark = pytest.mark.slow
 
 SAME = ("cycles", "level", "health_index", "dominant_fault")
-RUNS_IT = {f"ema_archive.{name}" for name in ("partitions", "settings", "sources")}
-"""Modules that say where rows lie, or whose values are part of the settings' identity."""
-
-
 def units(archive):
     with Manifest(archive, writes=False) as manifest:
         return list(manifest.units())
@@ -112,24 +106,3 @@ def test_row_holds_every_figure_of_an_estimate_to_the_bit(whole):
         table = pa.Table.from_pylist([again], PARTITIONED["estimates"])
         for name in ("covariance", *FAULT_NAMES, "fitness", "unexplained_share"):
             np.testing.assert_array_equal(table[name].to_pylist()[0], row[name])
-
-
-@pytest.mark.parametrize(
-    ("task", "covered", "packages"),
-    [
-        ("bag_task", settings.ESTIMATION, ("ema_core", "ema_bags", "ema_ros", "ema_archive")),
-        ("unit_task", settings.PROGNOSIS, ("ema_core", "ema_archive", "ema_monitor.prognosis")),
-    ],
-)
-def test_digest_of_the_software_covers_what_a_task_imports(task, covered, packages):
-    script = f"import sys, ema_archive.{task}; print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-
-    def of(names, module):
-        return any(f"{module}.".startswith(f"{name}.") for name in names)
-
-    imported = {name for name in done.stdout.split() if of(packages, name)} - {*packages}
-    assert imported
-    assert {name for name in imported - RUNS_IT if not of(covered, name)} == set()

@@ -24,14 +24,6 @@ def test_thesis_chirp():
     )
 
 
-def test_step_at_ten_milliseconds():
-    c = Command("step", amplitude=1.0, duration=0.05).sample(H)
-    assert c.size == 500
-    # Sample i stands for time (i + 1) h.
-    assert (c[:99] == 0.0).all()
-    assert (c[99:] == 1.0).all()
-
-
 @pytest.mark.parametrize("end", [0.1, -0.1])
 def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
     c = Command("ramp", amplitude=end, rate=2.0, duration=0.1, start_time=0.02).sample(H)
@@ -51,15 +43,6 @@ def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
 )
 def test_command_beyond_the_end_stop_is_named_with_what_was_probably_meant(command, said):
     assert said in command.travel_warning(ActuatorParameters())
-
-
-def test_sine():
-    c = Command("sine", amplitude=0.01, start_frequency=5.0, duration=1.0).sample(H)
-    t = times(10_000)
-    np.testing.assert_allclose(c, 0.01 * np.sin(2 * np.pi * 5 * t), rtol=0, atol=1e-15)
-    # Over whole periods: no mean, and half of the squared amplitude.
-    assert c.mean() == pytest.approx(0.0, abs=1e-15)
-    assert np.mean(c**2) == pytest.approx(0.01**2 / 2, rel=1e-12)
 
 
 def test_swing_begins_and_ends_at_rest_and_turns_at_its_amplitude():

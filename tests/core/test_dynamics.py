@@ -36,20 +36,6 @@ def test_speed_loop_is_a_pid():
     )
 
 
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_reference_current_is_limited_with_its_disturbance(direction):
-    def current(error, disturbance):
-        return reference_current(
-            CONTROL, direction * error, 0.0, direction * error, direction * disturbance, DT
-        )
-
-    assert current(30.0, 0.0) == pytest.approx(direction * 0.05 * 30.0 / 0.0752)
-    assert current(100.0, 0.0) == direction * 22.5
-    assert current(30.0, 5.0) == direction * 22.5
-    # The limit acts on the sum, so a disturbance takes from what is in excess first.
-    assert current(100.0, -10.0) == direction * 22.5
-
-
 def stepped(omega: float, torque: float, dt: float = DT) -> float:
     return next_speed(MECHANICS, omega, torque, F_S, dt)
 

@@ -10,9 +10,7 @@ from ema_core.faults import (
     COMPONENTS,
     FAULT_NAMES,
     FAULTS,
-    HIGHEST,
     KINDS,
-    N_FAULTS,
     TYPICAL,
     Fault,
     degrade,
@@ -26,25 +24,6 @@ from ema_core.parameters import ActuatorParameters, constants
 DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
 PLANT = constants(ActuatorParameters())
 HEALTHY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5]
-
-
-def test_names_and_healthy_values():
-    assert FAULT_NAMES == (
-        "friction",
-        "backlash",
-        "short_circuit_a",
-        "short_circuit_b",
-        "short_circuit_c",
-        "eccentricity",
-        "eccentricity_phase",
-        "gain",
-    )
-    assert N_FAULTS == 8
-    assert healthy_faults().tolist() == HEALTHY
-    assert HIGHEST.tolist() == [1.0, 1.0, 0.99, 0.99, 0.99, 1.0, 1.0, 1.0]
-    for fault in FAULTS:
-        assert fault.label
-        assert " k" in fault.meaning
 
 
 def documented(fault: Fault) -> str:
@@ -78,20 +57,6 @@ def test_registry_is_complete():
             for one in alike
         )
     assert [fault.name for fault in FAULTS if fault.is_two_sided and fault.limit] == ["gain"]
-
-
-def test_physical_values():
-    words = [fault.physical(0.25) for fault in FAULTS]
-    assert words == [
-        "dry friction 1.500 × nominal",
-        "backlash 25.750 × nominal",
-        "healthy turns of A 0.750",
-        "healthy turns of B 0.750",
-        "healthy turns of C 0.750",
-        "eccentricity zeta 0.250",
-        "direction phi -1.571 rad",
-        "position-loop gain 0.750 × nominal",
-    ]
 
 
 @pytest.mark.parametrize("index", range(8))

@@ -7,43 +7,30 @@ from pathlib import Path
 
 import pytest
 
-from ema_core import _jit
+from ema_core import source_digest as source_digest_module
 
 PROBE = "ema_probe_kernels"
 
 
-@pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package that counts as one with kernels, in its module `outer`."""
-    folder = tmp_path / PROBE
-    folder.mkdir()
-    (folder / "__init__.py").write_text("")
-    (folder / "outer.py").write_text(f"from {PROBE} import (\n    inner,\n)\nimport math\n")
-    (folder / "inner.py").write_text("FACTOR = 1\n")
-    (folder / "other.py").write_text("FACTOR = 1\n")
+def test_digest_follows_the_sources_that_a_module_imports(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(_jit, "_KERNEL_PACKAGES", (PROBE, "ema_package_that_is_not_installed"))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    return folder
+    folder = tmp_path / PROBE
+    (folder / "deep").mkdir(parents=True)
 
+    def digest(inner: str, **others: str) -> str:
+        """Return the digest of a module that imports another one, of this source."""
+        sources = {"__init__": "", "outer": f"from {PROBE} import (\n    inner,\n)\n"}
+        for name, text in {**sources, "inner": inner, **others}.items():
+            (folder / f"{name}.py").write_text(text)
+        source_digest_module._source.cache_clear()
+        return source_digest_module.source_digest([f"{PROBE}.outer"])
 
-def cache_folder() -> Path:
-    """Where kernels of the module would go if the process started now."""
-    _jit._source.cache_clear()
-    return Path(_jit._cache_folder.__wrapped__(f"{PROBE}.outer"))
-
-
-def test_cache_folder_follows_the_sources_that_a_module_imports(package):
-    before = cache_folder()
-    assert cache_folder() == before
-    (package / "inner.py").write_text(f"from {PROBE}.deep.kernels import FACTOR\n")
-    changed = cache_folder()
-    assert changed != before
-    (package / "deep").mkdir()
-    (package / "deep" / "kernels.py").write_text("FACTOR = 3\n")
-    assert cache_folder() not in (before, changed)
-    (package / "inner.py").write_text("FACTOR = 1\n")
-    assert cache_folder() == before
+    before = digest("FACTOR = 1\n")
+    assert digest("FACTOR = 1\n", other="FACTOR = 2\n") == before
+    (folder / "deep" / "kernels.py").write_text("FACTOR = 2\n")
+    changed = digest(f"from {PROBE}.deep.kernels import FACTOR\n")
+    (folder / "deep" / "kernels.py").write_text("FACTOR = 3\n")
+    assert before != changed != digest(f"from {PROBE}.deep.kernels import FACTOR\n") != before
 
 
 INNER = """

@@ -36,14 +36,3 @@ def test_process_that_asks_for_one_thread_has_one(unsaid: dict[str, str]):
     asking = "from ema_core.linear_algebra import one_thread; os.environ.update(one_thread())"
     assert threads(asking, unsaid) == 1
     assert threads("", unsaid | one_thread(unsaid)) == 1
-
-
-def test_commands_ask_for_one_thread(unsaid: dict[str, str]):
-    script = (
-        "import os; from ema_cli.main import main; main(['info', '--help'], standalone_mode=False);"
-        "print(os.environ['OPENBLAS_NUM_THREADS'])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=unsaid, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "1"

@@ -11,43 +11,6 @@ from ema_core.parameters import ActuatorParameters, constants
 FIELDS = {item.name: item for item in dataclasses.fields(ActuatorParameters)}
 
 
-def test_example_is_the_motor_of_the_thesis():
-    """Table 2; lengths of the loop constants in SI."""
-    p = ActuatorParameters()
-    assert p.as_mapping() == pytest.approx(
-        {
-            "G_prop": 1e5,
-            "GAP": 0.05,
-            "GAI": 0.0,
-            "GAD": 0.0,
-            "omega_max": 8000 / 60 * 2 * math.pi,
-            "V_max": 48.0,
-            "I_max": 22.5,
-            "T_max": 1.689,
-            "k_t": 0.0752,
-            "k_e": 0.0752,
-            "G_M": 0.07322,
-            "R_s": 2.13,
-            "L_s": 7.2e-4,
-            "P": 2,
-            "h_b": 0.5,
-            "J_m": 1.3e-5,
-            "J_u": 1.2e-5,
-            "C_m": 30 / math.pi * 1e-6,
-            "C_u": 4.5e-7,
-            "f_sm": 0.06 * 1.689,
-            "f_su": 0.04 * 1.689,
-            "f_ratio": 0.5,
-            "BLK": 5e-3,
-            "tau": 1 / 500,
-            "theta_stop": 1.2,
-            # Not of the thesis, whose motor is driven with six steps.
-            "omega_c": 2000 * math.pi,
-        },
-        rel=1e-15,
-    )
-
-
 @pytest.mark.parametrize("name", FIELDS)
 def test_value_out_of_range_is_refused_by_name_value_unit_and_range(name):
     metadata = FIELDS[name].metadata
@@ -95,15 +58,6 @@ def test_what_is_no_finite_number_is_refused(name, value):
     message = str(refused.value)
     assert message.startswith(f"{name} = {value!r}")
     assert f"[{lowest:g}, {highest:g}] {FIELDS[name].metadata['unit']}" in message
-
-
-@pytest.mark.parametrize("name", FIELDS)
-def test_every_parameter_is_described(name):
-    metadata = FIELDS[name].metadata
-    lowest, highest = metadata["range"]
-    assert metadata["unit"]
-    assert metadata["description"]
-    assert lowest <= FIELDS[name].default <= highest
 
 
 def test_constants_are_referred_to_the_motor_shaft():

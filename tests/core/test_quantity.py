@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from ema_core.quantity import check_quantities, flag, is_finite_number, quantity, text
+from ema_core.quantity import check_quantities, flag, quantity, text
 
 
 @dataclass(frozen=True)
@@ -71,18 +71,6 @@ def test_impossible_value_is_refused_by_name_value_unit_and_range(
     assert all(item in str(refused.value) for item in texts), refused.value
     with pytest.raises(ValueError, match="="):
         replace(Oven(), **values)
-
-
-@pytest.mark.parametrize(
-    ("value", "finite"),
-    [
-        *((value, True) for value in (0, -1.5, np.float32(2.0))),
-        *((value, False) for value in (True, np.bool_(True), math.nan, -math.inf, "1", None)),
-        (10**400, False),
-    ],
-)
-def test_truth_values_and_texts_are_no_numbers(value: Any, finite: bool):
-    assert is_finite_number(value) is finite
 
 
 @dataclass(frozen=True)

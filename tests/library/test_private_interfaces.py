@@ -29,7 +29,7 @@ def test_no_other_file_uses_what_is_private():
         for path in (folder / name).rglob("*.py")
         if private.search(path.read_text())
     }
-    assert users == {"kernel_cache.py", "rclpy_private.py", "simd.py"}
+    assert users == {"_jit.py", "rclpy_private.py", "simd.py"}
 
 
 @pytest.mark.parametrize("number", [types.float64, types.float32, types.int64, types.intp])
