@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ema_study.cases import CASES, MULTIPLE, StudyCase
-from ema_study.means import PRECISION_STUDY
-from ema_study.printed import PRINTED, printed_runs
+from ema_study.printed import PRECISION_STUDY, PRINTED, printed_runs
 from ema_study.run import K
 from ema_study.sources import MODEL_LABELS, NAMES_WITH_OWN_CODE, by_source, counted
 
@@ -23,20 +22,11 @@ WORSE: Final = "worse"
 def agreement(runs: pd.DataFrame) -> pd.DataFrame:
     """Compare the errors of particle swarm runs, fault by fault, with the thesis's.
 
-    Parameters
-    ----------
-    runs
-        Our runs, as of ``ema_study.run.as_frame``; may be incomplete or empty.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Index: the names of ``CASES``; the multiple fault is that of the study of precision (table
-        57). Columns (source, quantity). Of "printed": "component" that is faulty (empty for the
-        multiple fault), its "true value", "runs", "lowest error [%]", "mean error [%]", "highest
-        error [%]" and the "mean estimate" of the component. Of each of our models that has runs:
-        "runs", "mean error [%]", "mean estimate" and "verdict": ``WITHIN`` the thesis's lowest to
-        highest error, ``BETTER`` or ``WORSE``; empty without runs.
+    The rows are ``CASES``; the multiple fault is that of the study of precision (table 57). The
+    columns are (source, quantity): of "printed" the faulty component (empty for the multiple
+    fault), its true value, runs, errors and mean estimate; of each of our models that has runs, the
+    same and a verdict, ``WITHIN`` the thesis's lowest to highest error, ``BETTER`` or ``WORSE``;
+    empty without runs.
     """
     sources = by_source(runs)
     rows = {}

@@ -32,16 +32,9 @@ _MULTIPLE_FAULT: Final = {
 
 @dataclass(frozen=True)
 class StudyCase:
-    """A fault of the study.
+    """A fault of the study: its kind, its level, and the components that are not healthy.
 
-    Attributes
-    ----------
-    fault
-        Kind: one of ``SINGLE_FAULTS``, or ``MULTIPLE``.
-    level
-        One of ``LEVELS``; empty for the multiple fault.
-    faults
-        Components that are not healthy, by name.
+    The kind is one of ``SINGLE_FAULTS`` or ``MULTIPLE``, which has an empty level.
     """
 
     fault: str

@@ -34,20 +34,8 @@ def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
 def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
     """Time the same runs on one core, with each generation on all cores, and in processes.
 
-    As the thesis in its tables 9 and 10: differential evolution on the small friction fault.
-
-    Parameters
-    ----------
-    model
-        Name of the monitor model.
-    workers
-        Number of processes; by default that of the cores.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row a mode: ``model``, ``algorithm``, ``how``, ``workers``, ``runs``, ``generations``,
-        ``seconds`` (median of three rounds, the modes alternating), ``seconds_a_run``, ``speedup``.
+    As the thesis in its tables 9 and 10: differential evolution on the small friction fault. There
+    is a row a mode; seconds are the median of three rounds, the modes alternating.
     """
     workers = workers or available_cpus()
     runs = _RUNS_PER_WORKER * workers

@@ -28,17 +28,10 @@ FITNESS: Final = "total_least_squares"
 
 
 class Problem(NamedTuple):
-    """The problem that a run solves.
+    """The problem that a run solves: residuals on the unit box of the fault vector, and the truth.
 
-    Attributes
-    ----------
-    objective
-        Residuals as a function on the unit box; its components are those of the fault vector.
-    truth
-        Fault vector of the reference, ``(8,)``.
-    cost_at_truth
-        Cost of the true fault vector [A^2.s]. Where the model describes the fault, no search
-        comes far below it.
+    ``cost_at_truth`` is the cost of the true fault vector [A^2.s]. Where the model describes the
+    fault, no search comes far below it.
     """
 
     objective: Objective

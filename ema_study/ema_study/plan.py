@@ -48,28 +48,11 @@ _GA_TRIALS = {
 
 @dataclass(frozen=True)
 class Job:
-    """A run to be made.
+    """A run to be made, of a table of the thesis.
 
-    Attributes
-    ----------
-    model
-        Name of the monitor model.
-    table
-        Number of the thesis's table.
-    algorithm
-        Registered name of the optimizer.
-    case
-        Name of the fault.
-    level
-        Of the fault; of the multiple one, the study: "fast_stop" or "stall_stop".
-    run
-        Running number, from 1; in table 8, the number of the trial.
-    rule
-        Name of the stop rule.
-    population, max_generations
-        Of the optimizer.
-    settings
-        Further settings of the optimizer, by name.
+    ``level`` is that of the fault; of the multiple one, the study: "fast_stop" or "stall_stop".
+    ``run`` counts from 1; in table 8 it is the number of the trial. ``settings`` are further ones
+    of the optimizer.
     """
 
     model: str

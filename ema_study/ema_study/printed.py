@@ -20,6 +20,10 @@ SIGMA: Final = "standard deviation"
 MEAN: Final = "mean"
 SUM: Final = "sum"
 
+SPEED_STUDY: Final = 56
+PRECISION_STUDY: Final = 57
+"""Tables of the two studies of the multiple fault."""
+
 OVERVIEWS: Final[dict[int, str]] = {58: "error_percent", 59: "time_s"}
 """Column of the overviews by algorithm, level and fault, by table."""
 

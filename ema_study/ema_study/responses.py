@@ -23,37 +23,21 @@ NOISE_SEED: Final = 2018
 NOISE_GAINS: Final = (0.0, 1.0, 10.0, 100.0)
 """K_noise of figure 4.50, and no noise."""
 
-
-class Severity(NamedTuple):
-    """A severity of a fault: its label, and the components that are not healthy."""
-
-    label: str
-    faults: Mapping[str, float]
-
-
-SEVERITIES: Final[dict[str, tuple[Severity, ...]]] = {
-    "friction": tuple(
-        Severity(f"{x:g} × nominal", {"friction": (x - 1.0) / 2.0})
-        for x in (1.0, 1.5, 2.0, 2.5, 3.0)
-    ),
-    "backlash": tuple(
-        Severity(f"{x} × nominal", {"backlash": (x - 1) / 99}) for x in (1, 2, 10, 50, 100)
-    ),
+SEVERITIES: Final[dict[str, dict[str, Mapping[str, float]]]] = {
+    "friction": {
+        f"{x:g} × nominal": {"friction": (x - 1.0) / 2.0} for x in (1.0, 1.5, 2.0, 2.5, 3.0)
+    },
+    "backlash": {f"{x} × nominal": {"backlash": (x - 1) / 99} for x in (1, 2, 10, 50, 100)},
     # Without any turns left, the inductance is zero and the current has no limit.
-    "short_circuit": tuple(
-        Severity(f"{x} % of A bypassed", {"short_circuit_a": x / 100}) for x in (0, 25, 50, 75, 99)
-    ),
-    "eccentricity": tuple(
-        Severity(f"ζ = {x:g}", {"eccentricity": x}) for x in (0.0, 0.25, 0.5, 0.75, 1.0)
-    ),
-    "gain": tuple(
-        Severity(f"{x:g} × nominal", {"gain": x - 0.5}) for x in (0.5, 0.75, 1.0, 1.25, 1.5)
-    ),
+    "short_circuit": {
+        f"{x} % of A bypassed": {"short_circuit_a": x / 100} for x in (0, 25, 50, 75, 99)
+    },
+    "eccentricity": {f"ζ = {x:g}": {"eccentricity": x} for x in (0.0, 0.25, 0.5, 0.75, 1.0)},
+    "gain": {f"{x:g} × nominal": {"gain": x - 0.5} for x in (0.5, 0.75, 1.0, 1.25, 1.5)},
 }
-"""Growing severities of each fault (figures 4.3 to 4.46), by kind."""
+"""Growing severities of each fault (figures 4.3 to 4.46): components that are not healthy."""
 
-_COMPARED: Final = {"friction": 2, "backlash": 3, "short_circuit": 1, "eccentricity": 2, "gain": 4}
-COMPARED: Final = {fault: SEVERITIES[fault][number] for fault, number in _COMPARED.items()}
+COMPARED: Final = {"friction": 2, "backlash": 3, "short_circuit": 1, "eccentricity": 2, "gain": 4}
 """Severities at which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
 
 
@@ -64,25 +48,12 @@ class Currents(NamedTuple):
     monitor: dict[str, NDArray[np.float64]]
 
 
-def times(samples: int) -> NDArray[np.float64]:
-    """Return the times of samples, the first at 0, ``(samples,)`` [s]."""
-    return np.arange(samples, dtype=np.float64) * SAMPLE_PERIOD
-
-
 @cache
-def reference_response(fault: str, severity: int, command: str) -> Telemetry:
-    """Run the reference from rest at time 0, the motor centred in its play.
-
-    ``severity`` is the place in the fault's ``SEVERITIES``, ``command`` one of ``COMMANDS``.
-    """
-    return _run(SimulatedActuator(), SEVERITIES[fault][severity].faults, command)
-
-
 def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
-    """Return the responses to a command by the label of the fault's severity."""
+    """Run the reference from rest at time 0, the motor centred in its play, by severity."""
     return {
-        severity.label: reference_response(fault, i, command)
-        for i, severity in enumerate(SEVERITIES[fault])
+        label: _run(SimulatedActuator(), faults, command)
+        for label, faults in SEVERITIES[fault].items()
     }
 
 
@@ -96,13 +67,18 @@ def noisy_response(noise_gain: float) -> Telemetry:
     return _run(SimulatedActuator(noise_gain=noise_gain, rng=rng), {}, "chirp")
 
 
+def compared(fault: str) -> str:
+    """Return the label of the severity of a fault at which reference and monitor are compared."""
+    return list(SEVERITIES[fault])[COMPARED[fault]]
+
+
 @cache
 def chirp_currents(fault: str) -> Currents:
     """Return the currents of reference and calibrated monitors under the chirp.
 
     ``fault`` is one of ``COMPARED``, or "none" for the healthy actuator.
     """
-    faults = fault_vector({} if fault == "none" else COMPARED[fault].faults)
+    faults = fault_vector({} if fault == "none" else SEVERITIES[fault][compared(fault)])
     window = reference_window(faults)
     monitor = {}
     for model in MODELS:
@@ -118,29 +94,22 @@ def step_currents(severity: int) -> Currents:
     The monitors have the fitted parameters of their calibration. Its row of differences belongs to
     the chirp alone and is left out.
     """
-    window = Window(reference_response("friction", severity, "step"), play=0.0)
-    faults = fault_vector(SEVERITIES["friction"][severity].faults)
-    return Currents(
-        window.current,
-        {
-            model: calibration(model).model().respond(window, faults, 0.0).current[0]
-            for model in MODELS
-        },
-    )
+    label, faults = list(SEVERITIES["friction"].items())[severity]
+    window = Window(reference_responses("friction", "step")[label], play=0.0)
+    monitor = {
+        model: calibration(model).model().respond(window, fault_vector(faults), 0.0).current[0]
+        for model in MODELS
+    }
+    return Currents(window.current, monitor)
 
 
 @cache
 def uncalibrated_currents() -> Currents:
     """Return the currents before the row of differences is added (figure 6.4)."""
-    window = reference_window(healthy_faults())
-    return Currents(
-        window.current,
-        {model: window.current - calibration(model).correction for model in MODELS},
-    )
+    current = reference_window(healthy_faults()).current
+    return Currents(current, {model: current - calibration(model).correction for model in MODELS})
 
 
 def _run(actuator: SimulatedActuator, faults: Mapping[str, float], command: str) -> Telemetry:
     actuator.faults = fault_vector(faults)
-    return actuator.advance(
-        np.concatenate([[0.0], COMMANDS[command].sample(actuator.sample_period)])
-    )
+    return actuator.advance(np.concatenate([[0.0], COMMANDS[command].sample(SAMPLE_PERIOD)]))

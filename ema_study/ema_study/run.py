@@ -25,25 +25,10 @@ K: Final = [f"k{i}" for i in range(1, N_FAULTS + 1)]
 class RunResult:
     """A run and its result.
 
-    Attributes
-    ----------
-    job
-        The run.
-    estimate
-        Fault vector, eight values.
-    error_percent
-        Error of the estimate in percent of the range (M14) [%].
-    cost, cost_at_truth
-        Of estimate and truth [A^2.s].
-    threshold
-        Cost at which the rule may stop [A^2.s]; None for a rule without one.
-    generations, evaluations
-        Numbers made; as in the thesis, the starting population counts as a generation of GWO only.
-    time_s
-        Time of the run on one core [s].
-    costs, errors_percent
-        Lowest cost so far [A^2.s] and the error of its point [%] after each generation, from the
-        start on.
+    The error is that of (M14) in percent of the range, costs are in A^2.s, the time is that on one
+    core [s]. ``costs`` and ``errors_percent`` are those of the best point so far, from the start on
+    and after each generation. As in the thesis, the starting population counts as a generation of
+    GWO only.
     """
 
     job: Job

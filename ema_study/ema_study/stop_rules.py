@@ -23,16 +23,9 @@ BestCosts = Sequence[float]
 
 @dataclass(frozen=True)
 class Rule:
-    """A stop rule of the optimizers' driver.
+    """A stop rule of the optimizers' driver: a budget of evaluations, and a condition.
 
-    Attributes
-    ----------
-    budget
-        Largest number of evaluations.
-    condition
-        Whether to stop after these best costs.
-    threshold
-        Cost at which it may stop [A^2.s]; None where it has none.
+    ``threshold`` is the cost at which it may stop [A^2.s]; None where it has none.
     """
 
     budget: int
@@ -47,27 +40,11 @@ class Rule:
 def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) -> Rule:
     """Return the rule under which the thesis ran an algorithm.
 
-    Parameters
-    ----------
-    rule
-        "all_generations" (tables 9 and 10), "unchanged" (table 57), "printed" or "floor_corrected".
-        The last two depend on the algorithm: the stall of GA and PSO, threshold and stall of DE and
-        GWO, or the threshold alone in table 56. "printed" uses the threshold as printed,
-        "floor_corrected" adds the cost of the true faults, below which a model without the
-        reference's PWM ripple hardly comes.
-    algorithm
-        Registered name of the optimizer; a variant has the rule of its family.
-    level
-        Level of the fault; "fast_stop" for the study of speed.
-    budget
-        Largest number of evaluations.
-    floor
-        Cost of the true faults [A^2.s].
-
-    Raises
-    ------
-    ValueError
-        When the rule is unknown.
+    Rules are "all_generations" (tables 9 and 10), "unchanged" (table 57), "printed" and
+    "floor_corrected". The last two depend on the algorithm: the stall of GA and PSO, threshold and
+    stall of DE and GWO, or the threshold alone in table 56. "printed" uses the threshold as
+    printed, "floor_corrected" adds the cost of the true faults, ``floor`` [A^2.s], below which a
+    model without the reference's PWM ripple hardly comes.
     """
     family, uncounted = family_of(algorithm), uncounted_populations(algorithm)
     threshold = THRESHOLD + (floor if rule == "floor_corrected" else 0.0)
@@ -92,10 +69,7 @@ def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) 
     if rule == "unchanged":
         return Rule(budget, has_not_changed)
     if rule not in ("printed", "floor_corrected"):
-        raise ValueError(
-            f"stop rule {rule!r} is unknown; known: all_generations, printed, floor_corrected, "
-            "unchanged"
-        )
+        raise ValueError(f"stop rule {rule!r} is unknown")
     if level == "fast_stop":
         return Rule(budget, lambda best: best[-1] <= threshold, threshold)
     if family in _STALLS:

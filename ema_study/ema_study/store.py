@@ -8,27 +8,10 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
-from typing import Final
 
 from ema_core.source_digest import source_digest
 from ema_study.plan import Job
 from ema_study.run import RunResult, as_frame
-
-_NUMERICS: Final = (
-    "ema_core",
-    "ema_sim",
-    "ema_monitor.calibration",
-    "ema_monitor.identification",
-    "ema_monitor.model",
-    "ema_monitor.optimizers",
-    "ema_monitor.windows",
-    "ema_study.cases",
-    "ema_study.models",
-    "ema_study.plan",
-    "ema_study.run",
-    "ema_study.stop_rules",
-)
-"""Packages and modules that the result of a run depends on."""
 
 
 class RunStore(AbstractContextManager["RunStore", None]):
@@ -36,11 +19,6 @@ class RunStore(AbstractContextManager["RunStore", None]):
 
     Each run is a line of ``runs.jsonl``, on disk before `add` returns. A line that was cut off by
     the end of a process is dropped when the folder is opened again.
-
-    Parameters
-    ----------
-    folder
-        Made where it is missing.
 
     Raises
     ------
@@ -114,4 +92,4 @@ def _result(line: bytes, where: str) -> RunResult:
 @cache
 def numerics_version() -> str:
     """Return a digest of all sources that a run depends on, and of the libraries they use."""
-    return source_digest(_NUMERICS)
+    return source_digest(["ema_study.run"])

@@ -8,28 +8,21 @@ from typing import Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from ema_study.cases import CASES, MULTIPLE, SINGLE_FAULTS
-from ema_study.means import (
-    PRECISION_STUDY,
-    SPEED_STUDY,
-    fault_means_of,
-    multiple_fault_reliability,
-    overview_of,
-    reliability_of_overviews,
-)
-from ema_study.models import describes
+from ema_study.cases import LEVELS, SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS, VARIANTS
 from ema_study.printed import (
     MEAN,
     OVERVIEWS,
+    PRECISION_STUDY,
     PRINTED,
     SIGMA,
+    SPEED_STUDY,
+    SUM,
     SUMMARIES,
     TOTAL,
     fault_means,
     ga_trials,
     overview,
-    printed_runs,
     reliability_multiple,
     reliability_single,
     run_means,
@@ -41,7 +34,6 @@ from ema_study.sources import (
     PRINTED_RUNS,
     by_source,
     single_fault_runs,
-    with_own_code,
 )
 
 Sources: TypeAlias = Mapping[str, pd.DataFrame]
@@ -80,13 +72,13 @@ class StudyTable:
     """A table of the thesis, by its number, beside ours.
 
     ``frame`` has columns (source, quantity) and the rows of the thesis, NaN where there is nothing;
-    ``notes`` say how to read it, a sentence each.
+    ``note`` says how to read it. A mean over means is empty where one is missing.
     """
 
     number: int
     title: str
     frame: pd.DataFrame
-    notes: list[str]
+    note: str = ""
 
 
 def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
@@ -140,12 +132,11 @@ def _trials(runs: pd.DataFrame) -> StudyTable:
             ours = ours.drop_duplicates("run", keep="last").set_index("run")
             blocks[label] = _with_speed(ours).rename(columns=shown)[list(shown.values())]
     bounds = ", ".join(str(trial) for trial in trials.index[is_bound])
-    notes = [
-        f"The times of trials {bounds} are lower bounds.",
-        "The thesis prints neither the level of its faults nor the fault of every trial; ours are "
-        "at the low level.",
-    ]
-    return StudyTable(8, "Calibration of GA", _side_by_side(blocks), notes)
+    note = (
+        f"The times of trials {bounds} are lower bounds. The thesis prints neither the level of "
+        "its faults nor the fault of every trial; ours are at the low level."
+    )
+    return StudyTable(8, "Calibration of GA", _side_by_side(blocks), note)
 
 
 def _with_speed(trials: pd.DataFrame) -> pd.DataFrame:
@@ -175,8 +166,7 @@ def _per_run(number: int, sources: Sources) -> StudyTable:
         frame = frame.droplevel("algorithm")
     run = printed.iloc[0]
     title = f"{_in_words(run['fault'])} {run['level']}, {ALGORITHM_NAMES[run['algorithm']]}"
-    notes = [_run_counts(of_table), *_threshold_notes(of_table, number=number)]
-    return StudyTable(number, _TITLES.get(number, title), frame, notes)
+    return StudyTable(number, _TITLES.get(number, title), frame)
 
 
 def _runs_of_table(number: int, runs: pd.DataFrame) -> pd.DataFrame:
@@ -204,8 +194,7 @@ def _fault_summary(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: fault_means().loc[[number]].droplevel("table")}
     blocks |= {label: fault_means_of(runs, fault) for label, runs in _computed(sources).items()}
     frame = _side_by_side(blocks).rename(columns=_MEANS, level="quantity")
-    notes = [_single_run_counts(sources, fault), *_threshold_notes(sources, fault)]
-    return StudyTable(number, f"{_in_words(fault)}, mean over the algorithms", frame, notes)
+    return StudyTable(number, f"{_in_words(fault)}, mean over the algorithms", frame)
 
 
 def _overview(number: int, sources: Sources) -> StudyTable:
@@ -214,27 +203,21 @@ def _overview(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: overview(number)}
     blocks |= {label: overview_of(runs, quantity) for label, runs in _computed(sources).items()}
     frame = _side_by_side(blocks).rename(columns=lambda name: name.replace("_", " "), level=1)
-    notes = [
-        f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left.",
-        _single_run_counts(sources),
-        *_threshold_notes(sources),
-    ]
+    note = f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left."
     title = f"{_MEANS[quantity].capitalize()} by algorithm, level and fault"
-    return StudyTable(number, title, frame, notes)
+    return StudyTable(number, title, frame, note)
 
 
 def _single_fault_reliability(sources: Sources) -> StudyTable:
     """Return table 60."""
     blocks = {PRINTED: reliability_single()}
     for label, runs in _computed(sources).items():
-        blocks[label] = reliability_of_overviews(
-            overview_of(runs, "time_s"), overview_of(runs, "error_percent")
-        )
+        overviews = overview_of(runs, "time_s"), overview_of(runs, "error_percent")
+        blocks[label] = reliability_of_overviews(*overviews)
     for label, block in blocks.items():
         names = [f"{fault.replace('_', ' ')}, {_OF_RELIABILITY[x]}" for fault, x in block.columns]
         blocks[label] = block.set_axis(names, axis=1)
-    notes = [_single_run_counts(sources), *_threshold_notes(sources)]
-    return StudyTable(60, "Reliability coefficient, single faults", _side_by_side(blocks), notes)
+    return StudyTable(60, "Reliability coefficient, single faults", _side_by_side(blocks))
 
 
 def _multiple_fault_reliability(sources: Sources) -> StudyTable:
@@ -247,13 +230,9 @@ def _multiple_fault_reliability(sources: Sources) -> StudyTable:
             (f"table {PRECISION_STUDY}", PRECISION_STUDY, PRECISION_STUDY),
         ):
             blocks[f"{label}, {what}"] = multiple_fault_reliability(runs, times_of, errors_of)
-    multiple = {label: runs[runs["fault"] == MULTIPLE] for label, runs in sources.items()}
-    notes = [
-        f"As printed, it multiplies the {_MIXED}: no run had both.",
-        _run_counts(multiple),
-    ]
+    note = f"As printed, it multiplies the {_MIXED}: no run had both."
     frame = _side_by_side(blocks).rename(columns=_OF_RELIABILITY, level="quantity")
-    return StudyTable(61, "Reliability coefficient, multiple fault", frame, notes)
+    return StudyTable(61, "Reliability coefficient, multiple fault", frame, note)
 
 
 def _computed(sources: Sources) -> Sources:
@@ -267,58 +246,86 @@ def _side_by_side(blocks: dict[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(blocks, axis=1, names=["source", "quantity"]).reindex(first.index)
 
 
-def _run_counts(sources: Sources) -> str:
-    """Return a note on the number of runs of each source."""
-    counts = "; ".join(f"{label} {len(runs)}" for label, runs in sources.items())
-    return f"Number of runs: {counts}."
-
-
-def _single_run_counts(sources: Sources, fault: str | None = None) -> str:
-    """Return the same of its runs with single faults, or one of them."""
-    single = {label: single_fault_runs(runs) for label, runs in sources.items()}
-    if fault is not None:
-        single = {label: runs[runs["fault"] == fault] for label, runs in single.items()}
-    return f"{_run_counts(single)} A mean over means is empty where one is missing."
-
-
-def _threshold_notes(sources: Sources, fault: str = "", number: int = 0) -> list[str]:
-    """Return notes on the cases in which the floor-corrected threshold has no meaning.
-
-    Where the true faults cost more than the healthy ones, the healthy vector meets the threshold.
-    The notes are on the table of a number, on those of a fault, or on all.
-    """
-    notes = []
-    printed = single_fault_runs(printed_runs())
-    printed = printed[printed["algorithm"].isin(list(VARIANTS))]
-    tables = {
-        case.name: sorted(set(group["table"]))
-        for case in CASES.values()
-        if case.fault in SINGLE_FAULTS and fault in ("", case.fault)
-        if len(
-            group := printed[(printed["fault"] == case.fault) & (printed["level"] == case.level)]
-        )
-    }
-    for model, label in MODEL_LABELS.items():
-        if not {label, with_own_code(label)} & set(sources):
-            continue
-        found = {
-            case: numbers
-            for case, numbers in tables.items()
-            if number in (0, *numbers) and not describes(model, case)
-        }
-        if found:
-            numbers = [str(one) for case in found for one in found[case]]
-            notes.append(
-                f"With the {label} the true faults cost more than the healthy ones in "
-                f"{_listed(list(found))}: DE and GWO meet the floor-corrected threshold at once "
-                f"and stop as soon as they may (tables {_listed(numbers)})."
-            )
-    return notes
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
 def _in_words(fault: str) -> str:
     return fault.replace("_", " ").capitalize()
+
+
+def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
+    """Return means over runs of a column, e.g. "error_percent", as ``printed.overview``.
+
+    A mean over means is NaN where one of them is missing; the standard deviation is that of a
+    sample.
+    """
+    means = single_fault_runs(runs).groupby(["algorithm", "level", "fault"])[quantity].mean()
+    rows = pd.MultiIndex.from_product([ALGORITHMS, LEVELS], names=["algorithm", "level"])
+    cells = means.unstack("fault").reindex(index=rows, columns=list(SINGLE_FAULTS)).astype(float)
+    table = cells.assign(
+        **{TOTAL: cells.mean(axis=1, skipna=False), SIGMA: cells.std(axis=1, skipna=False)}
+    )
+    table.loc[(MEAN, ""), :] = cells.mean(skipna=False)
+    return table.rename_axis(columns=None)
+
+
+def fault_means_of(runs: pd.DataFrame, fault: str) -> pd.DataFrame:
+    """Return the mean over the four algorithms' means of a fault: time [s] and error [%] by level.
+
+    NaN where an algorithm is missing.
+    """
+    columns = {}
+    for quantity in ("time_s", "error_percent"):
+        means = overview_of(runs, quantity)[fault].drop(index=(MEAN, ""))
+        columns[quantity] = means.unstack("level")[list(LEVELS)].mean(skipna=False)
+    return pd.DataFrame(columns)
+
+
+def reliability_coefficients(products: pd.Series) -> pd.Series:
+    """Return ``100 (1 - p_i / sum p)`` of products of time and error by algorithm [%].
+
+    Section 7.3 of the thesis. It compares algorithms: all are NaN where one is missing.
+    """
+    return 100.0 * (1.0 - products / products.sum(skipna=False))
+
+
+def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
+    """Return mean times [s] and errors [%] by algorithm, products and coefficients, and the sum."""
+    products = times * errors
+    columns = {
+        "time_s": times,
+        "error_percent": errors,
+        "time x error": products,
+        "RC": reliability_coefficients(products),
+    }
+    table = pd.DataFrame(columns)
+    table.loc[SUM, "time x error"] = products.sum(skipna=False)
+    return table.rename_axis("algorithm")
+
+
+def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.DataFrame:
+    """Return table 60, as ``printed.reliability_single``, of tables 59 [s] and 58 [%].
+
+    Time and error are means over both levels, as in the thesis.
+    """
+    times, errors = (
+        table.groupby(level="algorithm").sum(min_count=len(LEVELS)).loc[list(ALGORITHMS)]
+        / len(LEVELS)
+        for table in (times, errors)
+    )
+    blocks = {
+        fault: with_coefficients(times[fault], errors[fault])[["time x error", "RC"]]
+        for fault in (*SINGLE_FAULTS, TOTAL)
+    }
+    return pd.concat(blocks, axis=1)
+
+
+def multiple_fault_reliability(runs: pd.DataFrame, times_of: int, errors_of: int) -> pd.DataFrame:
+    """Return table 61 with times and errors of given tables.
+
+    The thesis uses the times of the study of speed (56) and the errors of the study of precision
+    (57), which no run had together.
+    """
+
+    def means(table: int, quantity: str) -> pd.Series:
+        of_table = runs[runs["table"] == table]
+        return of_table.groupby("algorithm")[quantity].mean().reindex(list(ALGORITHMS))
+
+    return with_coefficients(means(times_of, "time_s"), means(errors_of, "error_percent"))

@@ -3,7 +3,6 @@
 docs/errata.md holds the figures; these tests compute those that other modules rely on.
 """
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +10,12 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, estimation_error
-from ema_study.cases import CASES, MULTIPLE
-from ema_study.means import multiple_fault_reliability, reliability_of_overviews
+from ema_study.cases import CASES
 from ema_study.models import describes, problem, truth_and_healthy_costs
 from ema_study.printed import overview, printed_runs, reliability_multiple, reliability_single
 from ema_study.run import K
 from ema_study.stop_rules import THRESHOLD
+from ema_study.tables import multiple_fault_reliability, reliability_of_overviews
 
 TRUE_K = [f"true_{k}" for k in K]
 
@@ -77,37 +76,6 @@ def test_all_500_printed_errors_weigh_the_phase_by_the_square_of_the_estimated_k
     assert reproduced(runs, 0.7474)[0] == 490
 
 
-@pytest.mark.parametrize(("high_backlash", "count"), [(0.747, 470), (74 / 99, 498)])
-def test_true_high_backlash_has_four_decimals(runs, page, high_backlash, count):
-    assert reproduced(runs, high_backlash)[0] == count
-    assert "470 with 0.747, 498 with 74/99, 500 with 0.7474" in page
-
-
-def test_equation_of_the_error_as_printed_reproduces_292(runs, page):
-    count, largest = reproduced(runs, 0.7474, lambda k6, true_k6: true_k6)
-
-    assert count == 292
-    assert f"as printed, {count} do, the largest deviation is {largest:.2f} %" in page
-
-
-@pytest.mark.parametrize(
-    "weight",
-    [
-        lambda k6, true_k6: k6,
-        lambda k6, true_k6: true_k6**2,
-        lambda k6, true_k6: k6 * true_k6,
-        lambda k6, true_k6: 0.0 * k6,
-        lambda k6, true_k6: 1.0 + 0.0 * k6,
-    ],
-    ids=["k6", "true k6 squared", "k6 times true k6", "none", "one"],
-)
-def test_no_other_weight_reproduces_the_printed_errors(runs, weight):
-    count, largest = reproduced(runs, 0.7474, weight)
-
-    assert count < 400
-    assert largest > 0.5
-
-
 def test_our_error_is_that_of_the_printed_runs_but_for_the_wrap(runs):
     estimates, truths = runs[K].to_numpy(float), runs[TRUE_K].to_numpy(float)
     ours = np.array([estimation_error(*pair) for pair in zip(estimates, truths, strict=True)])
@@ -142,26 +110,6 @@ def test_true_faults_cost_more_than_the_printed_threshold(page):
     assert f"cost {min(costs):.4f} to {max(costs):.4f} A^2.s, above 1e-3 in 9 of 9" in page
 
 
-def test_exact_zeros_of_the_phase_are_those_of_gwo(runs, page):
-    is_zero, is_gwo = runs["k7"] == 0.0, runs["algorithm"] == "gwo"
-
-    # No true k7 is 0: a search that ends there was drawn there.
-    assert runs["true_k7"].min() > 0.0
-    assert ((is_zero & is_gwo).sum(), is_gwo.sum(), (is_zero & ~is_gwo).sum()) == (69, 120, 5)
-    assert "k7 is exactly 0 in 69 of 120 runs of GWO, in 5 of the 380 others" in page
-
-
-def test_angle_of_the_multiple_fault_was_its_random_number_in_radians(runs, page):
-    of_table = runs[runs["table"] == 57]
-    k7 = float(of_table["true_k7"].iloc[0])
-    scaled = CASES[MULTIPLE].truth[ECCENTRICITY_PHASE]
-    seen = of_table.loc[of_table["k6"] >= 0.005, "k7"]
-
-    assert scaled == pytest.approx((k7 / math.pi + 1.0) / 2.0, abs=5e-4)
-    assert ((seen - scaled).abs() < (seen - k7).abs()).sum() == len(seen) == 20
-    assert "Of the 20 runs of table 57 that see eccentricity (k6 >= 0.005), 20 are nearer" in page
-
-
 def test_table_61_mixes_the_times_of_one_study_with_the_errors_of_another(runs, page):
     printed = reliability_multiple()["RC"].dropna()
     mixed = multiple_fault_reliability(runs, 56, 57)["RC"].dropna()
@@ -180,9 +128,3 @@ def test_table_60_follows_from_the_printed_58_and_59(page):
     worst = np.nanmax(((follows - printed).abs() / printed).to_numpy())
 
     assert f"Table 60 follows from the printed 58 and 59 to {100.0 * worst:.2f} %" in page
-
-
-def test_precision_study_ran_to_the_largest_number_of_generations(runs, page):
-    of_table = runs[runs["table"] == 57]
-
-    assert f"{(of_table['generations'] == 200).sum()} of 40 runs made 200 generations" in page

@@ -6,23 +6,28 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from ema_study.figures.bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
-from ema_study.figures.convergence import COSTS, ERRORS, draw_convergence, median_course
-from ema_study.figures.estimates import draw_estimates, draw_phases_of_gwo
-from ema_study.figures.pictures import pictures_of_runs
-from ema_study.figures.responses import (
+from ema_study.figures_of_responses import (
     draw_calibration,
     draw_monitor,
     draw_monitor_step,
-    draw_responses,
 )
-from ema_study.figures.style import COLOURS, STYLES
+from ema_study.figures_of_runs import (
+    COSTS,
+    ERROR,
+    ERRORS,
+    TIME,
+    draw_convergence,
+    draw_estimates,
+    draw_multiple_fault,
+    draw_phases_of_gwo,
+    draw_single_faults,
+    median_course,
+)
 from ema_study.printed import printed_runs
-from ema_study.responses import reference_response, reference_responses
 from ema_study.sources import SOURCES
+from ema_study.style import ALGORITHM_STYLES, STYLES
 
 from .synthetic_runs import FLOOR, THRESHOLD, synthetic_runs
 
@@ -84,22 +89,6 @@ def test_bars_are_the_means_over_runs(everything, quantity):
             np.testing.assert_allclose(bars(axes, **STYLES[source]), expected)
 
 
-def test_captions_state_the_number_of_runs(everything, monkeypatch):
-    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: None)
-    single = everything[(everything.run == 1) & (everything.table > 10)]
-    many, one = (
-        {picture.name: picture.caption for group in found.values() for picture in group}
-        for found in (pictures_of_runs(everything), pictures_of_runs(single))
-    )
-
-    numbers = "printed 10; thesis's model 2; thesis's model, thesis's code 2; fast model 3"
-    assert numbers in many["errors"]
-    assert numbers in many["multiple_fault"]
-    assert "printed 1; thesis's model 1" in one["errors"]
-    assert "median over the 2 runs" in many["costs_thesis"]
-    assert "a single run" in one["costs_fast"]
-
-
 def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     figure = draw_convergence(ours, "fast", COSTS)
     figure.savefig(io.BytesIO(), dpi=20)
@@ -111,7 +100,7 @@ def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     mine = ours[
         (ours.model == "fast") & (ours.table == 16) & (ours.algorithm == "pso")
     ].costs.tolist()
-    drawn = [line for line in axes.lines if line.get_color() == COLOURS["pso"]]
+    drawn = [line for line in axes.lines if line.get_color() == ALGORITHM_STYLES["pso"]["color"]]
     np.testing.assert_allclose(ys(drawn[-1]), median_course(mine))
 
 
@@ -130,18 +119,6 @@ def test_histogram_counts_the_exact_zeros_of_printed_gwo(everything):
     axes = panel(figure, "printed: 69 of 120 exactly 0")
     assert rectangles(axes)[-1].get_height() == 69
     assert sum(patch.get_height() for patch in rectangles(axes)) == 120
-
-
-def test_response_figure_holds_the_responses():
-    figure = draw_responses("short_circuit", "chirp")
-    figure.savefig(io.BytesIO(), dpi=20)
-    position, _, speed, _, current, _ = figure.axes
-    worst = reference_response("short_circuit", -1, "chirp")
-    np.testing.assert_array_equal(ys(speed.lines[0]), worst.speed)
-    np.testing.assert_array_equal(ys(current.lines[0]), worst.current)
-    np.testing.assert_allclose(ys(position.lines[0]), 1e3 * worst.position)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == [*reference_responses("short_circuit", "chirp"), "command"]
 
 
 def test_comparisons_show_two_monitors_and_what_they_miss():

@@ -4,7 +4,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_study.cases import CASES
-from ema_study.models import calibration, problem, truth_and_healthy_costs
+from ema_study.models import problem, truth_and_healthy_costs
 from ema_study.printed import printed_runs
 
 from .optima import VARIANTS, optimum
@@ -41,20 +41,6 @@ def test_torque_constant_makes_the_bias_of_backlash():
     assert p.k_t > p.G_M
     assert before.faults[1] < truth
     assert abs(after.faults[1] - truth) < 0.2 * abs(before.faults[1] - truth)
-
-
-def test_last_variant_is_the_shipped_model():
-    # G_M belongs to the one-phase form: the driven pair does not see it.
-    assert VARIANTS[-1].structural
-    lift = calibration("fast").unit.lift
-    assert lift > 0.1
-    without, shipped = (optimum(variant, "short circuit high") for variant in VARIANTS[2:])
-    assert shipped.error_percent < without.error_percent
-
-
-def test_component_is_that_of_the_single_fault():
-    components = [case.component for case in CASES.values()]
-    assert components == [0, 0, 1, 1, 2, 2, 5, 5, 7, 7, None]
 
 
 @pytest.mark.parametrize("level", ["low", "high"])

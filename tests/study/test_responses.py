@@ -9,17 +9,17 @@ from ema_study.responses import (
     COMMANDS,
     SEVERITIES,
     chirp_currents,
-    reference_response,
+    reference_responses,
     uncalibrated_currents,
 )
 
 
 def _step(fault: str):
-    return [reference_response(fault, i, "step") for i in range(len(SEVERITIES[fault]))]
+    return list(reference_responses(fault, "step").values())
 
 
 def _chirp(fault: str):
-    return [reference_response(fault, i, "chirp") for i in range(len(SEVERITIES[fault]))]
+    return list(reference_responses(fault, "chirp").values())
 
 
 def steady(values):
@@ -44,8 +44,8 @@ def test_steady_speed_under_step_balances_voltage_and_friction():
     # The whole voltage drives a pair of phases: V = k_e w + R I with k_t I = f_d + C w.
     p = ActuatorParameters()
     mechanics = constants(p).mechanics
-    for severity, response in zip(SEVERITIES["friction"], _step("friction"), strict=True):
-        f_d = mechanics.f_d * (1.0 + 2.0 * severity.faults["friction"])
+    for severity, response in zip(SEVERITIES["friction"].values(), _step("friction"), strict=True):
+        f_d = mechanics.f_d * (1.0 + 2.0 * severity["friction"])
         expected = (p.V_max * p.k_t - p.R_s * f_d) / (p.k_t * p.k_e + p.R_s * mechanics.C)
         # The balance knows no commutation, in which the current falls: it costs 1 to 3 %.
         assert 0.96 * expected < steady(response.speed).mean() < expected
@@ -54,8 +54,9 @@ def test_steady_speed_under_step_balances_voltage_and_friction():
 def test_backlash_shifts_the_position_by_half_its_growth_and_nothing_else():
     p = ActuatorParameters()
     healthy, *others = _step("backlash")
-    for severity, response in zip(SEVERITIES["backlash"][1:], others, strict=True):
-        shift = 99.0 * severity.faults["backlash"] * p.BLK / 2.0 * p.tau
+    _, *severities = SEVERITIES["backlash"].values()
+    for severity, response in zip(severities, others, strict=True):
+        shift = 99.0 * severity["backlash"] * p.BLK / 2.0 * p.tau
         moved = steady(healthy.position) - steady(response.position)
         np.testing.assert_allclose(moved, shift, rtol=1e-9)
         np.testing.assert_array_equal(response.speed, healthy.speed)

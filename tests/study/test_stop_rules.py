@@ -32,13 +32,6 @@ def test_threshold_and_stall_waits_for_both_and_for_20_generations():
     assert stops_at(rule, [1.0 + cost for cost in still]) is None
 
 
-@pytest.mark.parametrize(("algorithm", "populations"), [("de", 22), ("gwo_thesis", 21)])
-def test_first_generation_to_stop_at_is_the_21st(algorithm, populations):
-    """GWO's first pack is its first generation, DE's first population is none."""
-    rule = stop_rule("printed", algorithm, "low", 1, FLOOR)
-    assert stops_at(rule, [1e-4] * 40) == populations - 1
-
-
 @pytest.mark.parametrize("scale", [1.0, 1e-6])
 @pytest.mark.parametrize(("algorithm", "generations"), [("ga", 50), ("pso", 20)])
 def test_matlab_stalls_over_its_own_number_of_generations(algorithm, generations, scale):
@@ -59,8 +52,3 @@ def test_unchanged_wants_the_same_best_for_10_generations():
 def test_floor_is_added_to_the_printed_threshold():
     assert stop_rule("printed", "de", "low", 1, FLOOR).threshold == 1e-3
     assert stop_rule("floor_corrected", "gwo", "low", 1, FLOOR).threshold == 1e-3 + FLOOR
-
-
-def test_unknown_rule_is_refused_by_name():
-    with pytest.raises(ValueError, match="'sometimes' is unknown; known: all_generations, printed"):
-        stop_rule("sometimes", "ga", "low", 1, FLOOR)

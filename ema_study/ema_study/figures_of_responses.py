@@ -1,30 +1,30 @@
 """Figures of chapter 4: responses, noise, and reference against monitor."""
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ema_core.description import SAMPLE_PERIOD
 from ema_monitor.windows.band import BAND_S, band_limited
-from ema_study.figures.style import FAULT_NAMES, legend_below, severity_colours, tidy
 from ema_study.responses import (
     COMMANDS,
     COMPARED,
     NOISE_GAINS,
-    SEVERITIES,
     Currents,
     chirp_currents,
+    compared,
     noisy_response,
     reference_responses,
     step_currents,
-    times,
     uncalibrated_currents,
 )
 from ema_study.sources import MODEL_LABELS
+from ema_study.style import FAULT_NAMES, legend_below, tidy
 
 _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
 """Stretch that the right panels enlarge, by command [s]."""
@@ -32,20 +32,19 @@ _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
 _START: Final = (0.009, 0.02)
 """Stretch for backlash under the step, which has an effect at the start only [s]."""
 
-_MODEL_STYLES: Final = {
+_MODEL_STYLES: Final[dict[str, dict[str, Any]]] = {
     "fast": {"color": "#0072b2", "lw": 1.1},
     "thesis": {"color": "#d55e00", "lw": 1.1, "ls": (0, (4, 1.5))},
 }
-_REFERENCE: Final = {"color": "0.1", "lw": 0.8}
-_COMMAND: Final = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))}
+_COMMAND: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))}
 
 
 def draw_responses(fault: str, command: str) -> Figure:
     """Return position, speed and current for growing severities of a fault."""
     responses = reference_responses(fault, command)
-    colours = severity_colours(len(responses))
-    figure = Figure(figsize=(9.0, 7.5), layout="constrained")
-    panels = figure.subplots(3, 2, width_ratios=[1.6, 1.0], sharex="col")
+    # From light to dark, distinct in grey, too.
+    colours = colormaps["viridis_r"](0.15 + 0.8 * np.linspace(0.0, 1.0, len(responses)))
+    figure, panels = _panels(3, 7.5)
     is_chirp = command == "chirp"
     rows = {
         "position": ("user position [mrad]", 1e3) if is_chirp else ("user position [rad]", 1.0),
@@ -55,18 +54,14 @@ def draw_responses(fault: str, command: str) -> Figure:
     commanded = np.concatenate([[0.0], COMMANDS[command].sample(SAMPLE_PERIOD)])
     for (column, (label, scale)), row in zip(rows.items(), panels, strict=True):
         for axes in row:
-            tidy(axes)
             # The mildest last, so that the worst does not cover it.
             for response, colour in reversed([*zip(responses.values(), colours, strict=True)]):
-                values = scale * getattr(response, column)
-                axes.plot(times(len(response)), values, color=colour, lw=1.0)
+                _plot(axes, scale * getattr(response, column), color=colour, lw=1.0)
         row[0].set_ylabel(label)
         _enlarge(row[1], *(_START if fault == "backlash" and not is_chirp else _DETAILS[command]))
         if column == "position" and is_chirp:
             for axes in row:
-                axes.plot(times(len(commanded)), scale * commanded, **_COMMAND)
-    for axes in panels[-1]:
-        axes.set_xlabel("time [s]")
+                _plot(axes, scale * commanded, **_COMMAND)
     handles = [
         Line2D([], [], color=colour, lw=2.0, label=label)
         for label, colour in zip(responses, colours, strict=True)
@@ -80,33 +75,26 @@ def draw_responses(fault: str, command: str) -> Figure:
 
 def draw_noise() -> Figure:
     """Return the current under the chirp with growing noise on its reference."""
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
-    panels = figure.subplots(len(NOISE_GAINS), 2, width_ratios=[1.6, 1.0], sharex="col")
+    figure, panels = _panels(len(NOISE_GAINS), 7.0)
     for gain, row in zip(NOISE_GAINS, panels, strict=True):
-        current = noisy_response(gain).current
         for axes in row:
-            tidy(axes)
-            axes.plot(times(len(current)), current, color="#0072b2", lw=0.7)
+            _plot(axes, noisy_response(gain).current, color="#0072b2", lw=0.7)
         row[0].set_title(f"K = {gain:g}" if gain else "no noise", fontsize="medium", loc="left")
         row[0].set_ylabel("current [A]")
         _enlarge(row[1], *_DETAILS["chirp"])
-    for axes in panels[-1]:
-        axes.set_xlabel("time [s]")
     return figure
 
 
 def draw_monitor(fault: str) -> Figure:
     """Return the currents of reference and monitors, healthy and faulty, and their differences."""
-    title = f"{FAULT_NAMES[fault]}, {COMPARED[fault].label}"
+    title = f"{FAULT_NAMES[fault]}, {compared(fault)}"
     return _draw_currents({"healthy": chirp_currents("none"), title: chirp_currents(fault)})
 
 
 def draw_monitor_step() -> Figure:
     """Return the currents of reference and monitors under the step (figure 4.6)."""
-    doubled = SEVERITIES["friction"].index(COMPARED["friction"])
-    return _draw_currents(
-        {"nominal friction": step_currents(0), "friction doubled": step_currents(doubled)}
-    )
+    doubled = step_currents(COMPARED["friction"])
+    return _draw_currents({"nominal friction": step_currents(0), "friction doubled": doubled})
 
 
 def draw_calibration() -> Figure:
@@ -122,20 +110,17 @@ def draw_calibration() -> Figure:
 def _draw_currents(by_title: Mapping[str, Currents]) -> Figure:
     """Draw currents and, below them, the differences without the PWM's ripple."""
     figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(by_title)), layout="constrained")
-    panels = figure.subplots(
-        2 * len(by_title), 1, sharex=True, height_ratios=[2.0, 1.0] * len(by_title)
-    )
+    heights = [2.0, 1.0] * len(by_title)
+    panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    tidy(*panels)
     lowers = panels[1::2]
     for upper, lower, (title, currents) in zip(panels[::2], lowers, by_title.items(), strict=True):
-        tidy(upper)
-        tidy(lower)
-        t = times(len(currents.reference) + 1)[1:]
         for model, current in currents.monitor.items():
             style, label = _MODEL_STYLES[model], f"monitor, {MODEL_LABELS[model]}"
-            upper.plot(t, current, label=label, **style)
+            _plot(upper, current, first=1, label=label, **style)
             difference = band_limited(currents.reference - current, SAMPLE_PERIOD)
             lower.plot(BAND_S / 2.0 * np.arange(1, len(difference) + 1), difference, **style)
-        upper.plot(t, currents.reference, label="reference", **_REFERENCE)
+        _plot(upper, currents.reference, first=1, label="reference", color="0.1", lw=0.8)
         upper.set_ylabel("current [A]")
         lower.set_ylabel("reference −\nmonitor [A]", fontsize="small")
         upper.set_title(title, fontsize="medium", loc="left")
@@ -143,9 +128,23 @@ def _draw_currents(by_title: Mapping[str, Currents]) -> Figure:
     for axes in lowers:
         axes.set_ylim(-widest, widest)
     panels[-1].set_xlabel("time [s]")
-    handles, _ = panels[0].get_legend_handles_labels()
-    legend_below(figure, handles)
+    legend_below(figure, panels[0].get_legend_handles_labels()[0])
     return figure
+
+
+def _panels(rows: int, height: float) -> tuple[Figure, Any]:
+    """Return a figure with rows of two panels, of which the right one is to be enlarged."""
+    figure = Figure(figsize=(9.0, height), layout="constrained")
+    panels = figure.subplots(rows, 2, width_ratios=[1.6, 1.0], sharex="col")
+    tidy(*panels.flat)
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    return figure, panels
+
+
+def _plot(axes: Axes, values: Any, *, first: int = 0, **style: Any) -> None:
+    """Plot samples over their time, from that of a number on."""
+    axes.plot(SAMPLE_PERIOD * np.arange(first, first + len(values)), values, **style)
 
 
 def _enlarge(axes: Axes, low: float, high: float) -> None:

@@ -1,0 +1,243 @@
+"""Figures of runs: mean errors and times, convergence, and estimates."""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+from ema_study.cases import CASES, LEVELS, MULTIPLE, SINGLE_FAULTS
+from ema_study.plan import ALGORITHMS
+from ema_study.run import K
+from ema_study.sources import NAMES_WITH_OWN_CODE, counted, present_sources, single_fault_runs
+from ema_study.style import (
+    ALGORITHM_STYLES,
+    FAULT_NAMES,
+    LEVEL_NAMES,
+    STYLES,
+    legend_below,
+    say_no_runs,
+    tidy,
+)
+
+_WHISKERS: Final[dict[str, Any]] = {"fmt": "none", "ecolor": "0.15", "lw": 0.8, "capsize": 1.5}
+_RUN: Final[dict[str, Any]] = {"lw": 0.6, "alpha": 0.4}
+_THRESHOLD: Final[dict[str, Any]] = {"color": "0.6", "lw": 0.8, "alpha": 0.7}
+_GENERATIONS: Final = (0, 5, 10, 20, 50, 100, 200)
+_LINEAR_GENERATIONS: Final = 20
+"""Most of the fall is over by then: the axis is linear up to here and logarithmic beyond."""
+_BINS: Final = 20
+
+
+class Quantity(NamedTuple):
+    """A column of runs, and the label of its axis."""
+
+    column: str
+    label: str
+
+
+ERROR: Final = Quantity("error_percent", "error [%]")
+TIME: Final = Quantity("time_s", "time [s]")
+COSTS: Final = Quantity("costs", "lowest cost [A$^2$ s]")
+ERRORS: Final = Quantity("errors_percent", "error of the best [%]")
+
+
+def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
+    """Return bars of the mean by fault, a row an algorithm and a column a level.
+
+    Whiskers are a standard deviation up and down, where there are several runs; on the logarithmic
+    axis of ``TIME`` they are not drawn below a tenth of the mean. The runs are those of all
+    sources.
+    """
+    chosen = single_fault_runs(runs)
+    figure = Figure(figsize=(9.0, 10.0), layout="constrained")
+    panels = figure.subplots(len(ALGORITHMS), 2, sharex=True, sharey="row", squeeze=False)
+    labels = {name: FAULT_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS}
+    for row, algorithm in zip(panels, ALGORITHMS, strict=True):
+        for axes, level in zip(row, LEVELS, strict=True):
+            part = chosen[(chosen.family == algorithm) & (chosen.level == level)]
+            _draw_bars(axes, part, "fault", labels, quantity)
+            axes.set_title(f"{NAMES_WITH_OWN_CODE[algorithm]}, {level}", fontsize="medium")
+        row[0].set_ylabel(quantity.label)
+    _legend_of_bars(figure, chosen)
+    return figure
+
+
+def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
+    """Return bars of mean error and time in the multiple fault by algorithm, a column a study."""
+    chosen = counted(runs)
+    chosen = chosen[chosen.fault == MULTIPLE]
+    figure = Figure(figsize=(9.0, 5.6), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True, sharey="row", squeeze=False)
+    labels = {name: NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS}
+    for row, quantity in zip(panels, (ERROR, TIME), strict=True):
+        for axes, level in zip(row, ("fast_stop", "stall_stop"), strict=True):
+            _draw_bars(axes, chosen[chosen.level == level], "family", labels, quantity)
+            axes.set_title(LEVEL_NAMES[level], fontsize="medium")
+        row[0].set_ylabel(quantity.label)
+    _legend_of_bars(figure, chosen)
+    return figure
+
+
+def _draw_bars(
+    axes: Axes, runs: pd.DataFrame, group: str, labels: dict[str, str], quantity: Quantity
+) -> None:
+    """Draw the means of the groups in ``labels``; a panel shows its own sources only."""
+    tidy(axes)
+    axes.grid(visible=False, axis="x")
+    axes.set_xlim(-0.5, len(labels) - 0.5)
+    axes.set_xticks(range(len(labels)), list(labels.values()))
+    if quantity is TIME:
+        axes.set_yscale("log")
+    sources = present_sources(runs)
+    if not sources:
+        say_no_runs(axes)
+    for n, source in enumerate(sources):
+        width = 0.8 / len(sources)
+        values = runs[runs.source == source].groupby(group)[quantity.column].agg(["mean", "std"])
+        values = values.reindex(list(labels))
+        places = np.arange(len(labels)) + (n + 0.5) * width - 0.4
+        axes.bar(places, values["mean"], 0.92 * width, edgecolor="white", lw=0.3, **STYLES[source])
+        mean, std = values[values["std"].notna()].to_numpy().T
+        down = np.minimum(std, 0.9 * mean if quantity is TIME else mean)
+        axes.errorbar(places[values["std"].notna()], mean, [down, std], **_WHISKERS)
+
+
+def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
+    sources = present_sources(runs)
+    handles: list[object] = []
+    for one in sources:
+        style = STYLES[one]
+        patch = Patch(fc=style["color"], hatch=style["hatch"], ec="white", label=one)
+        handles.append(patch)
+    if sources and runs.groupby(["model", "algorithm", "table"]).size().max() > 1:
+        whisker = figure.axes[0].errorbar([], [], [], label="one standard deviation", **_WHISKERS)
+        handles.append(whisker)
+    if sources:
+        legend_below(figure, handles)
+
+
+def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure:
+    """Return the courses of all runs with a model, thin, and their median by algorithm.
+
+    A run that has stopped keeps its last value. Of ``course``, ``COSTS`` has a band from the cost
+    at the truth to the threshold, ``ERRORS`` has none.
+    """
+    chosen = counted(runs)
+    chosen = chosen[chosen.model == model]
+    faults = [fault for fault in (*SINGLE_FAULTS, MULTIPLE) if fault in set(chosen.fault)]
+    faults = faults or [MULTIPLE]
+    figure = Figure(figsize=(9.0, 1.0 + 2.3 * len(faults)), layout="constrained")
+    panels = figure.subplots(len(faults), 2, sharex=True, squeeze=False)
+    for fault, row in zip(faults, panels, strict=True):
+        levels = ("fast_stop", "stall_stop") if fault == MULTIPLE else LEVELS
+        for axes, level in zip(row, levels, strict=True):
+            _draw_courses(axes, chosen[(chosen.fault == fault) & (chosen.level == level)], course)
+            axes.set_title(f"{FAULT_NAMES[fault]}, {LEVEL_NAMES[level]}", fontsize="medium")
+        row[0].set_ylabel(course.label, fontsize="small")
+    for axes in panels[-1]:
+        axes.set_xlabel("generation")
+    handles: list[object] = [
+        Line2D([], [], lw=1.8, label=label, **ALGORITHM_STYLES[name])
+        for name, label in NAMES_WITH_OWN_CODE.items()
+        if name in set(chosen.algorithm)
+    ]
+    if len(chosen) and chosen.groupby(["algorithm", "table"]).size().max() > 1:
+        handles.append(Line2D([], [], color="0.3", label="single runs", **_RUN))
+    if course is COSTS:
+        handles.append(Patch(label="cost of the true faults to threshold", **_THRESHOLD))
+    legend_below(figure, handles, columns=4, handlelength=3.5)
+    return figure
+
+
+def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
+    """Return the median over runs after each generation; stopped runs keep their last value."""
+    longest = max(len(course) for course in courses)
+    rows = [np.pad(course, (0, longest - len(course)), mode="edge") for course in courses]
+    return np.median(rows, axis=0)
+
+
+def _draw_courses(axes: Axes, runs: pd.DataFrame, course: Quantity) -> None:
+    tidy(axes)
+    axes.set_yscale("log")
+    axes.set_xscale("symlog", linthresh=_LINEAR_GENERATIONS)
+    axes.set_xticks(_GENERATIONS, [str(number) for number in _GENERATIONS])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlim(0, _GENERATIONS[-1])
+    if runs.empty:
+        say_no_runs(axes)
+        return
+    for algorithm, style in ALGORITHM_STYLES.items():
+        rows = runs.loc[runs.algorithm == algorithm, course.column].tolist()
+        for row in rows if len(rows) > 1 else ():
+            axes.plot(row, color=style["color"], **_RUN)
+        if rows:
+            axes.plot(median_course(rows), lw=1.8, zorder=3, **style)
+    if course is COSTS:
+        at_truth, threshold = runs.cost_at_truth.median(), runs.threshold.astype(float).median()
+        axes.axhspan(at_truth, at_truth if np.isnan(threshold) else threshold, **_THRESHOLD)
+
+
+def draw_estimates(runs: pd.DataFrame) -> Figure:
+    """Return the estimates of the faulty component of all single faults, a dot a run."""
+    chosen = single_fault_runs(runs)
+    sources = present_sources(chosen)
+    figure = Figure(figsize=(9.0, 11.0), layout="constrained")
+    panels = figure.subplots(len(SINGLE_FAULTS), 2, sharex=True, squeeze=False)
+    single = [case for case in CASES.values() if case.fault in SINGLE_FAULTS]
+    for case, axes in zip(single, panels.ravel(), strict=True):
+        assert case.component is not None
+        part = chosen[(chosen.fault == case.fault) & (chosen.level == case.level)]
+        tidy(axes)
+        axes.axhline(case.truth[case.component], color="0.1", lw=1.0, label="truth")
+        for n, source in enumerate(sources):
+            ours, style = part[part.source == source], STYLES[source]
+            # Dots beside each other; the order of the runs has no meaning.
+            spread = (ours.run - 1) % 10 / 9.0 - 0.5
+            places = ours.family.map(list(ALGORITHMS).index).astype(float)
+            places += (n - (len(sources) - 1) / 2.0) * 0.16 + 0.1 * spread
+            fill = "white" if style["hatch"] else style["color"]
+            dots: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.2, "mew": 0.8, "mfc": fill}
+            values = ours[K[case.component]]
+            axes.plot(places, values, color=style["color"], label=source, **dots)
+        axes.set_xlim(-0.5, len(ALGORITHMS) - 0.5)
+        axes.set_xticks(range(len(ALGORITHMS)), [NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS])
+        axes.set_title(f"{FAULT_NAMES[case.fault]}, {case.level}", fontsize="medium")
+        axes.set_ylabel(f"estimated {K[case.component]}")
+    legend_below(figure, figure.axes[0].get_legend_handles_labels()[0])
+    return figure
+
+
+def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
+    """Return histograms of GWO's estimates of k7, with a bar of its own for exact zeros."""
+    chosen = counted(runs)
+    chosen = chosen[chosen.family == "gwo"]
+    sources = present_sources(chosen)
+    columns = 2 if len(sources) > 1 else 1
+    rows = max(1, -(-len(sources) // columns))
+    figure = Figure(figsize=(9.0, 0.9 + 2.3 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    edges = np.linspace(0.0, 1.0, _BINS + 1)
+    for axes in panels[len(sources) :]:
+        axes.set_axis_off()
+    handles: list[object] = []
+    for axes, source in zip(panels, sources, strict=False):
+        tidy(axes)
+        values = chosen.loc[chosen.source == source, "k7"].to_numpy()
+        zeros = np.count_nonzero(values == 0.0)
+        style: dict[str, Any] = {"edgecolor": "white", "lw": 0.4, "label": source}
+        _, _, bars = axes.hist(values[values != 0.0], edges, **style, **STYLES[source])
+        at_zero = axes.bar(-0.04, zeros, 0.03, color="0.1", label="exactly 0")
+        handles = [*handles[:-1], bars[0], at_zero]
+        axes.set_title(f"{source}: {zeros} of {len(values)} exactly 0", fontsize="small")
+        axes.set_xlabel("estimated k7", fontsize="small")
+        axes.tick_params(labelbottom=True)
+        axes.set_ylabel("runs")
+    if handles:
+        legend_below(figure, handles)
+    return figure
