@@ -20,6 +20,8 @@ from .conftest import exactly
 pytestmark = pytest.mark.slow
 
 SAME = ("cycles", "level", "health_index", "dominant_fault")
+
+
 def units(archive):
     with Manifest(archive, writes=False) as manifest:
         return list(manifest.units())
