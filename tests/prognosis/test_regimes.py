@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ema_core.faults import COMPONENTS
+from ema_core.faults import COMPONENTS, FAULT_NAMES, healthy_faults
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import Event
 from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeChange, RegimeWatch
 from ema_monitor.prognosis.growth.tracker import Tracker
@@ -16,20 +17,25 @@ NOISE = GrowthNoise(correlation=0.3, large=0.01, hours=0.94, diffusion=0.0)
 FRICTION = COMPONENTS.index("friction")
 
 
+ALL = np.ones(len(COMPONENTS), dtype=bool)
+VARIANCE = np.full(len(COMPONENTS), SIGMA**2)
+
+
+def tested(hours: float, friction: float) -> Measurement:
+    faults = healthy_faults()
+    faults[FAULT_NAMES.index("friction")] = friction
+    return Measurement(hours, faults, SIGMA**2 * np.eye(8), np.zeros(8, dtype=bool))
+
+
 def changes(
     level: Callable[[float], float], seed: int, tests: int = 110, noise: GrowthNoise = NOISE
 ) -> list[tuple[int, RegimeChange]]:
     """Return the changes found in a fault, with the tests that showed them."""
     watch, rng = RegimeWatch(), np.random.default_rng(seed)
-    used = np.zeros(len(COMPONENTS), dtype=bool)
-    used[FRICTION] = True
     found, error = [], SIGMA * rng.standard_normal()
     fresh = np.sqrt(1.0 - noise.correlation**2)
     for test in range(tests):
-        value = np.full(len(COMPONENTS), level(10.0 * test) + error)
-        hours = 10.0 * test
-        variance = np.full(len(COMPONENTS), SIGMA**2)
-        watch.add(np.full(len(COMPONENTS), hours), value, variance, used, hours)
+        watch.add(tested(10.0 * test, level(10.0 * test) + error), VARIANCE, ALL)
         if (change := watch.judge(FRICTION, noise)) is not None:
             found.append((test, change))
         error = noise.correlation * error + fresh * SIGMA * rng.standard_normal()
@@ -121,8 +127,7 @@ def test_watch_goes_on_after_a_restart_as_if_there_was_none():
 
 def test_tests_of_one_hour_show_no_change():
     """As by seven tests on the ground, one after the other."""
-    watch, used = RegimeWatch(), np.ones(len(COMPONENTS), dtype=bool)
+    watch = RegimeWatch()
     for hours in (*np.arange(0.0, 165.0, 5.0), *[165.0] * 7):
-        same = np.full(len(COMPONENTS), hours)
-        watch.add(same, 1e-3 * same, np.full(len(COMPONENTS), SIGMA**2), used, hours)
+        watch.add(tested(hours, 1e-3 * hours), VARIANCE, ALL)
         assert watch.judge(FRICTION, NOISE) is None

@@ -154,25 +154,6 @@ def test_component_put_back_to_healthy_is_not_taken_for_exactly_healthy():
     assert tracker.update(observed(400.0, {"friction": 2.5 * SIGMA})) == []
 
 
-@pytest.mark.slow
-def test_errors_in_common_are_told_from_growth():
-    # Two errors with a correlation of .95, of which one component is known to be constant.
-    rng = np.random.default_rng(7)
-    covariance = SIGMA**2 * np.eye(8)
-    covariance[0, 1] = covariance[1, 0] = 0.95 * SIGMA**2
-    aware, blind = Tracker(), Tracker()
-    for i in range(60):
-        error = rng.multivariate_normal(np.zeros(8), covariance)
-        test = observed(10.0 * i, {"friction": 0.1 + 1e-3 * i, "backlash": 0.2})
-        faults = np.where(np.arange(8) < 2, test.faults + error, test.faults)
-        plain = test.covariance
-        for tracker, assumed in ((aware, covariance), (blind, plain)):
-            tracker.update(type(test)(test.hours, faults, assumed, test.unobservable))
-    # Not by more, for a rate that wanders leaves as much uncertain.
-    assert of(aware, "friction").sigma < 0.95 * of(blind, "friction").sigma
-    assert of(aware, "friction").value == pytest.approx(0.159, abs=3e-3)
-
-
 def test_gain_is_followed_to_either_side():
     for sign in (-1.0, 1.0):
         tracker = Tracker()

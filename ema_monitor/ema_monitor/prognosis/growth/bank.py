@@ -12,7 +12,7 @@ import numpy as np
 
 from ema_core.faults import COMPONENTS
 from ema_core.growth_laws import increment
-from ema_monitor.prognosis.growth.cells import N_WANDERING_RATES, Cells
+from ema_monitor.prognosis.growth.cells import N_RATES, Cells
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
     Array,
@@ -31,13 +31,6 @@ _LEAST_VARIANCE = 1e-14
 
 class Bank(Kept):
     """Mean and variance of every cell.
-
-    Parameters
-    ----------
-    cells
-        The grid.
-    settings
-        Noise and probabilities.
 
     Attributes
     ----------
@@ -58,7 +51,7 @@ class Bank(Kept):
         self._is_constant = np.zeros(cells.prior.size, dtype=bool)
         self._is_constant[cells.slices["constant"]] = True
         self.kind = np.where(self._is_constant, 0, np.where(cells.wanders, 2, 1))
-        rates = np.arange(PACES.size * N_WANDERING_RATES).reshape(PACES.size, -1)
+        rates = np.arange(PACES.size * N_RATES).reshape(PACES.size, -1)
         self._blocks = np.flatnonzero(cells.first)[:, None, None] + rates
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
@@ -92,15 +85,7 @@ class Bank(Kept):
         return np.minimum(steps, 1.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Let the cells of each component grow over hours of its own, ``(7,)`` [h].
-
-        Parameters
-        ----------
-        weight
-            Probability of each cell; changed, for paces do.
-        hours
-            The hours, at least 0.
-        """
+        """Let the cells grow over hours of their component, ``(7,)`` [h]; their paces change."""
         cells = self.cells
         own = hours[cells.component]
         if own.any():
@@ -141,11 +126,8 @@ class Bank(Kept):
     def measure(self, test: Observation) -> tuple[Array, Array]:
         """Update the levels by a test.
 
-        Returns
-        -------
-        tuple
-            Logarithms of the likelihoods of the cells and the probabilities of a smaller value by
-            them, ``(n,)`` each; 0 of components not shown.
+        Returns logarithms of the likelihoods of the cells and the probabilities of a smaller value
+        by them, ``(n,)`` each; 0 of components not shown.
         """
         owner = self.cells.component
         log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)

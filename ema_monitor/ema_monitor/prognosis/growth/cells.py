@@ -18,7 +18,7 @@ hundred hours. They follow what no law of the grid describes: load, lubrication,
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -51,7 +51,11 @@ CONSTANT_PRIOR: Final = 0.5
 WANDERING_PRIOR: Final = 0.7
 """Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
 
-N_WANDERING_RATES: Final = 33
+N_RATES: Final = 33
+"""Rates of a curve about which a rate wanders, and those that a fleet tells apart."""
+RATE_SPACING: Final = math.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1)
+"""Distance of these rates in the logarithm [-]."""
+
 _BENDS_OF_WEAR: Final = (4.0,)
 _BENDS_OF_HEAT: Final = (2.0, 3.0, 4.5, 6.0, 9.0, 14.0)
 _SETTLING: Final = 0.7
@@ -134,68 +138,39 @@ def _root(bend_of: Callable[[float], float], bend: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of the grid, ``(n,)`` each, those of a law next to each other.
+    """Cells of the grid, ``(n,)`` each, those of a law next to each other."""
 
-    Attributes
-    ----------
-    slices
-        Where the cells of each law are.
-    component
-        Number of the component among those tracked.
-    side
-        Side of the healthy value on which it grows, -1 or 1.
-    rate, shape
-        Figures of the law; the rate is that of now, its pace included.
-    diffusion
-        Of ``drift`` its s [1/sqrt(h)]; else 0.
-    limit
-        Distance from healthy at which life ends [-].
-    prior
-        Prior probability; sums to 1 over the cells of a component.
-    base
-        The rate without its pace.
-    spacing
-        Distance of neighbouring rates in the logarithm [-].
-    wanders, pace
-        Whether the rate wanders, and the logarithm of its pace [-], 0 where it does not.
-    first
-        The first cell of each wandering curve: those of each pace follow in turn.
-    """
-
-    slices: dict[str, slice]
-    component: NDArray[np.intp]
-    side: NDArray[np.float64]
-    rate: NDArray[np.float64]
+    slices: dict[str, slice]  # where the cells of each law are
+    component: NDArray[np.intp]  # number of the component among those tracked
+    side: NDArray[np.float64]  # of healthy, on which it grows, -1 or 1
+    rate: NDArray[np.float64]  # of the law now, its pace included
     shape: NDArray[np.float64]
-    diffusion: NDArray[np.float64]
-    limit: NDArray[np.float64]
-    prior: NDArray[np.float64]
-    base: NDArray[np.float64]
-    spacing: NDArray[np.float64]
+    diffusion: NDArray[np.float64]  # of drift its s [1/sqrt(h)]; else 0
+    limit: NDArray[np.float64]  # distance from healthy at which life ends [-]
+    prior: NDArray[np.float64]  # sums to 1 over the cells of a component
+    base: NDArray[np.float64]  # the rate without its pace
+    spacing: NDArray[np.float64]  # of neighbouring rates in the logarithm [-]
     wanders: NDArray[np.bool_]
-    pace: NDArray[np.float64]
-    first: NDArray[np.bool_]
+    pace: NDArray[np.float64]  # its logarithm [-], 0 where the rate does not wander
+    first: NDArray[np.bool_]  # the first of a wandering curve; those of each pace follow in turn
+    place: NDArray[np.intp]  # N_RATES times the number of the curve, plus that of the rate; or -1
 
 
+_KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": np.bool_, "first": np.bool_}
 _ROW: Final = np.dtype(
-    [
-        ("component", np.intp),
-        *((name, np.float64) for name in ("side", "rate", "shape", "diffusion", "limit")),
-        *((name, np.float64) for name in ("prior", "base", "spacing")),
-        *(("wanders", np.bool_), ("pace", np.float64), ("first", np.bool_)),
-    ]
+    [(one.name, _KINDS.get(one.name, np.float64)) for one in fields(Cells) if one.name != "slices"]
 )
 
 
 def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     """Return the cells for all components, by their limits and by the laws that are known."""
-    by_law: dict[str, list[NDArray[np.void]]] = {law: [] for law in LAWS}
-    lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_WANDERING_RATES)
+    by_law = {law: [np.zeros(0, _ROW)] for law in LAWS}
+    lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_RATES)
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), settings.laws.get(name)
         two_sided = FAULTS[FAULT_NAMES.index(name)].is_two_sided
         still = np.zeros(1, _ROW)
-        still["side"], still["prior"] = 1.0, CONSTANT_PRIOR
+        still["side"], still["prior"], still["place"] = 1.0, CONSTANT_PRIOR, -1
         blocks = [("constant", still)]
         for curve in curves_of(limit, known, two_sided=two_sided):
             steady = 1.0 if known else 1.0 - WANDERING_PRIOR
@@ -208,16 +183,17 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
             rows["pace"] = np.repeat(PACES, lives.size)
             rows["wanders"], rows["first"][0] = True, True
             blocks.append((curve.law, rows))
-        for law, rows in blocks:
+        for curve_number, (law, rows) in enumerate(blocks, -1):
             rows["component"], rows["limit"] = number, limit
+            if law != "constant":
+                rows["place"] += N_RATES * curve_number
             if two_sided and law != "constant":
+                rows["prior"] /= 2.0
                 other = rows.copy()
                 other["side"] = -1.0
-                rows["prior"] /= 2.0
-                other["prior"] /= 2.0
-                rows = np.concatenate([other, rows])
+                by_law[law].append(other)
             by_law[law].append(rows)
-    found = {law: np.concatenate([np.zeros(0, _ROW), *rows]) for law, rows in by_law.items()}
+    found = {law: np.concatenate(rows) for law, rows in by_law.items()}
     stops = np.cumsum([0, *(rows.size for rows in found.values())]).tolist()
     slices = {law: slice(*pair) for law, pair in zip(found, pairwise(stops), strict=True)}
     rows = np.concatenate([*found.values()])
@@ -227,11 +203,7 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
 
 
 def _rows(
-    curve: Curve,
-    limit: float,
-    lives: NDArray[np.float64],
-    known: KnownLaw | None,
-    share: float,
+    curve: Curve, limit: float, lives: NDArray[np.float64], known: KnownLaw | None, share: float
 ) -> NDArray[np.void]:
     """Return cells of a curve on the upper side, for some hours from healthy to the limit [h]."""
     rows = np.zeros(lives.size, _ROW)
@@ -242,6 +214,7 @@ def _rows(
     rows["shape"], rows["diffusion"] = curve.shape, curve.diffusion
     rows["spacing"] = math.log(lives[1] / lives[0])
     rows["prior"] = _rate_prior(rate, known) * share * (1.0 - CONSTANT_PRIOR) * curve.share
+    rows["place"] = np.rint(np.log(lives / lives[0]) / RATE_SPACING)
     return rows
 
 

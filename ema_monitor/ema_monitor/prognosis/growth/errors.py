@@ -121,15 +121,7 @@ class EstimateErrors(Kept):
         return test
 
     def learn(self, value: Array, noise: Array, used: NDArray[np.bool_]) -> None:
-        """Learn from a test.
-
-        Parameters
-        ----------
-        value, noise
-            Signed distances from healthy and variances of their errors, ``(7,)``.
-        used
-            Components that the test measures, ``(7,)``.
-        """
+        """Learn from the components that a test measures; arguments as of ``observed``."""
         begins = np.flatnonzero(used & ~np.isfinite(self.hours))
         self.mean[begins] = 0.0
         self.mean[begins, ..., 0] = value[begins, None, None]

@@ -26,64 +26,28 @@ Array = NDArray[np.float64]
 
 
 class Observation(NamedTuple):
-    """What a test shows of each component, ``(7,)`` each.
+    """What a test shows of each component, ``(7,)`` each."""
 
-    Attributes
-    ----------
-    value, noise
-        Signed distances from healthy and variances of their errors [-].
-    plain, near
-        Components that the test measures, and those that it finds near healthy.
-    carried, value_before
-        Factor c of the error of the test before, and its value.
-    fresh
-        Variance of the part of the error that is new.
-    """
-
-    value: Array
-    noise: Array
-    plain: NDArray[np.bool_]
-    near: NDArray[np.bool_]
-    carried: Array
-    value_before: Array
-    fresh: Array
+    value: Array  # signed distances from healthy [-]
+    noise: Array  # variances of their errors
+    plain: NDArray[np.bool_]  # components that the test measures
+    near: NDArray[np.bool_]  # those that it finds near healthy
+    carried: Array  # factor c of the error of the test before
+    value_before: Array  # its value
+    fresh: Array  # variance of the part of the error that is new
 
 
 class Correction(NamedTuple):
-    """What an innovation tells of a state, by two Gaussians, merged.
+    """What an innovation tells of a state, by two Gaussians, merged."""
 
-    Attributes
-    ----------
-    log_likelihood
-        Logarithm of the likelihood of the innovation, up to a constant.
-    gain
-        Change of the mean over its covariance with the innovation, and the innovation.
-    shrinking
-        Loss of covariance over the square of that covariance.
-    below
-        Probability of a smaller innovation [-].
-    """
-
-    log_likelihood: Array
-    gain: Array
-    shrinking: Array
-    below: Array
+    log_likelihood: Array  # of the innovation, up to a constant
+    gain: Array  # change of the mean over innovation and covariance with it
+    shrinking: Array  # loss of covariance over the square of that covariance
+    below: Array  # probability of a smaller innovation [-]
 
 
-def corrected(
-    innovation: Array, usual: Array, settings: TrackerSettings, *, with_below: bool = True
-) -> Correction:
-    """Return what innovations of some variances tell; some have a larger error.
-
-    Parameters
-    ----------
-    innovation, usual
-        Innovations and their variances.
-    settings
-        Size and probability of a larger error.
-    with_below
-        Whether the probabilities of smaller innovations are wanted; else they are 0.
-    """
+def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Correction:
+    """Return what innovations of some variances tell, where occasional errors are larger."""
     rare, squared = settings.occasional_probability, innovation**2
     wide = usual + settings.occasional_error**2
     log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
@@ -92,9 +56,8 @@ def corrected(
     share, gap = np.exp(log_wide - log_p), 1.0 / wide - 1.0 / usual
     gain = 1.0 / usual + share * gap
     below = np.zeros(innovation.shape)
-    if with_below:
-        _below((innovation / np.sqrt(usual)).ravel(), 1.0 - rare, below.ravel())
-        _below((innovation / np.sqrt(wide)).ravel(), rare, below.ravel())
+    _below((innovation / np.sqrt(usual)).ravel(), 1.0 - rare, below.ravel())
+    _below((innovation / np.sqrt(wide)).ravel(), rare, below.ravel())
     return Correction(log_p, gain, gain - share * (1.0 - share) * gap**2 * squared, below)
 
 
@@ -110,16 +73,8 @@ def growth_of_rate(
 ) -> tuple[Array, Array]:
     """Return step and noise of level and rate over some hours, ``(..., 2, 2)`` each.
 
-    Parameters
-    ----------
-    rate
-        Rate now [1/h], ``(...)``.
-    hours
-        Hours of growth [h], in a form that broadcasts to it.
-    noise_hours
-        Variance of the effective time of growth per hour [h].
-    walk
-        Variance of the random walk of the rate in an hour, ``(...)``.
+    The effective time of growth has a variance of ``noise_hours`` an hour [h], and the rate a
+    random walk with that of ``walk`` an hour.
     """
     step, noise = np.zeros((2, *rate.shape, 2, 2))
     step[..., 0, 0] = step[..., 1, 1] = 1.0
@@ -160,7 +115,7 @@ def measured(
     value, value_before, carried, fresh
         As of ``Observation``, in a form that broadcasts to ``(...)``.
     settings
-        As of ``corrected``.
+        Size and probability of occasional errors.
     """
     (mean_before, covariance_before), (step, noise) = before, by
     mean, covariance = moved(*before, *by)
@@ -187,25 +142,12 @@ def near_healthy_update(
     two_sided: NDArray[np.bool_],
     log_likelihood: Array,
 ) -> None:
-    """Update Gaussians in place, knowing that x + error was set to healthy as not significant.
+    """Update Gaussians in place, ``(n,)``, knowing that x + error was set to healthy.
 
-    Parameters
-    ----------
-    mean, variance
-        Distance from healthy before, ``(n,)``; after it on return.
-    noise
-        Variance of the error, ``(n,)``.
-    reach
-        Standard deviations of the error within which it is not, ``(n,)`` [-].
-    two_sided
-        Whether the component may lie on either side of healthy, ``(n,)``.
-    log_likelihood
-        Logarithm of the probability of this, ``(n,)``; written.
-
-    Notes
-    -----
-    Moments of a Gaussian under a probit likelihood: Rasmussen and Williams, Gaussian Processes
-    for Machine Learning, 2006, section 3.9. Far in the tail the probit is a Gaussian at its edge.
+    The error, of a variance ``noise``, is then within ``reach`` of its standard deviations, above
+    or, where ``two_sided``, on either side of healthy. Moments of a Gaussian under a probit
+    likelihood: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 3.9.
+    Far in the tail the probit is a Gaussian at its edge.
     """
     for i in range(mean.size):
         m, sigma = mean[i], math.sqrt(noise[i])

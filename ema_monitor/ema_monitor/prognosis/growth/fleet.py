@@ -10,7 +10,7 @@ leaves the site. P26 of docs/prognosis.md.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -18,19 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, kind_of
-from ema_core.growth_laws import hours_until
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.cells import Cells, grid
-from ema_monitor.prognosis.growth.settings import (
-    LIFE_HOURS,
-    FleetPrior,
-    KnownLaw,
-    TrackerSettings,
-)
+from ema_monitor.prognosis.growth.cells import N_RATES, RATE_SPACING, Cells, grid
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 
-N_RATES: Final = 33
-_SPACING: Final = float(np.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1))
-"""Rates that are told apart, by the hours from healthy to the limit, and their distance [-]."""
 LEAST_LOG: Final = -30.0
 """Logarithm below the highest at which a likelihood is cut off [-]."""
 _KEPT: Final = 0.5
@@ -58,47 +49,11 @@ class GrownFault(NamedTuple):
     log_likelihood: NDArray[np.float16]
 
 
-class _Place(NamedTuple):
-    """Where the growing cells of a component are among the curves and rates of a fleet.
-
-    Attributes
-    ----------
-    cells
-        The cells, ``(n,)``.
-    place
-        Of each, number of its curve times ``N_RATES``, plus number of its rate, ``(n,)``.
-    curves
-        How many curves there are.
-    """
-
-    cells: NDArray[np.intp]
-    place: NDArray[np.intp]
-    curves: int
-
-    def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sums of values of all cells, ``(curves, rates)``."""
-        found = np.bincount(self.place, values[self.cells], self.curves * N_RATES)
-        return found.reshape(self.curves, N_RATES).astype(np.float64, copy=False)
-
-
-def _place(cells: Cells, number: int) -> _Place:
-    """Return where the growing cells of a component are: either side of healthy is the same."""
-    at = np.flatnonzero(cells.component == number)
-    law = np.empty(cells.prior.size, dtype=np.intp)
-    for n, part in enumerate(cells.slices.values()):
-        law[part] = n
-    still = cells.slices["constant"]
-    at = at[(at < still.start) | (at >= still.stop)]
-    hours = np.empty(at.size)
-    for n, name in enumerate(cells.slices):
-        own = law[at] == n
-        one = at[own]
-        hours[own] = hours_until(name, 0.0, cells.base[one], cells.shape[one], cells.limit[one])
-    rate = np.rint(np.log(hours / LIFE_HOURS[0]) / _SPACING).astype(np.intp)
-    figures = np.stack([law[at], cells.shape[at], cells.diffusion[at], cells.wanders[at]])
-    curves, curve = np.unique(np.round(figures, 12), axis=1, return_inverse=True)
-    index = curve.ravel() * N_RATES + np.clip(rate, 0, N_RATES - 1)
-    return _Place(at, index, curves.shape[1])
+def _table(cells: Cells, number: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sums of values of the growing cells of a component, ``(curves, rates)``."""
+    at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
+    found = np.bincount(cells.place[at], values[at]).astype(np.float64, copy=False)
+    return found.reshape(-1, N_RATES)
 
 
 def grown_faults(
@@ -108,22 +63,19 @@ def grown_faults(
 
     Parameters
     ----------
-    cells
-        Its grid.
-    weight
-        Probability of each cell [-].
+    cells, weight
+        Its grid, and the probability of each cell [-].
     growing
         Which components are judged to grow, ``(7,)``.
     """
     found = {}
     for number in np.flatnonzero(growing):
-        name = COMPONENTS[number]
-        place = _place(cells, int(number))
-        before = place.sums(cells.prior)
+        before = _table(cells, number, cells.prior)
         with np.errstate(divide="ignore", invalid="ignore"):
-            log = np.log(place.sums(weight) / before)
+            log = np.log(_table(cells, number, weight) / before)
         log = np.where(before > 0.0, log, -np.inf)
         log = np.maximum(log - log.max(), LEAST_LOG)
+        name = COMPONENTS[number]
         found[name] = GrownFault(kind_of(name), log.astype(np.float16))
     return found
 
@@ -137,39 +89,24 @@ def curves_without_fleet(limits: HealthLimits) -> dict[str, NDArray[np.float64]]
         Where lives end.
     """
     cells = grid(limits, TrackerSettings())
-    found = {}
+    tables = {kind_of(name): _table(cells, n, cells.prior) for n, name in enumerate(COMPONENTS)}
+    return {kind: table / table.sum() for kind, table in tables.items()}
+
+
+def with_fleet(cells: Cells, settings: TrackerSettings) -> Cells:
+    """Return a grid whose prior of curves and rates is that of a fleet, where no law is known."""
+    prior, shares = cells.prior.copy(), settings.fleet.shares if settings.fleet else {}
     for number, name in enumerate(COMPONENTS):
-        share = _place(cells, number).sums(cells.prior)
-        found[kind_of(name)] = share / share.sum()
-    return found
-
-
-def with_fleet(cells: Cells, fleet: FleetPrior | None, known: Mapping[str, KnownLaw]) -> Cells:
-    """Return a grid whose prior of curves and rates is that of a fleet, where no law is known.
-
-    Parameters
-    ----------
-    cells
-        The grid.
-    fleet
-        How other units grew; None when that is unknown.
-    known
-        Laws by component.
-    """
-    if fleet is None:
-        return cells
-    prior = cells.prior.copy()
-    for number, name in enumerate(COMPONENTS):
-        share = fleet.shares.get(kind_of(name))
-        if share is None or name in known:
+        share = shares.get(kind_of(name))
+        if share is None or name in settings.laws:
             continue
-        place = _place(cells, number)
-        before = place.sums(cells.prior)
+        before = _table(cells, number, cells.prior)
         if share.shape != before.shape:
             raise ValueError(f"the fleet's {name} has {share.shape} curves, not {before.shape}")
         factor = np.divide(share * before.sum(), before, out=np.zeros_like(share), where=before > 0)
-        prior[place.cells] *= factor.ravel()[place.place]
-        prior[place.cells] *= before.sum() / prior[place.cells].sum()
+        at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
+        prior[at] *= factor.ravel()[cells.place[at]]
+        prior[at] *= before.sum() / prior[at].sum()
     return replace(cells, prior=prior)
 
 
@@ -177,8 +114,7 @@ def grid_digest(limits: HealthLimits) -> str:
     """Return what tells whether likelihoods are of the same curves and rates."""
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
-    figures = (cells.component, cells.side, cells.base, cells.shape, cells.diffusion, cells.wanders)
-    for one in figures:
+    for one in (cells.component, cells.side, cells.base, cells.shape, cells.diffusion, cells.place):
         digest.update(np.round(np.asarray(one, dtype=np.float64), 12).tobytes())
     return digest.hexdigest()[:16]
 
@@ -197,7 +133,9 @@ def distribution(
     """
     units = np.exp(np.stack(likelihoods), dtype=np.float64) * prior
     of_curves, of_rates = prior.sum(axis=1), prior.sum(axis=0)
-    kernel = _kernel(prior.shape[1])
+    steps = np.arange(of_rates.size)
+    # Neighbouring rates are taken together.
+    kernel = np.exp(-0.5 * ((steps[:, None] - steps) * RATE_SPACING / _SMOOTHING) ** 2)
     # How much likelier each curve, and each rate, is in the fleet than without one.
     curves, rates = np.ones_like(of_curves), np.ones_like(of_rates)
     for _ in range(_STEPS):
@@ -211,9 +149,3 @@ def distribution(
         curves, rates = curves / (of_curves @ curves), rates / (of_rates @ rates)
     share = prior * curves[:, None] * rates
     return (1.0 - _KEPT) * share / share.sum() + _KEPT * prior
-
-
-def _kernel(n: int) -> NDArray[np.float64]:
-    """Return the weights by which neighbouring rates are taken together, ``(n, n)``."""
-    steps = np.arange(n)
-    return np.exp(-0.5 * ((steps[:, None] - steps) * _SPACING / _SMOOTHING) ** 2)

@@ -24,32 +24,16 @@ _PACE_SPACING: Final = float(PACES[1] - PACES[0])
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Samples of state and growth, ``(7, n)`` each.
-
-    Attributes
-    ----------
-    cells, noise_hours
-        The grid, and the variance of the effective time per hour [h].
-    cell
-        Cell number; of a sample under a wave that of no growth.
-    x
-        Distance from healthy, towards the side to which the cell grows, with its wave [-].
-    rate
-        Rate of the law at pace 1.
-    pace
-        Logarithm of the pace [-].
-    is_wave, waves
-        Which samples are under a wave, and these.
-    """
+    """Samples of state and growth, ``(7, n)`` each."""
 
     cells: Cells
-    noise_hours: float
-    cell: NDArray[np.intp]
-    x: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    pace: NDArray[np.float64]
+    noise_hours: float  # variance of the effective time of growth per hour [h]
+    cell: NDArray[np.intp]  # of a sample under a wave that of no growth
+    x: NDArray[np.float64]  # distance from healthy to the side of the cell, with its wave [-]
+    rate: NDArray[np.float64]  # of the law at pace 1
+    pace: NDArray[np.float64]  # its logarithm [-]
     is_wave: NDArray[np.bool_]
-    waves: WaveDraw
+    waves: WaveDraw  # the samples under a wave
 
 
 def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:

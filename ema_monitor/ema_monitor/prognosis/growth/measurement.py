@@ -136,15 +136,9 @@ class Measurement:
         return np.where(self.seen, self.faults[INDICES] - HEALTHY, 0.0)
 
     @cached_property
-    def error_covariance(self) -> NDArray[np.float64]:
-        """Covariance of the error of ``value``, 1 where there is none, ``(7, 7)``."""
-        covariance = np.nan_to_num(self.covariance[np.ix_(INDICES, INDICES)])
-        return np.where(np.outer(self.seen, self.seen), covariance, np.eye(len(INDICES)))
-
-    @property
     def noise(self) -> NDArray[np.float64]:
-        """Variances of the error of ``value``, ``(7,)``."""
-        return np.diag(self.error_covariance)
+        """Variances of the error of ``value``, 1 where there is none, ``(7,)``."""
+        return np.where(self.seen, np.diag(self.covariance)[INDICES], 1.0)
 
     def normalized_innovation(
         self, mean: NDArray[np.float64], variance: NDArray[np.float64]
@@ -154,34 +148,3 @@ class Measurement:
         reach = np.where(self.near_healthy, REACH * np.sqrt(self.noise), 0.0)
         total = np.sqrt(self.noise + variance)
         return np.where(self.seen, np.maximum(away - reach, 0.0) / total, 0.0)
-
-    def without_common_errors(
-        self,
-        mean: NDArray[np.float64],
-        variance: NDArray[np.float64],
-        plain: NDArray[np.bool_],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return values and error variances, given all other components, ``(7,)`` each.
-
-        Errors of one test are correlated: that the others lie off their predictions shows part of
-        the error of each (the conditional Gaussian distribution).
-
-        Parameters
-        ----------
-        mean, variance
-            The predictions.
-        plain
-            Components whose value is that of the test and not merely near healthy.
-        """
-        value, noise = self.value.copy(), self.noise.copy()
-        total = self.error_covariance + np.diag(variance)
-        for number in np.flatnonzero(plain):
-            others = plain.copy()
-            others[number] = False
-            shared = self.error_covariance[number, others]
-            if not np.any(shared):
-                continue
-            factor = np.linalg.solve(total[np.ix_(others, others)], shared)
-            value[number] -= factor @ (self.value - mean)[others]
-            noise[number] = max(noise[number] - factor @ shared, 0.01 * noise[number])
-        return value, noise

@@ -19,6 +19,7 @@ from ema_monitor.prognosis.growth.errors import EstimateErrors
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, Array
 from ema_monitor.prognosis.growth.fleet import with_fleet
 from ema_monitor.prognosis.growth.kept import Kept
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
 
@@ -29,24 +30,13 @@ _WANDERS, _WAVE = 2, 3
 class Mixture(Kept):
     """Cells and waves, and the errors of the estimates that both are measured by.
 
-    Parameters
-    ----------
-    limits
-        Where life ends.
-    settings
-        What is assumed.
-
     Attributes
     ----------
-    bank, waves, errors
-        The parts.
     weight
         Probability of each cell, and of each filter of a wave behind them, ``(n,)``; sums to 1 over
         those of a component.
-    component
-        The component that each is of.
-    members
-        Numbers of the cells and filters of each component.
+    component, members
+        The component that each is of, and the numbers of those of each component.
     noise_hours
         Variance of the effective time of growth per hour in service [h].
     """
@@ -56,7 +46,7 @@ class Mixture(Kept):
 
     def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
         self._settings, self.noise_hours = settings, settings.noise_hours
-        cells = with_fleet(grid(limits, settings), settings.fleet, settings.laws)
+        cells = with_fleet(grid(limits, settings), settings)
         self.bank = Bank(cells, settings)
         self.waves = waves = Waves(limits, settings, self.bank.two_sided)
         self.errors = EstimateErrors(settings)
@@ -130,13 +120,7 @@ class Mixture(Kept):
         return {law: share.tolist() for law, share in found.items()}
 
     def change_rate(self, number: int, rate: float, sigma: float) -> None:
-        """Forget how a component grew, given that it grows, but for its rate of now.
-
-        Parameters
-        ----------
-        number, rate, sigma
-            The component, the rate, and its standard deviation [1/h].
-        """
+        """Forget how a component grew, but for its rate of now and that it grows [1/h]."""
         at = self.members[number]
         at = at[(at < self.bank.mean.size) & ~self._is_constant[at]]
         rates = self.bank.rates()[at]
@@ -156,13 +140,7 @@ class Mixture(Kept):
         self.waves.advance(of_waves, hours)
 
     def _forget(self, used: NDArray[np.bool_]) -> None:
-        """Draw the probabilities of growth towards their prior, in each kind of growth by itself.
-
-        Parameters
-        ----------
-        used
-            Components of which the test tells something, ``(7,)``.
-        """
+        """Draw the probabilities of growth of some components towards their prior, by kind."""
         power = np.where(used, self._power, 1.0)
         before, at = self._of_kinds(self.weight), self._forgets
         # What wanders forgets; a law is one for life, or it is found to be none.
@@ -173,28 +151,17 @@ class Mixture(Kept):
         factor = wanted / np.maximum(self._of_kinds(self.weight), LEAST_PROBABILITY)
         self.weight *= factor.ravel()[self._kind]
 
-    def measure(
-        self, value: Array, noise: Array, used: NDArray[np.bool_], near_healthy: NDArray[np.bool_]
-    ) -> Array:
-        """Update by a test.
+    def measure(self, test: Measurement, used: NDArray[np.bool_]) -> Array:
+        """Update by the components of a test that are used, ``(7,)``.
 
-        Parameters
-        ----------
-        value, noise
-            Signed distances from healthy and variances of their errors, ``(7,)``.
-        used, near_healthy
-            Components that the test shows, and those of them that were set to healthy, ``(7,)``.
-
-        Returns
-        -------
-        numpy.ndarray
-            Probability of smaller values than those, as it was before the test, ``(7,)``; of no
-            meaning where a component is not shown or was set to healthy.
+        Returns the probability of smaller values than its own, as it was before it, ``(7,)``; of no
+        meaning where a component is not used or was set to healthy.
         """
         self._forget(used)
         self.bank.change(self._split(self.weight)[0])
-        test = self.errors.observed(value, noise, used & ~near_healthy, used & near_healthy)
-        told = self.bank.measure(test), self.waves.measure(test)
+        near = used & test.near_healthy
+        seen = self.errors.observed(test.value, test.noise, used & ~near, near)
+        told = self.bank.measure(seen), self.waves.measure(seen)
         log_p, below = (
             np.concatenate([cells, waves.ravel()]) for cells, waves in zip(*told, strict=True)
         )
@@ -209,14 +176,9 @@ class Mixture(Kept):
     def restart(self, number: int, value: float, noise: float, *, keep: float) -> None:
         """Start a component's level anew from one test, which may have an occasional error.
 
-        Parameters
-        ----------
-        number, value, noise
-            Number of the component, its new signed distance from healthy, and the variance of its
-            error [-].
-        keep
-            Power to which the probabilities are kept, relative to the prior: 0 reopens the prior,
-            1 keeps all that is known of the growth [-].
+        Its probabilities are kept to a power relative to the prior: 0 reopens the prior, 1 keeps
+        all that is known of the growth. Value and noise are a signed distance from healthy and the
+        variance of its error [-].
         """
         for part in (self.bank, self.waves):
             part.restart(number, value, noise + self._settings.occasional_error**2)

@@ -68,13 +68,7 @@ class OutlierDetector(Kept):
         self._patience = 0
 
     def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
-        """Return the earlier test with which this one begins a life, if there is one, and events.
-
-        Parameters
-        ----------
-        measurement
-            A test before any was used.
-        """
+        """Return the earlier test with which this one begins a life, if one does, and events."""
         name, events = COMPONENTS, list[Event]()
         for earlier in map(Measurement.of_row, self._held):
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2
@@ -106,14 +100,8 @@ class OutlierDetector(Kept):
     ) -> tuple[list[Event], NDArray[np.bool_], NDArray[np.bool_]]:
         """Return events, components whose level has changed, and components held back, ``(7,)``.
 
-        Parameters
-        ----------
-        measurement
-            The test.
-        mean, variance
-            Its prediction.
-        tests
-            Number of tests used so far, by component; one alone is too few for an outlier.
+        Mean and variance are those of the test's prediction; ``tests`` counts the tests used so
+        far, by component: one alone is too few for an outlier.
         """
         innovation = measurement.normalized_innovation(mean, variance)
         odd = (innovation > self._settings.event_sigmas) & (tests >= 2)

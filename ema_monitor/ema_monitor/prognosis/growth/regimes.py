@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.kept import Kept
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import Event
 from ema_monitor.prognosis.growth.waves import PERIODS
 
@@ -45,25 +46,13 @@ Array = NDArray[np.float64]
 
 
 class RegimeChange(NamedTuple):
-    """A change of the rate of growth.
+    """A change of the rate of growth."""
 
-    Attributes
-    ----------
-    hours
-        Service hour at which it happened, by the tests [h].
-    before, after
-        Rates [1/h].
-    sigma
-        Standard deviation of the rate after it [1/h].
-    tests
-        Tests after it.
-    """
-
-    hours: float
-    before: float
+    hours: float  # service hour at which it happened, by the tests [h]
+    before: float  # rates [1/h]
     after: float
-    sigma: float
-    tests: int
+    sigma: float  # standard deviation of the rate after it [1/h]
+    tests: int  # after it
 
     def event(self, name: str) -> Event:
         """Return the event that tells of the change of a component's rate."""
@@ -77,24 +66,12 @@ class RegimeChange(NamedTuple):
 
 
 class GrowthNoise(NamedTuple):
-    """What else than a change of its rate moves a component from test to test.
+    """What else than a change of its rate moves a component from test to test."""
 
-    Attributes
-    ----------
-    correlation
-        Correlation of the errors of successive tests [-].
-    large
-        Standard deviation of an occasional error [-].
-    hours
-        Variance of the effective time of growth per hour in service [h].
-    diffusion
-        Diffusion of its growth [1/sqrt(h)].
-    """
-
-    correlation: float
-    large: float
-    hours: float
-    diffusion: float
+    correlation: float  # of the errors of successive tests [-]
+    large: float  # standard deviation of an occasional error [-]
+    hours: float  # variance of the effective time of growth per hour in service [h]
+    diffusion: float  # of its growth [1/sqrt(h)]
 
 
 class RegimeWatch(Kept):
@@ -112,23 +89,10 @@ class RegimeWatch(Kept):
         """Forget the tests of a component: its level has changed."""
         self._count[number] = 0
 
-    def add(
-        self, hours: Array, value: Array, noise: Array, used: NDArray[np.bool_], service: float
-    ) -> None:
-        """Add a test.
-
-        Parameters
-        ----------
-        hours
-            Hours of growth of each component, ``(7,)`` [h].
-        value, noise
-            Signed distances from healthy and variances of their errors, ``(7,)``.
-        used
-            Components that it measures, ``(7,)``.
-        service
-            Service hours of the test [h].
-        """
-        row = np.stack([hours, value, noise, np.full_like(value, service)], axis=1)
+    def add(self, test: Measurement, noise: Array, used: NDArray[np.bool_]) -> None:
+        """Add the components that a test measures, with the variances of its errors, ``(7,)``."""
+        service = np.full_like(noise, test.hours)
+        row = np.stack([test.own_hours, test.value, noise, service], axis=1)
         self._tests[used] = np.append(self._tests[used][..., 1:], row[used, :, None], axis=2)
         self._count = np.minimum(self._count + used, TESTS)
 

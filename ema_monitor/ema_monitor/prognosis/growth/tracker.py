@@ -156,32 +156,24 @@ class Tracker(Kept):
         for number in np.flatnonzero(first):
             self._restart(int(number), measurement, keep=0.0)
         used &= ~first
-        mean, variance = self._mixture.moments()
         plain = used & ~measurement.near_healthy
-        value, noise = measurement.without_common_errors(mean, variance, plain)
-        pit = self._mixture.measure(value, noise, used, used & measurement.near_healthy)
+        pit = self._mixture.measure(measurement, used)
         self._check.one_step(pit, plain)
         self._tests += measurement.seen & np.logical_not(held)
         constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
-        events = self._changes_of_regime(measurement, value, noise, plain)
+        events = self._changes_of_regime(measurement, plain)
         self._check.observe(measurement, plain, self._mixture.errors.factor)
         if self._check.is_due:
             self._keep_prediction(measurement.own_hours)
         return events
 
-    def _changes_of_regime(
-        self,
-        measurement: Measurement,
-        value: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        plain: NDArray[np.bool_],
-    ) -> list[Event]:
+    def _changes_of_regime(self, measurement: Measurement, plain: NDArray[np.bool_]) -> list[Event]:
         """Return the changes of growth that a test shows; what was known of it is forgotten."""
         errors, events = self._mixture.errors, list[Event]()
-        scatter = max(errors.factor, 1.0) ** 2 * noise
-        self._regimes.add(measurement.own_hours, value, scatter, plain, measurement.hours)
+        scatter = max(errors.factor, 1.0) ** 2 * measurement.noise
+        self._regimes.add(measurement, scatter, plain)
         diffusion = self._mixture.diffusion()
         for number in np.flatnonzero(plain & self._growing):
             moves = GrowthNoise(

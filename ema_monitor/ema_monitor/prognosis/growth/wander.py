@@ -65,16 +65,9 @@ def mix_paces(
     blocks: NDArray[np.intp],
     hours: NDArray[np.float64],
 ) -> None:
-    """Let the paces of cells change, in place, merging what comes to each.
+    """Let the paces of cells change over hours of each curve, in place, merging what comes to each.
 
-    Parameters
-    ----------
-    weight, mean, variance
-        Of all cells.
-    blocks
-        Cells of each curve, by pace and rate, ``(b, p, r)``.
-    hours
-        Hours that pass for each curve [h], ``(b,)``.
+    ``blocks`` has the cells of each curve by pace and rate, ``(b, p, r)``.
     """
     moved = np.swapaxes(transition(hours), 1, 2)
     w, m = weight[blocks], mean[blocks]
@@ -92,14 +85,7 @@ def followed(
 ) -> NDArray[np.float64]:
     """Return the time of growth that passes in each of some steps, ``(m, n)`` [h].
 
-    Parameters
-    ----------
-    pace
-        Logarithm of the pace now [-], ``(n,)``.
-    steps
-        Steps [h], ``(m, n)``.
-    rng
-        Random numbers.
+    ``pace`` is the logarithm of the pace now [-], ``(n,)``.
     """
     passed = np.empty(steps.shape)
     factor = np.exp(pace - LOG_MEAN)
@@ -118,16 +104,8 @@ def hours_of(
 ) -> NDArray[np.float64]:
     """Return the hours in which a wandering pace makes growth pass its own hours, ``(n,)`` [h].
 
-    After ``STEPS`` steps the rest passes at the mean pace: what is slow for so long comes back.
-
-    Parameters
-    ----------
-    own
-        Hours at pace 1 [h], ``(n,)``.
-    pace
-        Logarithm of the pace now [-], ``(n,)``.
-    rng
-        Random numbers.
+    ``own`` are the hours at pace 1, ``pace`` is the logarithm of the pace now [-]. After ``STEPS``
+    steps the rest passes at the mean pace: what is slow for so long comes back.
     """
     step = own * _STEP_SHARE
     passed = followed(pace, np.broadcast_to(step, (STEPS, own.size)), rng)

@@ -60,21 +60,10 @@ _STEPS_A_PERIOD: Final = 20
 class Waves(Kept):
     """Filters of waves: states are x, v and the parts of w, a test measures x + w.
 
-    They are measured as the cells are, with errors that last and occasional ones.
-
-    Parameters
-    ----------
-    limits
-        Where life ends.
-    settings
-        Noise and probabilities; a component of known law has no wave.
-    two_sided
-        Components that can leave their healthy value to either side, ``(7,)``.
-
     Attributes
     ----------
     prior
-        Probabilities before any test, ``(7, k)``; ``PRIOR`` in all, or 0, of each component.
+        Probabilities before any test, ``(7, k)``; in all ``PRIOR``, or 0 where a law is known.
     grows
         Filters whose level grows, ``(k,)``.
     mean, covariance
@@ -132,15 +121,7 @@ class Waves(Kept):
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Let the filters of each component go on over hours of its own.
-
-        Parameters
-        ----------
-        weight
-            Probabilities, ``(7, k)``; changed, for growth begins.
-        hours
-            The hours, at least 0, ``(7,)`` [h].
-        """
+        """Let the filters go on over hours of their component, ``(7,)`` [h]; growth may begin."""
         self._begin(weight)
         hours = hours[:, None]
         rate, turn = self.rates(), hours * self.omega
@@ -177,11 +158,8 @@ class Waves(Kept):
     def measure(self, test: Observation) -> tuple[Array, Array]:
         """Update the filters by a test.
 
-        Returns
-        -------
-        tuple
-            Logarithms of the likelihoods of the filters and the probabilities of a smaller value
-            by them, ``(7, k)`` each; 0 of components not shown.
+        Returns logarithms of their likelihoods and the probabilities of a smaller value by them,
+        ``(7, k)`` each; 0 of components not shown.
         """
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
         at, (mean, variance) = test.plain, self.moments()
@@ -226,21 +204,11 @@ class Waves(Kept):
 
 @dataclass(frozen=True, eq=False)
 class WaveDraw:
-    """Samples under a wave.
+    """Samples under a wave."""
 
-    Attributes
-    ----------
-    state
-        Signed level, rate [1/h] and the parts of the wave, ``(m, 4)``.
-    omega
-        Turn of the wave [rad/h], ``(m,)``.
-    scale
-        One over the limit to which it grows, signed, ``(m,)``.
-    """
-
-    state: Array
-    omega: Array
-    scale: Array
+    state: Array  # signed level, rate [1/h] and the parts of the wave, (m, 4)
+    omega: Array  # turn of the wave [rad/h], (m,)
+    scale: Array  # one over the limit to which it grows, signed, (m,)
 
     def lives(self) -> Array:
         """Return hours until each sample first reaches its limit [h], ``(m,)``."""
