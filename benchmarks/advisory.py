@@ -28,8 +28,8 @@ from typing import Any, Final
 import click
 import numpy as np
 from numpy.typing import NDArray
-from prognosis_estimates import drawn
-from prognosis_lives import ScoredLife, advised, advised_others
+from prognosis.estimates import drawn
+from prognosis.lives import ScoredLife, lives_of
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -262,8 +262,8 @@ def main(lives: int, others: int, output: Path | None) -> None:
         Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
         workers(progress) as pool,
     ):
-        courses = pool.map("lives", follow, advised(lives))
-        ends = np.array(pool.map("other lives", end_of, advised_others(others)))
+        courses = pool.map("lives", follow, lives_of("advised", lives))
+        ends = np.array(pool.map("other lives", end_of, lives_of("advised_others", others)))
     cases = [
         compare(courses, ends, Costs(removal=1.0, failure=failure, lead_time=lead))
         for failure, lead in product(FAILURES, LEADS)

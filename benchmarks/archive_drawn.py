@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from prognosis_whole import estimate_of_measurement
+from prognosis.whole import estimate_of_measurement
 
 from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
 from ema_archive.partitions import write_health

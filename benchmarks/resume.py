@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import click
 import numpy as np
-from prognosis_whole import estimate_of_measurement
+from prognosis.whole import estimate_of_measurement
 from rich.console import Console
 from tables import target_table
 from targets import Row

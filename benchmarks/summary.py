@@ -17,13 +17,13 @@ import field_oriented
 import memory
 import normal
 import ordinary_motion
-import prognosis_tables
 import resume
 import sampling
 import startup
 import targets
 import trust
 import unknown_drive
+from prognosis import own_tables
 from rich.console import Console
 from tables import target_table
 from targets import Row
@@ -117,13 +117,13 @@ def main() -> None:
         "resume": resume.rows,
         "memory": memory.rows,
         "archive": archive.rows,
-        "prognosis": prognosis_tables.rows,
+        "prognosis": own_tables.rows,
         "advisory": advisory.rows,
     }
     rows: list[Row] = []
     for name, rows_of in parts.items():
         rows += rows_of(json.loads((HERE / f"{name}.json").read_text()))
-    beside = f"thesis, or\n{prognosis_tables.BESIDE}"
+    beside = f"thesis, or\n{own_tables.BESIDE}"
     Console(width=140).print(target_table("targets", rows, beside))
     content = [row._asdict() | {"met": None if row.met is None else bool(row.met)} for row in rows]
     (HERE / "summary.json").write_text(json.dumps(content, indent=2))

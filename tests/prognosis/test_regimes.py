@@ -21,7 +21,7 @@ ALL = np.ones(len(COMPONENTS), dtype=bool)
 VARIANCE = np.full(len(COMPONENTS), SIGMA**2)
 
 
-def tested(hours: float, friction: float) -> Measurement:
+def measured(hours: float, friction: float) -> Measurement:
     faults = healthy_faults()
     faults[FAULT_NAMES.index("friction")] = friction
     return Measurement(hours, faults, SIGMA**2 * np.eye(8), np.zeros(8, dtype=bool))
@@ -35,7 +35,7 @@ def changes(
     found, error = [], SIGMA * rng.standard_normal()
     fresh = np.sqrt(1.0 - noise.correlation**2)
     for test in range(tests):
-        watch.add(tested(10.0 * test, level(10.0 * test) + error), VARIANCE, ALL)
+        watch.add(measured(10.0 * test, level(10.0 * test) + error), VARIANCE, ALL)
         if (change := watch.judge(FRICTION, noise)) is not None:
             found.append((test, change))
         error = noise.correlation * error + fresh * SIGMA * rng.standard_normal()
@@ -129,5 +129,5 @@ def test_tests_of_one_hour_show_no_change():
     """As by seven tests on the ground, one after the other."""
     watch = RegimeWatch()
     for hours in (*np.arange(0.0, 165.0, 5.0), *[165.0] * 7):
-        watch.add(tested(hours, 1e-3 * hours), VARIANCE, ALL)
+        watch.add(measured(hours, 1e-3 * hours), VARIANCE, ALL)
         assert watch.judge(FRICTION, NOISE) is None

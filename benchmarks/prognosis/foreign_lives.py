@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from foreign_laws import DEVELOPMENT, HELD_OUT, Kind, Law, Seasonal
 from numpy.typing import NDArray
-from prognosis_estimates import error_model
-from prognosis_lives import LIMITS
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, HIGHEST, KINDS, healthy_faults
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import constant_life
+from prognosis.estimates import error_model
+from prognosis.laws import DEVELOPMENT, HELD_OUT, Kind, Law, Seasonal
+from prognosis.lives import LIMITS
 
 SEED: Final = 18_018
 """Root of the seeds of these lives."""
@@ -38,30 +38,15 @@ _MISSING: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Grown:
-    """A component that grows by a foreign law.
-
-    Attributes
-    ----------
-    name
-        Component.
-    side
-        Side of its healthy value on which it grows.
-    law
-        Law with the figures of this life.
-    hours, share, states
-        Steps of the whole life [h], the share of the limit at each without its wave [-], and the
-        states of the law, ``(n,)``, ``(n,)`` and ``(n, k)``.
-    since
-        Service hour from which the law counts, that of a repair or 0 [h].
-    """
+    """A component that grows by a foreign law."""
 
     name: str
-    side: float
+    side: float  # of its healthy value, on which it grows
     law: Law
-    hours: NDArray[np.float64]
-    share: NDArray[np.float64]
-    states: NDArray[np.float64]
-    since: float
+    hours: NDArray[np.float64]  # steps of the whole life [h], (n,)
+    share: NDArray[np.float64]  # of the limit at each, without its wave [-], (n,)
+    states: NDArray[np.float64]  # of the law, (n, k)
+    since: float  # service hour from which the law counts, that of a repair or 0 [h]
 
     @property
     def away(self) -> NDArray[np.float64]:
@@ -71,28 +56,14 @@ class Grown:
 
 @dataclass(frozen=True, eq=False)
 class ForeignLife:
-    """What happens in a life.
+    """What happens in a life."""
 
-    Attributes
-    ----------
-    grown
-        Components that grow to a limit, that which ends life first.
-    hours, faults
-        Service hours of the tests with an estimate [h] and true faults, ``(n,)`` and ``(n, 8)``.
-    end_hours
-        Service hour at which a fault first reaches its limit [h]; infinite when none grows.
-    start_hours
-        Service hour from which predictions are scored: that of the repair, or 0 [h].
-    noise
-        Standard deviation of the logarithm of the growth of ten hours [-].
-    """
-
-    grown: tuple[Grown, ...]
-    hours: NDArray[np.float64]
-    faults: NDArray[np.float64]
-    end_hours: float
-    start_hours: float
-    noise: float
+    grown: tuple[Grown, ...]  # components that grow to a limit, that which ends life first
+    hours: NDArray[np.float64]  # service hours of the tests with an estimate [h], (n,)
+    faults: NDArray[np.float64]  # true faults, (n, 8)
+    end_hours: float  # at which a fault first reaches its limit [h]; infinite when none grows
+    start_hours: float  # from which predictions are scored: that of the repair, or 0 [h]
+    noise: float  # standard deviation of the logarithm of the growth of ten hours [-]
 
     @property
     def dominant(self) -> str:
@@ -102,15 +73,7 @@ class ForeignLife:
 
 @dataclass(frozen=True)
 class ForeignCase:
-    """A life by its law and number.
-
-    Attributes
-    ----------
-    kind
-        Name of its law; empty where nothing grows.
-    number
-        Number of the life.
-    """
+    """A life by the name of its law, empty where nothing grows, and its number."""
 
     kind: str
     number: int
@@ -157,25 +120,10 @@ def continued(
     noise: float,
     rngs: tuple[np.random.Generator, np.random.Generator],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return shares of the limit and states of a law at hours of its own.
+    """Return shares of the limit and states of a law at hours of its own [h].
 
-    Parameters
-    ----------
-    law
-        The law.
-    share, states
-        At the first of the hours, ``(n,)`` and ``(k, n)``.
-    hours
-        Steps [h], ``(m,)``.
-    noise
-        Standard deviation of the logarithm of the growth of ten hours [-].
-    rngs
-        Random numbers of the law, and of the noise.
-
-    Returns
-    -------
-    tuple
-        Shares, ``(m, n)``, and states, ``(m, k, n)``.
+    It begins with shares and states at the first of the hours, ``(n,)`` and ``(k, n)``; the random
+    numbers are those of the law, and of the noise. Returns ``(m, n)`` and ``(m, k, n)``.
     """
     own, common = rngs
     shares, kept = [share], [states.copy()]
@@ -267,9 +215,11 @@ def _end(grown: Grown, after: float) -> float:
     """Return the hour of the first passage of the limit [h]; infinite when there is none."""
     limit, away = LIMITS[grown.name], grown.away
     over = np.flatnonzero(away >= limit)
-    if not over.size or grown.hours[over[0]] < after:
-        return math.inf if not over.size else float(grown.hours[over[0]])
+    if not over.size:
+        return math.inf
     at = int(over[0])
+    if grown.hours[at] < after:
+        return float(grown.hours[at])
     part = (limit - away[at - 1]) / (away[at] - away[at - 1])
     return float(grown.hours[at - 1] + part * (grown.hours[at] - grown.hours[at - 1]))
 

@@ -1,6 +1,6 @@
 """Accuracy and honesty of the remaining life over lives by laws that the tracker does not have.
 
-    tools/peers.sh python benchmarks/foreign_prognosis.py [--lives N] [--constant N] [--held-out]
+    ../tools/peers.sh python -m prognosis.foreign_laws [--lives N] [--constant N] [--held-out]
         [--no-peers] [--json FILE]
 
 Lives (foreign_lives.py) are by six laws that the tracker was developed with, or by six others with
@@ -13,23 +13,25 @@ Prints tables and writes JSON.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import click
 import numpy as np
-from foreign_laws import DEVELOPMENT, HELD_OUT
-from foreign_lives import SEED, ForeignCase, constant_lives, lives_of
-from foreign_predictors import FITS, SIMPLE_FITS, oracle
-from prognosis_predictors import law_unknown
-from prognosis_scores import LifeScore, summary
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from trials import workers
 
+from prognosis.fits import FITS, SIMPLE_FITS, oracle
+from prognosis.foreign_lives import SEED, ForeignCase, constant_lives, lives_of
+from prognosis.laws import DEVELOPMENT, HELD_OUT
+from prognosis.predictors import law_unknown
+from prognosis.scores import LifeScore, summary
+
 try:
-    from prognosis_progpy import particle_filter
+    from prognosis.particle_filter import particle_filter
 except ImportError:
     particle_filter = None
 
@@ -47,25 +49,16 @@ COVERAGE_OF_KIND: Final = (0.80, 0.97)
 MOST_BEYOND: Final = 0.06
 
 
-def score(case: ForeignCase) -> dict[str, LifeScore]:
-    """Score a life by all methods."""
-    return _scored(case, METHODS)
-
-
-def score_tracker(case: ForeignCase) -> dict[str, LifeScore]:
-    """Score a life by the tracker alone."""
-    return _scored(case, {TRACKER: law_unknown})
-
-
-def _scored(case: ForeignCase, methods: Mapping[str, Any]) -> dict[str, LifeScore]:
+def scored(methods: Sequence[str], case: ForeignCase) -> dict[str, LifeScore]:
+    """Score a life by some methods."""
     life = case.life()
     measurements = case.measurements(life)
     left = life.end_hours - life.start_hours
     told = [one for one in measurements if one.hours >= life.start_hours]
     result = {}
-    for name, predict in methods.items():
+    for name in methods:
         # progpy's filter knows of no repair: it begins with it.
-        made = predict(life, told if name == "progpy" else measurements)
+        made = METHODS[name](life, told if name == "progpy" else measurements)
         since = made.since(life.start_hours)
         result[name] = LifeScore.of(case.kind, case.number, left, since)
     return result
@@ -84,19 +77,13 @@ def figures_of(
     """Return the figures of each method: of all lives, by law and by variation."""
     result: dict[str, Any] = {}
     for name in scores[0]:
-        of_it = [(case, one[name]) for case, one in zip(cases, scores, strict=True)]
-        kinds = dict.fromkeys(case.kind for case in cases)
-        variations = dict.fromkeys(case.variation for case in cases)
-        result[name] = {
-            "all": summary([one for _, one in of_it]),
-            **{kind: summary([one for case, one in of_it if case.kind == kind]) for kind in kinds},
-            **{
-                f"with {variation}": summary(
-                    [one for case, one in of_it if case.variation == variation]
-                )
-                for variation in variations
-            },
-        }
+        of_it = list(zip(cases, [one[name] for one in scores], strict=True))
+        parts = {"all": [score for _, score in of_it]}
+        for case, score in of_it:
+            parts.setdefault(case.kind, []).append(score)
+        for case, score in of_it:
+            parts.setdefault(f"with {case.variation}", []).append(score)
+        result[name] = {part: summary(found) for part, found in parts.items()}
     return result
 
 
@@ -154,26 +141,18 @@ def main(lives: int, constants: int, held_out: bool, no_peers: bool, output: Pat
         Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
         workers(progress) as pool,
     ):
-        scores = pool.map("lives by foreign laws", score_tracker if no_peers else score, cases)
+        by = partial(scored, [TRACKER] if no_peers else list(METHODS))
+        scores = pool.map("lives by foreign laws", by, cases)
         told = pool.map("constant lives", reported, still)
     figures = {
         "seed": SEED,
         "held_out": held_out,
         "methods": figures_of(cases, scores),
         "constant": {
-            name: (sum(told[at] > 0 for at in which), len(which))
-            for name, which in (
-                ("steady", range(0, len(told), 2)),
-                ("with a wave", range(1, len(told), 2)),
-            )
+            name: (sum(tests > 0 for tests in of_it), len(of_it))
+            for name, of_it in (("steady", told[::2]), ("with a wave", told[1::2]))
         },
-        "lives": {
-            name: [
-                asdict(one[name]) | {"variation": case.variation}
-                for case, one in zip(cases, scores, strict=True)
-            ]
-            for name in scores[0]
-        },
+        "lives": [{name: asdict(score) for name, score in one.items()} for one in scores],
     }
     show(Console(width=185), figures)
     if output:

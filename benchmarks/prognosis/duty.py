@@ -4,11 +4,11 @@ Friction is in proportion to the wear, with a process noise of 0.3 as of ``ema_s
 are ten hours apart, their telemetry covers all hours, and no law is known.
 """
 
-import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,15 +29,17 @@ TRAVEL: Final = 50.0
 SIGMA: Final = 0.003
 _SCORED_FROM: Final = LIFE_TESTS // 2 + 2
 
+
+def _changed(rng: np.random.Generator, n: NDArray[np.intp], times: float) -> NDArray[np.float64]:
+    steady = np.exp(0.2 * rng.standard_normal(n.size))
+    return steady * np.where(n < LIFE_TESTS // 2, 1.0, times)
+
+
 KINDS: Final[dict[str, Callable[[np.random.Generator, NDArray[np.intp]], NDArray[np.float64]]]] = {
     "steady": lambda rng, n: np.exp(0.2 * rng.standard_normal(n.size)),
     "scattering": lambda rng, n: np.exp(0.8 * rng.standard_normal(n.size) - 0.32),
-    "three times as hard from half of life on": lambda rng, n: (
-        np.exp(0.2 * rng.standard_normal(n.size)) * np.where(n < LIFE_TESTS // 2, 1.0, 3.0)
-    ),
-    "a third as hard from half of life on": lambda rng, n: (
-        np.exp(0.2 * rng.standard_normal(n.size)) * np.where(n < LIFE_TESTS // 2, 1.0, 1.0 / 3.0)
-    ),
+    "three times as hard from half of life on": lambda rng, n: _changed(rng, n, 3.0),
+    "a third as hard from half of life on": lambda rng, n: _changed(rng, n, 1.0 / 3.0),
     "missions of some 20 tests": lambda rng, n: np.repeat(
         rng.choice([0.4, 1.0, 2.0], n.size // 20 + 1), 20
     )[: n.size],
@@ -86,18 +88,17 @@ def scores(kind: str, seed: int, growth_per: str, every: int) -> tuple[list[floa
     return accuracy, covered
 
 
-def main() -> None:
+@click.command()
+@click.option("--lives", default=8, show_default=True, help="lives of each kind")
+@click.option("--every", default=3, show_default=True, help="tests from one score to the next")
+def main(lives: int, every: int) -> None:
     """Print the table of all kinds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--lives", type=int, default=8, help="lives of each kind")
-    parser.add_argument("--every", type=int, default=3, help="tests from one score to the next")
-    options = parser.parse_args()
     print("| duty | accuracy by hours | by damage | coverage by hours | by damage |")
     print("|---|---|---|---|---|")
     for kind in KINDS:
         cells: dict[str, list[str]] = {"accuracy": [], "coverage": []}
         for growth_per in ("hours", "damage"):
-            each = [scores(kind, seed, growth_per, options.every) for seed in range(options.lives)]
+            each = [scores(kind, seed, growth_per, every) for seed in range(lives)]
             cells["accuracy"].append(f"{np.mean([np.mean(one) for one, _ in each]):.3f}")
             cells["coverage"].append(f"{np.mean(np.concatenate([one for _, one in each])):.2f}")
         print(f"| {kind} | {' | '.join(cells['accuracy'] + cells['coverage'])} |", flush=True)

@@ -1,6 +1,6 @@
 """How the real estimator errs along lives, measured once for the benchmark of prognosis.
 
-    python benchmarks/estimator_errors.py [--windows N] [--spoiled N]
+    python -m prognosis.estimator_errors [--windows N] [--spoiled N]
 
 Simulates tests drawn from lives other than those that are scored, identifies the faults in their
 noisy windows with the shipped settings, and writes truth, estimate and uncertainty of each to
@@ -17,7 +17,6 @@ import click
 import numpy as np
 from cases import Case
 from exactness import HEALTHY_WINDOWS, noisy_window
-from prognosis_lives import LIMITS, estimate_of
 from rich.console import Console
 from rich.progress import Progress
 from trials import ACTUATOR, workers
@@ -27,6 +26,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.estimate import Estimate
 from ema_sim.lives import constant_life, run_to_failure
+from prognosis.lives import LIMITS, estimate_of
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 SEED: Final = 20_185

@@ -4,19 +4,19 @@ The fits are told which component ends life, and of a repair, of which they use 
 fit predicts once a line through its tests rises by three standard errors.
 """
 
-import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from foreign_lives import ForeignLife, continued
 from numpy.typing import NDArray
-from prognosis_lives import LIMITS
-from prognosis_predictors import Predictions
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_monitor.prognosis.growth.measurement import Measurement
+from prognosis.foreign_lives import ForeignLife, continued
+from prognosis.lives import LIMITS
+from prognosis.predictors import Predictions, predicted
 
 SAMPLES: Final = 200
 LATEST: Final = 60
@@ -46,17 +46,15 @@ def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -
     share = np.array([one.faults[column] for one in used]) - healthy_faults()[column]
     share *= life.grown[0].side / LIMITS[name]
     shown = np.array([not one.unobservable[column] for one in used])
-    samples: list[Array | None] = [None] * (len(measurements) - len(used))
-    seconds = [np.nan] * len(samples)
-    for number in range(len(used)):
-        start = time.process_time()
-        seen = np.flatnonzero(shown[: number + 1])
-        made = None
-        if seen.size >= _LEAST_TESTS:
-            made = fit(hours[seen] - hours[number], share[seen], rng)
-        samples.append(made)
-        seconds.append(time.process_time() - start)
-    return Predictions.of(measurements, samples, seconds)
+    before = len(measurements) - len(used)
+
+    def after(number: int) -> Array | None:
+        seen = np.flatnonzero(shown[: max(number - before + 1, 0)])
+        if seen.size < _LEAST_TESTS:
+            return None
+        return fit(hours[seen] - hours[number - before], share[seen], rng)
+
+    return predicted(measurements, after)
 
 
 def _polynomial(
@@ -163,25 +161,18 @@ def _gaussian_process(t: Array, y: Array, rng: np.random.Generator) -> Array | N
     return np.where(over.any(axis=1), b[first] * span, np.inf)
 
 
-def _by(fit: Fit) -> Callable[[ForeignLife, Sequence[Measurement]], Predictions]:
-    def predict(life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:
-        return followed(fit, life, measurements)
-
-    return predict
-
-
 SIMPLE_FITS: Final = MappingProxyType(
     {
-        "straight line": _by(_line),
-        "line of 60 tests": _by(_latest_line),
-        "quadratic": _by(_quadratic),
-        "exponential": _by(_exponential),
+        "straight line": partial(followed, _line),
+        "line of 60 tests": partial(followed, _latest_line),
+        "quadratic": partial(followed, _quadratic),
+        "exponential": partial(followed, _exponential),
     }
 )
 """Fits that the tracker has to be better than in every kind of life."""
 
 FITS: Final[Mapping[str, Callable[[ForeignLife, Sequence[Measurement]], Predictions]]] = (
-    MappingProxyType({**SIMPLE_FITS, "Gaussian process": _by(_gaussian_process)})
+    MappingProxyType({**SIMPLE_FITS, "Gaussian process": partial(followed, _gaussian_process)})
 )
 
 
@@ -191,16 +182,12 @@ def oracle(life: ForeignLife, measurements: Sequence[Measurement]) -> Prediction
     It knows the law, its figures and the state; the noise of growth, and missions and shocks to
     come, it does not know.
     """
-    samples: list[Array | None] = []
-    seconds: list[float] = []
     rng = np.random.default_rng(0)
-    for measurement in measurements:
-        start = time.process_time()
-        hours = measurement.hours
+
+    def after(number: int) -> Array | None:
+        hours = measurements[number].hours
         left = np.full(SAMPLES, np.inf)
-        for one in life.grown:
-            if hours < life.start_hours:
-                continue
+        for one in life.grown if hours >= life.start_hours else ():
             at = max(int(np.searchsorted(one.hours, hours, "right")) - 1, 0)
             ahead = min(_ORACLE_HOURS, 3.0 * (life.end_hours - hours) + 100.0)
             steps = hours - one.since + np.arange(0.0, ahead, _ORACLE_STEP_HOURS)
@@ -211,6 +198,6 @@ def oracle(life: ForeignLife, measurements: Sequence[Measurement]) -> Prediction
             over = futures + wave[:, None] >= 1.0
             first = np.where(over.any(axis=0), steps[np.argmax(over, axis=0)], np.inf)
             left = np.minimum(left, np.maximum(first - steps[0] - 0.5 * _ORACLE_STEP_HOURS, 0.0))
-        samples.append(left if np.any(np.isfinite(left)) else None)
-        seconds.append(time.process_time() - start)
-    return Predictions.of(measurements, samples, seconds)
+        return left if np.any(np.isfinite(left)) else None
+
+    return predicted(measurements, after)

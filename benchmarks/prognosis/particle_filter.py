@@ -16,24 +16,18 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from prognosis_lives import LIMITS
-from prognosis_predictors import Predictions
 from progpy import PrognosticsModel  # pyright: ignore[reportMissingImports]
-from progpy.predictors import (  # pyright: ignore[reportMissingImports]
-    MonteCarlo,
-    ToEPredictionProfile,
-)
+from progpy.predictors import MonteCarlo  # pyright: ignore[reportMissingImports]
 from progpy.state_estimators import ParticleFilter  # pyright: ignore[reportMissingImports]
-from progpy.uncertain_data import (  # pyright: ignore[reportMissingImports]
-    ScalarData,
-    UnweightedSamples,
-)
+from progpy.uncertain_data import UnweightedSamples  # pyright: ignore[reportMissingImports]
 
 from ema_core._jit import kernel
 from ema_core.faults import FAULT_NAMES, TYPICAL, healthy_faults, kind_of
 from ema_core.growth_laws import LAWS, TypicalGrowth
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import LifeSettings, SimulatedLife
+from prognosis.lives import LIMITS
+from prognosis.predictors import Predictions
 
 PARTICLES: Final = 1000
 SAMPLES: Final = 100
@@ -191,20 +185,3 @@ def particle_filter(life: SimulatedLife, measurements: Sequence[Measurement]) ->
         samples.append(left)
         typical_life = float(np.median(np.minimum(left, _HORIZON_HOURS)))
     return Predictions.of(measurements, samples, seconds)
-
-
-def accuracy_by_progpy(made: Predictions, end_hours: float) -> float:
-    """Return progpy's cumulative relative accuracy over the second half of life [-].
-
-    It is that of the *hour* of the event, by the mean of each prediction, and leaves out tests
-    that predict nothing; 0 when none does.
-    """
-    profile = ToEPredictionProfile()
-    for hours, samples in zip(made.hours, made.samples, strict=True):
-        if hours >= 0.5 * end_hours and not np.any(np.isnan(samples)):
-            mean = np.mean(np.minimum(samples, _HORIZON_HOURS))
-            # progpy itself takes nothing but the mean of a distribution.
-            profile.add_prediction(float(hours), ScalarData({"limit": float(hours + mean)}))
-    if not profile:
-        return 0.0
-    return float(profile.cumulative_relative_accuracy({"limit": end_hours})["limit"])

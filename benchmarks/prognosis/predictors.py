@@ -2,12 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from prognosis_lives import LIMITS
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import hours_until
@@ -17,6 +16,7 @@ from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth
 from ema_sim.lives import LifeSettings, SimulatedLife
+from prognosis.lives import LIMITS
 
 TREND_TESTS: Final = 20
 """Latest estimates that the linear trend is fitted to."""
@@ -34,26 +34,14 @@ _ORACLE_SAMPLES: Final = 1000
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions of the remaining useful life after each test, NaN where none is given.
+    """Predictions of the remaining useful life after each test [h], NaN where none is given."""
 
-    Attributes
-    ----------
-    hours
-        Service hours of the tests, ``(n,)`` [h].
-    low, median, high
-        5, 50 and 95 % quantiles, ``(n,)`` each [h].
-    samples
-        Samples of the distribution, ``(n, m)`` [h].
-    seconds
-        Processor time from estimate to prediction, ``(n,)`` [s]; NaN where nothing was computed.
-    """
-
-    hours: NDArray[np.float64]
-    low: NDArray[np.float64]
+    hours: NDArray[np.float64]  # service hours of the tests, (n,)
+    low: NDArray[np.float64]  # 5, 50 and 95 % quantiles, (n,) each
     median: NDArray[np.float64]
     high: NDArray[np.float64]
-    samples: NDArray[np.float64]
-    seconds: NDArray[np.float64]
+    samples: NDArray[np.float64]  # of the distribution, (n, m)
+    seconds: NDArray[np.float64]  # processor time from estimate to prediction; NaN without, (n,)
 
     @classmethod
     def of(
@@ -75,14 +63,21 @@ class Predictions:
     def since(self, start_hours: float) -> "Predictions":
         """Return those from a service hour [h] on, their hours counted from it."""
         later = self.hours >= start_hours
-        return Predictions(
-            self.hours[later] - start_hours,
-            self.low[later],
-            self.median[later],
-            self.high[later],
-            self.samples[later],
-            self.seconds[later],
-        )
+        made = {one.name: getattr(self, one.name)[later] for one in fields(self)}
+        return Predictions(**{**made, "hours": made["hours"] - start_hours})
+
+
+def predicted(
+    measurements: Sequence[Measurement],
+    after: Callable[[int], NDArray[np.float64] | None],
+) -> Predictions:
+    """Return the predictions of samples after each test, by its number, with their times."""
+    samples, seconds = [], []
+    for number in range(len(measurements)):
+        start = time.process_time()
+        samples.append(after(number))
+        seconds.append(time.process_time() - start)
+    return Predictions.of(measurements, samples, seconds)
 
 
 Predictor = Callable[[SimulatedLife, Sequence[Measurement]], Predictions]
@@ -91,15 +86,13 @@ Predictor = Callable[[SimulatedLife, Sequence[Measurement]], Predictions]
 def tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> Predictions:
     """Return what a tracker with settings predicts after each test."""
     tracker = Tracker(HealthLimits(), settings)
-    samples: list[NDArray[np.float64] | None] = []
-    seconds: list[float] = []
-    for measurement in measurements:
-        start = time.process_time()
-        tracker.update(measurement)
+
+    def after(number: int) -> NDArray[np.float64] | None:
+        tracker.update(measurements[number])
         prognosis = tracker.predict()
-        seconds.append(time.process_time() - start)
-        samples.append(prognosis.samples if prognosis.overall.known else None)
-    return Predictions.of(measurements, samples, seconds)
+        return prognosis.samples if prognosis.overall.known else None
+
+    return predicted(measurements, after)
 
 
 def law_known(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
@@ -119,14 +112,10 @@ def linear_trend(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predi
     distribution is that of the line's two figures.
     """
     rng = np.random.default_rng(0)
-    samples: list[NDArray[np.float64] | None] = []
-    seconds: list[float] = []
-    for number in range(len(measurements)):
-        start = time.process_time()
-        latest = measurements[max(0, number + 1 - TREND_TESTS) : number + 1]
-        samples.append(_first_crossing(latest, rng))
-        seconds.append(time.process_time() - start)
-    return Predictions.of(measurements, samples, seconds)
+    return predicted(
+        measurements,
+        lambda n: _first_crossing(measurements[max(0, n + 1 - TREND_TESTS) : n + 1], rng),
+    )
 
 
 def _first_crossing(
@@ -165,24 +154,19 @@ def oracle(life: SimulatedLife, measurements: Sequence[Measurement]) -> Predicti
     increments, the hours until a limit are inverse Gaussian; with drift they are exactly.
     """
     rng = np.random.default_rng(0)
-    samples: list[NDArray[np.float64] | None] = []
-    seconds: list[float] = []
-    for measurement in measurements:
-        start = time.process_time()
-        at = int(np.searchsorted(life.hours, measurement.hours))
+
+    def after(number: int) -> NDArray[np.float64] | None:
+        hours = measurements[number].hours
+        at = int(np.searchsorted(life.hours, hours))
         lives = np.full(_ORACLE_SAMPLES, np.inf)
         for name, growth in life.growths.items():
-            away = life.faults[at, FAULT_NAMES.index(name)] - _healthy(name)
-            waiting = max(growth.onset - measurement.hours, 0.0)
-            passage = _passage(growth, float(away), LIMITS[name], rng)
-            lives = np.minimum(lives, waiting + passage)
-        samples.append(lives if life.growths else None)
-        seconds.append(time.process_time() - start)
-    return Predictions.of(measurements, samples, seconds)
+            column = FAULT_NAMES.index(name)
+            away = float(life.faults[at, column] - healthy_faults()[column])
+            passage = _passage(growth, away, LIMITS[name], rng)
+            lives = np.minimum(lives, max(growth.onset - hours, 0.0) + passage)
+        return lives if life.growths else None
 
-
-def _healthy(name: str) -> float:
-    return float(healthy_faults()[FAULT_NAMES.index(name)])
+    return predicted(measurements, after)
 
 
 def _passage(

@@ -6,9 +6,8 @@ samples at once, so that an oracle can continue a life with the same code that m
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,46 +15,32 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Law(Protocol):
+class Law:
     """A law with the figures of one life.
 
-    Attributes
-    ----------
-    start
-        Share of the limit at which a new, or repaired, component begins [-].
+    Most have nothing random but the noise of growth, and no wave. A new, or repaired, component
+    begins at ``start``.
     """
-
-    start: float
-
-    def __init__(self, life: float, rng: np.random.Generator) -> None: ...
-
-    def states(self, n: int, rng: np.random.Generator) -> Array:
-        """Return what is random and lasts from step to step, of n samples, ``(k, n)``."""
-        ...
-
-    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        """Return the growth over h hours from the hour u since new on [-]; states change."""
-        ...
-
-    def wave(self, u: Array | float) -> Array | float:
-        """Return the reversible part at an hour, as a share of the limit [-]."""
-        ...
-
-
-class _Steady:
-    """What most laws have: nothing random but the noise of growth, and no wave."""
 
     start = 0.0
 
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        """Draw the figures of a life of some hours [h]."""
+
     def states(self, n: int, rng: np.random.Generator) -> Array:
-        del rng
+        """Return what is random and lasts from step to step, of n samples, ``(k, n)``."""
         return np.empty((0, n))
 
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        """Return the growth over h hours from the hour u since new on [-]; states change."""
+        raise NotImplementedError
+
     def wave(self, u: Array | float) -> Array | float:
+        """Return the reversible part at an hour, as a share of the limit [-]."""
         return 0.0 * u
 
 
-class Logistic(_Steady):
+class Logistic(Law):
     """dy/du = k y (1 - y / K): it accelerates, then slows down towards K beyond the limit."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -64,11 +49,10 @@ class Logistic(_Steady):
         self.k = np.log(odds) / life
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del u, states, rng
         return self.k * h * y * (1.0 - y / self.top)
 
 
-class Missions(_Steady):
+class Missions(Law):
     """Linear wear whose rate is that of the mission, which changes every few hundred hours."""
 
     factors = np.array([0.5, 1.0, 2.0])
@@ -80,7 +64,6 @@ class Missions(_Steady):
         return np.stack([rng.choice(self.factors, n), rng.exponential(self.hours, n)])
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del y, u
         states[1] -= h
         ended = np.flatnonzero(states[1] < 0.0)
         states[0, ended] = rng.choice(self.factors, ended.size)
@@ -88,7 +71,7 @@ class Missions(_Steady):
         return states[0] * (h / self.life / self.factors.mean())
 
 
-class Avalanche(_Steady):
+class Avalanche(Law):
     """Insulation: hardly any growth until an onset late in life, then dy/du = g (y + c)^m."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -99,13 +82,12 @@ class Avalanche(_Steady):
         self.g = span / (life - self.onset)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del states, rng
         return h * (
             self.g * (y + self.c) ** self.m if u > self.onset else np.full_like(y, self.rate)
         )
 
 
-class Seasonal(_Steady):
+class Seasonal(Law):
     """Linear growth under a wave of 3 to 6 % of the limit, of some hundred hours.
 
     Of a limit of half the range, that is up to 3 % of the range.
@@ -116,14 +98,13 @@ class Seasonal(_Steady):
         self.period, self.phase = rng.uniform(300.0, 1000.0), rng.uniform(0.0, 2.0 * np.pi)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del u, states, rng
         return np.full_like(y, h / self.life)
 
     def wave(self, u: Array | float) -> Array | float:
         return self.amplitude * np.sin(2.0 * np.pi * u / self.period + self.phase)
 
 
-class Paris(_Steady):
+class Paris(Law):
     """dy/du = C (y + y0)^m from a small crack on, as Paris' law with the length of the crack."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -132,11 +113,10 @@ class Paris(_Steady):
         self.c = (1.0 - self.start**power) / power / life
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del u, states, rng
         return h * self.c * y**self.m
 
 
-class LostLubrication(_Steady):
+class LostLubrication(Law):
     """Linear wear whose rate becomes another once and for all."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -145,11 +125,10 @@ class LostLubrication(_Steady):
         self.rate = 1.0 / (self.at + self.factor * (life - self.at))
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del states, rng
         return np.full_like(y, h * self.rate * (self.factor if u > self.at else 1.0))
 
 
-class Weibull(_Steady):
+class Weibull(Law):
     """y follows the distribution of Weibull: an S whose steepest part is before the limit."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -160,11 +139,10 @@ class Weibull(_Steady):
         return float(-np.expm1(-((u / self.scale) ** self.shape)) / self.reached)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del states, rng
         return np.full_like(y, self._value(u + h) - self._value(u))
 
 
-class Staged(_Steady):
+class Staged(Law):
     """Creep: a first part that saturates, a steady one, and one that accelerates."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -173,25 +151,23 @@ class Staged(_Steady):
         self.parts = (*(shares / [1.0, life, 1.0]), first, last, life)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del states, rng
         settling, steady, ending, first, last, life = self.parts
         rate = settling / first * np.exp(-u / first) + steady
         return np.full_like(y, h * (rate + ending / last * np.exp((u - life) / last)))
 
 
-class Shocks(_Steady):
+class Shocks(Law):
     """Damage in steps: a compound Poisson process over a little steady wear."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.life, self.shocks = life, rng.uniform(40.0, 100.0)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del u, states
         count = rng.poisson(self.shocks * h / self.life, y.size)
         return 0.2 * h / self.life + 0.8 / self.shocks * rng.standard_gamma(count)
 
 
-class Thermal(_Steady):
+class Thermal(Law):
     """Wear at a rate that a season modulates."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -199,24 +175,22 @@ class Thermal(_Steady):
         self.period, self.phase = rng.uniform(300.0, 1000.0), rng.uniform(0.0, 2.0 * np.pi)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del states, rng
         rate = 1.0 + self.depth * np.sin(2.0 * np.pi * u / self.period + self.phase)
         return np.full_like(y, h / self.life * rate)
 
 
-class RunningIn(_Steady):
+class RunningIn(Law):
     """y = (u / T)^p with p below 1: wear that slows down for good."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.life, self.p = life, rng.uniform(0.5, 0.8)
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del states, rng
         grown = ((u + h) / self.life) ** self.p - (u / self.life) ** self.p
         return np.full_like(y, grown)
 
 
-class Wandering(_Steady):
+class Wandering(Law):
     """Linear wear the logarithm of whose rate wanders (Ornstein and Uhlenbeck)."""
 
     sigma = 0.6
@@ -228,15 +202,13 @@ class Wandering(_Steady):
         return self.sigma * rng.standard_normal((1, n))
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        del u
         kept = np.exp(-h / self.hours)
         spread = self.sigma * np.sqrt(1.0 - kept**2)
         states[0] = kept * states[0] + spread * rng.standard_normal(y.size)
         return h / self.life * np.exp(states[0] - 0.5 * self.sigma**2)
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """A law, and the kinds of fault that it is drawn for."""
 
     law: type[Law]

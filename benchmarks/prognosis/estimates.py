@@ -15,7 +15,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from prognosis_lives import ScoredLife
 
 from ema_core.faults import (
     ECCENTRICITY,
@@ -27,6 +26,7 @@ from ema_core.faults import (
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import SimulatedLife
+from prognosis.lives import ScoredLife
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 _UPPER: Final = np.triu_indices(N_FAULTS, 1)
@@ -38,24 +38,12 @@ _WEIGHTS: Final = np.where(np.arange(N_FAULTS) == ECCENTRICITY_PHASE, 0.1, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """The measured windows.
+    """The measured windows."""
 
-    Attributes
-    ----------
-    truth
-        True faults, ``(n, 8)``.
-    sigma
-        Standard deviations, ``(n, 8)``; NaN where unobservable.
-    correlation
-        Correlations of the errors, ``(n, 8, 8)``.
-    standardised
-        Errors in units of sigma, ``(n, 8)``; NaN where a window does not show the component.
-    """
-
-    truth: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    correlation: NDArray[np.float64]
-    standardised: NDArray[np.float64]
+    truth: NDArray[np.float64]  # true faults, (n, 8)
+    sigma: NDArray[np.float64]  # standard deviations, (n, 8); NaN where unobservable
+    correlation: NDArray[np.float64]  # of the errors, (n, 8, 8)
+    standardised: NDArray[np.float64]  # errors in sigma, NaN where they do not show, (n, 8)
 
     @classmethod
     def of(cls, path: Path = FILE) -> "ErrorModel":
@@ -95,17 +83,7 @@ class ErrorModel:
         correlation: float,
         rng: np.random.Generator,
     ) -> list[Measurement]:
-        """Return estimates whose errors, in units of sigma, follow an AR(1) process.
-
-        Parameters
-        ----------
-        hours, faults
-            Service hours [h] and true faults of the tests, ``(n,)`` and ``(n, 8)``.
-        correlation
-            That of the errors of successive tests [-].
-        rng
-            Random numbers.
-        """
+        """Return estimates whose errors, in units of sigma, follow an AR(1) process."""
         fresh = np.sqrt(1.0 - correlation**2)
         z, found = self._errors(rng), []
         for hour, vector in zip(hours, faults, strict=True):
@@ -120,19 +98,7 @@ class ErrorModel:
         rng: np.random.Generator,
         standardised: NDArray[np.float64] | None = None,
     ) -> Measurement:
-        """Return what the estimator could say of a test.
-
-        Parameters
-        ----------
-        hours
-            Service hour [h].
-        faults
-            True faults, ``(8,)``.
-        rng
-            Random numbers.
-        standardised
-            Errors in units of sigma, ``(8,)``; drawn when None.
-        """
+        """Return what the estimator could say of a test; errors are drawn where none are given."""
         gap = np.sqrt(np.abs(self.truth - healthy_faults()))
         own = np.sqrt(np.abs(faults - healthy_faults()))
         distance = np.sum(_WEIGHTS * (gap - own) ** 2, axis=1)
@@ -171,13 +137,7 @@ def error_model() -> ErrorModel:
 
 
 def drawn(scored: ScoredLife, life: SimulatedLife) -> list[Measurement]:
-    """Return the estimates of a life's tests with a usable window, always the same.
-
-    Parameters
-    ----------
-    scored, life
-        The life and what happens in it.
-    """
+    """Return the estimates of a life's tests with a usable window, always the same."""
     rng = scored.rng(1)
     return [
         error_model().draw(float(hours), faults, rng)

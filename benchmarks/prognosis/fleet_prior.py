@@ -1,6 +1,6 @@
 """How much the prognosis of a unit gains by the growth of others, and that it does not lose.
 
-    python benchmarks/fleet_prior.py [--fleet N] [--lives N] [--json FILE]
+    python -m prognosis.fleet_prior [--fleet N] [--lives N] [--json FILE]
 
 The law is not known. Lives by drawn estimates, as of prognosis.py, on seeds of their own, are
 scored without a fleet, with that of N earlier units of the same kind, which lived to their ends,
@@ -18,10 +18,6 @@ from typing import Any
 
 import click
 import numpy as np
-from prognosis_estimates import drawn
-from prognosis_lives import ScoredLife, fleet, fleet_otherwise, next_units
-from prognosis_predictors import tracked
-from prognosis_scores import LifeScore, summary
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
@@ -33,6 +29,10 @@ from ema_monitor.prognosis.fleet import Fleet, FleetUnit
 from ema_monitor.prognosis.growth.fleet import grid_digest
 from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from prognosis.estimates import drawn
+from prognosis.lives import ScoredLife, lives_of
+from prognosis.predictors import tracked
+from prognosis.scores import LifeScore, summary
 
 WITHOUT, SAME, OTHER = "no fleet", "fleet", "fleet of another kind"
 
@@ -74,10 +74,13 @@ def main(units: int, lives: int, output: Path | None) -> None:
         workers(progress) as pool,
     ):
         known: dict[str, FleetPrior | None] = {WITHOUT: None}
-        for name, members in ((SAME, fleet(units)), (OTHER, fleet_otherwise(units))):
-            said = {str(n): unit for n, unit in enumerate(pool.map(name, unit_of, members))}
+        for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
+            said = {
+                str(n): unit
+                for n, unit in enumerate(pool.map(name, unit_of, lives_of(stream, units)))
+            }
             known[name] = Fleet(grid_digest(limits), said).prior(limits)
-        found = pool.map("lives", partial(scores_of, known), next_units(lives))
+        found = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
     rows = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
     table = Table(title=f"law unknown, fleets of {units}, {lives} lives")
     for name in rows[0]:

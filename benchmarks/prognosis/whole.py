@@ -6,11 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import prognosis_metrics as metrics
 from numpy.typing import NDArray
-from prognosis_estimates import drawn
-from prognosis_lives import ScoredLife
-from prognosis_predictors import SETTINGS
 
 from ema_core.faults import FaultVector
 from ema_monitor.calibration.calibration import Calibration
@@ -29,53 +25,31 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 from ema_sim.lives import SimulatedLife
+from prognosis import metrics
+from prognosis.estimates import drawn
+from prognosis.lives import ScoredLife
+from prognosis.predictors import SETTINGS
 
 _NS_PER_HOUR = 3_600_000_000_000
 
 
 @dataclass(frozen=True)
 class Reports:
-    """What is reported of a life in which nothing grows.
-
-    Attributes
-    ----------
-    tests
-        Number of tests.
-    by_faults, by_requirements
-        After how many of them a remaining life is reported, by fault limits and by requirements.
-    failing
-        After how many a requirement is reported to fail already: constant faults may be so large.
-    """
+    """What is reported of a life in which nothing grows: after how many of its tests."""
 
     tests: int
-    by_faults: int
+    by_faults: int  # a remaining life by fault limits
     by_requirements: int
-    failing: int
+    failing: int  # that a requirement fails already: constant faults may be so large
 
 
 @dataclass(frozen=True)
 class WholeScore:
-    """Score of the reported end of life, by a fault limit or by a requirement.
+    """Score of the reported end of life, by a fault limit or by a requirement."""
 
-    Attributes
-    ----------
-    kind
-        Dominant fault.
-    end_hours
-        Service hour at which the first of them is passed [h].
-    by_requirement
-        Whether a requirement is.
-    cra
-        Cumulative relative accuracy over the second half of life [-].
-    inside, below, intervals
-        How many 90 % intervals hold the truth, lie wholly beyond it, and are reported.
-    """
-
-    kind: str
-    end_hours: float
-    by_requirement: bool
-    cra: float
-    inside: int
+    by_requirement: bool  # whether it ends by one
+    cra: float  # cumulative relative accuracy over the second half of life [-]
+    inside: int  # 90 % intervals that hold the truth, and that lie wholly beyond it, of how many
     below: int
     intervals: int
 
@@ -96,8 +70,6 @@ def score_whole(scored: ScoredLife) -> dict[str, WholeScore]:
         ).T
         left = end - hours
         scores[name] = WholeScore(
-            scored.kind,
-            end,
             failure < life.end_hours,
             metrics.cumulative_relative_accuracy(hours, median, end),
             int(np.sum((low <= left) & (left <= high))),

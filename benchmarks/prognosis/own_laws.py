@@ -1,6 +1,6 @@
-"""Accuracy and honesty of the remaining useful life over seeded lives to failure.
+"""Accuracy and honesty of the remaining useful life over lives by laws that the tracker has.
 
-    tools/peers.sh python benchmarks/prognosis.py [--lives N] [--constant N] [--repaired N]
+    ../tools/peers.sh python -m prognosis.own_laws [--lives N] [--constant N] [--repaired N]
         [--otherwise N] [--whole N] [--real N] [--json FILE]
 
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
@@ -26,29 +26,6 @@ import cases
 import click
 import numpy as np
 from exactness import HEALTHY_WINDOWS, noisy_window
-from prognosis_estimates import drawn
-from prognosis_lives import (
-    SEED,
-    ScoredLife,
-    constant,
-    estimate_of,
-    growing,
-    growing_otherwise,
-    real,
-    repaired,
-)
-from prognosis_predictors import (
-    PREDICTORS,
-    SETTINGS,
-    Predictor,
-    law_known,
-    law_unknown,
-    linear_trend,
-    oracle,
-)
-from prognosis_scores import LifeScore, by_kind
-from prognosis_tables import show
-from prognosis_whole import Reports, reports, score_whole, seconds, whole_figures
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from trials import ACTUATOR, Workers, workers
@@ -57,13 +34,27 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import SimulatedLife
+from prognosis.estimates import drawn
+from prognosis.lives import SEED, ScoredLife, estimate_of, lives_of
+from prognosis.own_tables import show
+from prognosis.predictors import (
+    PREDICTORS,
+    SETTINGS,
+    Predictor,
+    law_known,
+    law_unknown,
+    linear_trend,
+    oracle,
+)
+from prognosis.scores import LifeScore, by_kind
+from prognosis.whole import Reports, reports, score_whole, seconds, whole_figures
 
 try:
-    from prognosis_progpy import accuracy_by_progpy, particle_filter
+    from prognosis.particle_filter import particle_filter
 except ImportError as error:
     raise SystemExit(
-        f"prognosis.py compares with progpy ({error}); it is in the peers' environment: "
-        "tools/peers.sh python benchmarks/prognosis.py"
+        f"own_laws.py compares with progpy ({error}); it is in the peers' environment: "
+        "../tools/peers.sh python -m prognosis.own_laws"
     ) from None
 
 METHODS: Final[Mapping[str, Predictor]] = {
@@ -145,13 +136,7 @@ def _scores(
     result = {}
     for name, predict in methods.items():
         made = predict(life, measurements)
-        result[name] = LifeScore.of(
-            scored.kind,
-            scored.number,
-            life.end_hours,
-            made,
-            accuracy_by_progpy(made, life.end_hours),
-        )
+        result[name] = LifeScore.of(scored.kind, scored.number, life.end_hours, made)
     return result
 
 
@@ -171,11 +156,18 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
     """Return all figures."""
     durations: dict[str, float] = {}
     figures: dict[str, Any] = {"seed": SEED, "durations_s": durations}
-    with _timed("drawn", durations):
-        scores = pool.map("lives, drawn estimates", score_drawn, growing(sizes.growing))
-        figures["drawn"], figures["drawn_lives"] = _figures(scores)
+    for case, count, score in (
+        ("drawn", sizes.growing, score_drawn),
+        ("repaired", sizes.repaired, score_repaired),
+        ("otherwise", sizes.otherwise, score_otherwise),
+    ):
+        lives = lives_of("growing" if case == "drawn" else case, count)
+        if lives:
+            with _timed(case, durations):
+                scores = pool.map(f"lives, {case}", score, lives)
+                figures[case], figures[f"{case}_lives"] = _figures(scores)
     with _timed("constant", durations):
-        lives = constant(sizes.constant)
+        lives = lives_of("constant", sizes.constant)
         of_lives = pool.map("constant lives", reports, lives)
         trends = pool.map("their linear trends", trend_reports, lives)
         figures["constant"] = {
@@ -185,18 +177,9 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
             for name in SETTINGS
         }
         figures["constant"]["linear trend"] = constant_figures([True] * len(lives), trends)
-    if sizes.repaired:
-        with _timed("repaired", durations):
-            scores = pool.map("lives with a repair", score_repaired, repaired(sizes.repaired))
-            figures["repaired"], figures["repaired_lives"] = _figures(scores)
-    if sizes.otherwise:
-        with _timed("otherwise", durations):
-            lives = growing_otherwise(sizes.otherwise)
-            scores = pool.map("lives by other laws", score_otherwise, lives)
-            figures["otherwise"], figures["otherwise_lives"] = _figures(scores)
     if sizes.whole:
         with _timed("whole", durations):
-            scores = pool.map("lives with requirements", score_whole, growing(sizes.whole))
+            scores = pool.map("with requirements", score_whole, lives_of("growing", sizes.whole))
             figures["whole"] = {
                 name: whole_figures([score[name] for score in scores]) for name in SETTINGS
             }
@@ -206,11 +189,11 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
             calibration = calibrate_model(
                 pool.map("healthy windows", noisy_window, healthy), ACTUATOR
             )
-            jobs = [InTheLoop(scored, calibration) for scored in real(sizes.real)]
+            jobs = [InTheLoop(scored, calibration) for scored in lives_of("real", sizes.real)]
             scores = pool.map("lives in the loop", score_real, jobs)
             figures["real"], figures["real_lives"] = _figures(scores)
     with _timed("time", durations):
-        spent = pool.map("time with requirements", seconds, growing(TIMED))
+        spent = pool.map("time with requirements", seconds, lives_of("growing", TIMED))
         later = np.concatenate([one[1:] for one in spent])
         figures["whole_update"] = {
             "lives": len(spent),
@@ -258,29 +241,21 @@ def _figures(scores: Sequence[Scores]) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 @click.command()
-@click.option("--lives", default=300, show_default=True, type=click.IntRange(5))
-@click.option("--constant", "constants", default=100, show_default=True, type=click.IntRange(1))
-@click.option("--repaired", "repairs", default=50, show_default=True, type=click.IntRange(0))
+@click.option("--lives", "growing", default=300, show_default=True, type=click.IntRange(5))
+@click.option("--constant", default=100, show_default=True, type=click.IntRange(1))
+@click.option("--repaired", default=50, show_default=True, type=click.IntRange(0))
 @click.option("--otherwise", default=100, show_default=True, type=click.IntRange(0))
 @click.option("--whole", default=50, show_default=True, type=click.IntRange(0))
-@click.option("--real", "reals", default=20, show_default=True, type=click.IntRange(0))
+@click.option("--real", default=20, show_default=True, type=click.IntRange(0))
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(
-    lives: int,
-    constants: int,
-    repairs: int,
-    otherwise: int,
-    whole: int,
-    reals: int,
-    output: Path | None,
-) -> None:
+def main(output: Path | None, **sizes: int) -> None:
     """Print the tables and write the JSON file."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with (
         Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
         workers(progress) as pool,
     ):
-        figures = measure(pool, Sizes(lives, constants, repairs, otherwise, whole, reals))
+        figures = measure(pool, Sizes(**sizes))
     show(Console(width=185), figures)
     if output:
         output.write_text(json.dumps(figures))

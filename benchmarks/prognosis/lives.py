@@ -39,8 +39,19 @@ OTHER_LAWS: Final[Mapping[str, TypicalGrowth]] = {
 }
 """Growth by laws that are not those of the type, in lives of about the same length."""
 
-_GROWING, _CONSTANT, _REAL, _REPAIRED, _OTHERWISE, _ADVISED, _ADVISED_OTHERS = range(7)
-_FLEET, _FLEET_OTHERWISE, _NEXT = range(7, 10)
+STREAMS: Final = (
+    "growing",
+    "constant",
+    "real",  # simulated and identified test by test
+    "repaired",  # with a repair of the dominant fault
+    "otherwise",  # by laws that are not those of the type
+    "advised",  # on which the advice is judged
+    "advised_others",  # which fixed intervals are fitted to
+    "fleet",
+    "fleet_otherwise",  # of another kind of unit, whose faults grow by other laws
+    "next",  # of units that come after the fleet
+)
+"""Kinds of lives, to failure but for the constant ones; each has random numbers of its own."""
 
 
 @dataclass(frozen=True)
@@ -48,80 +59,38 @@ class ScoredLife:
     """A life by its number; ``rng`` gives a stream for everything else that is random in it."""
 
     number: int
-    stream: int
+    stream: str
 
     @property
     def kind(self) -> str:
         """Dominant fault; empty in a constant life."""
-        return "" if self.stream == _CONSTANT else list(TYPICAL)[self.number % len(TYPICAL)]
+        return "" if self.stream == "constant" else list(TYPICAL)[self.number % len(TYPICAL)]
+
+    @property
+    def _seed(self) -> tuple[int, int, int]:
+        return SEED, STREAMS.index(self.stream), self.number
 
     def rng(self, purpose: int) -> np.random.Generator:
         """Return the random numbers for a purpose."""
-        return np.random.default_rng([SEED, self.stream, self.number, purpose])
+        return np.random.default_rng([*self._seed, purpose])
 
     def life(self) -> SimulatedLife:
         """Return what happens in it."""
         rng = self.rng(0)
-        if self.stream == _CONSTANT:
+        if self.stream == "constant":
             return constant_life(LIMITS, rng)
-        typical = OTHER_LAWS if self.stream in (_OTHERWISE, _FLEET_OTHERWISE) else TYPICAL
-        repaired = self.stream == _REPAIRED
+        typical = OTHER_LAWS if self.stream.endswith("otherwise") else TYPICAL
+        repaired = self.stream == "repaired"
         return run_to_failure(LIMITS, rng, self.kind, with_repair=repaired, typical=typical)
 
     def case(self, life: SimulatedLife, test: int) -> Case:
         """Return a test of it to simulate."""
-        seed = (SEED, self.stream, self.number, test)
-        return Case(tuple(life.faults[test].tolist()), seed)
+        return Case(tuple(life.faults[test].tolist()), (*self._seed, test))
 
 
-def growing(count: int) -> list[ScoredLife]:
-    """Return lives to failure, each kind of fault in turn."""
-    return [ScoredLife(number, _GROWING) for number in range(count)]
-
-
-def constant(count: int) -> list[ScoredLife]:
-    """Return lives without growth."""
-    return [ScoredLife(number, _CONSTANT) for number in range(count)]
-
-
-def real(count: int) -> list[ScoredLife]:
-    """Return lives to failure that are simulated and identified test by test."""
-    return [ScoredLife(number, _REAL) for number in range(count)]
-
-
-def repaired(count: int) -> list[ScoredLife]:
-    """Return lives to failure with a repair of the dominant fault in them."""
-    return [ScoredLife(number, _REPAIRED) for number in range(count)]
-
-
-def growing_otherwise(count: int) -> list[ScoredLife]:
-    """Return lives to failure by laws that are not those of the type."""
-    return [ScoredLife(number, _OTHERWISE) for number in range(count)]
-
-
-def advised(count: int) -> list[ScoredLife]:
-    """Return lives to failure on which the advice is judged."""
-    return [ScoredLife(number, _ADVISED) for number in range(count)]
-
-
-def advised_others(count: int) -> list[ScoredLife]:
-    """Return lives to failure of the same population, which fixed intervals are fitted to."""
-    return [ScoredLife(number, _ADVISED_OTHERS) for number in range(count)]
-
-
-def fleet(count: int) -> list[ScoredLife]:
-    """Return lives to failure of the units of a fleet."""
-    return [ScoredLife(number, _FLEET) for number in range(count)]
-
-
-def fleet_otherwise(count: int) -> list[ScoredLife]:
-    """Return those of another kind of unit, whose faults grow by other laws."""
-    return [ScoredLife(number, _FLEET_OTHERWISE) for number in range(count)]
-
-
-def next_units(count: int) -> list[ScoredLife]:
-    """Return lives to failure of units that come after the fleet."""
-    return [ScoredLife(number, _NEXT) for number in range(count)]
+def lives_of(stream: str, count: int) -> list[ScoredLife]:
+    """Return lives of one of ``STREAMS``, each kind of fault in turn."""
+    return [ScoredLife(number, stream) for number in range(count)]
 
 
 def estimate_of(
@@ -132,16 +101,7 @@ def estimate_of(
 ) -> Estimate | None:
     """Simulate a test and identify its faults; None where the monitor has no window to use.
 
-    Parameters
-    ----------
-    case
-        The test.
-    window
-        What becomes of its window, as of ``ema_sim.lives``.
-    calibration
-        Calibration on windows of such sensors.
-    previous
-        Faults of the last valid estimate, ``(8,)``, at which the search begins; cold when None.
+    The search begins at the faults of the last valid estimate, ``(8,)``; cold when None.
     """
     if window in ("missing", "gap"):
         return None

@@ -1,0 +1,128 @@
+"""Standard metrics of prognosis, on the remaining useful life.
+
+Definitions of A. Saxena, J. Celaya, B. Saha, S. Saha and K. Goebel, Metrics for Offline Evaluation
+of Prognostic Performance, International Journal of Prognostics and Health Management 1 (2010). r is
+the predicted remaining useful life, r* the true one, EoL the service hour at which life ends and
+t_P that of the first prediction, all [h]. Hours of predictions ascend. A test without prediction
+has r = NaN; its probability of anything is 0 and its relative accuracy is 0.
+
+A relative accuracy on the *time of the event*, as some packages have it, divides the same error by
+the whole life instead of by what is left of it: late in life almost any prediction scores near 1.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+ALPHA: Final = 0.2
+"""Accuracy that is asked for [-]."""
+
+BETA: Final = 0.5
+"""Probability with which it is asked for [-]."""
+
+
+def probability_within(
+    samples: ArrayLike, lowest: ArrayLike, highest: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the probability pi[r] that a predicted life lies in a range, ``(n,)``.
+
+    Both bounds are in it; samples, ``(n, m)``, that are infinite or NaN are in no range.
+    """
+    hours = np.asarray(samples, dtype=np.float64)
+    low, high = (np.asarray(bound, dtype=np.float64)[..., None] for bound in (lowest, highest))
+    return np.mean((hours >= low) & (hours <= high) & np.isfinite(hours), axis=-1)
+
+
+def horizon_probability(
+    hours: ArrayLike, samples: ArrayLike, end_hours: float, alpha: float = ALPHA
+) -> NDArray[np.float64]:
+    """Return P(|r - r*| <= alpha EoL) of each prediction [-], ``(n,)``."""
+    truth = end_hours - np.asarray(hours, dtype=np.float64)
+    width = alpha * end_hours
+    return probability_within(samples, truth - width, truth + width)
+
+
+def cone_probability(
+    hours: ArrayLike, samples: ArrayLike, end_hours: float, alpha: float = ALPHA
+) -> NDArray[np.float64]:
+    """Return P((1 - alpha) r* <= r <= (1 + alpha) r*) of each prediction [-], ``(n,)``."""
+    truth = end_hours - np.asarray(hours, dtype=np.float64)
+    return probability_within(samples, (1.0 - alpha) * truth, (1.0 + alpha) * truth)
+
+
+def prognostic_horizon(hours: ArrayLike, probability: ArrayLike, end_hours: float) -> float:
+    """Return the prognostic horizon [h]: how long before the end predictions are good for good.
+
+    EoL less the first time from which on the probability (``horizon_probability``) never is below
+    beta: a prediction that was good once and is bad later does not count. 0 when the last is bad.
+    """
+    times = np.asarray(hours, dtype=np.float64)
+    failing = np.flatnonzero(np.asarray(probability) < BETA)
+    first = 0 if failing.size == 0 else int(failing[-1]) + 1
+    return float(end_hours - times[first]) if first < times.size else 0.0
+
+
+def at_lambda(
+    hours: ArrayLike,
+    probability: ArrayLike,
+    end_hours: float,
+    share: float,
+    first_hours: float = 0.0,
+) -> float:
+    """Return the probability within the cone at a share of the life; the test asks for beta.
+
+    The latest prediction up to t_P + lambda (EoL - t_P) is judged, by the life that remained when
+    it was made; 0 without one.
+    """
+    until = first_hours + share * (end_hours - first_hours)
+    at = int(np.searchsorted(np.asarray(hours, dtype=np.float64), until, "right")) - 1
+    return float(np.asarray(probability)[at]) if at >= 0 else 0.0
+
+
+def relative_accuracy(rul: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
+    """Return 1 - |r* - r| / r* of each prediction [-], ``(n,)``; a missing one counts 0.
+
+    1 is perfect; there is no lower bound.
+    """
+    r, true = np.asarray(rul, dtype=np.float64), np.asarray(truth, dtype=np.float64)
+    return np.where(np.isfinite(r), 1.0 - np.abs(true - r) / true, 0.0)
+
+
+def cumulative_relative_accuracy(
+    hours: ArrayLike, rul: ArrayLike, end_hours: float, first_share: float = 0.5
+) -> float:
+    """Return the mean relative accuracy from a share of life on; NaN when no test lies there."""
+    times, r = np.asarray(hours, dtype=np.float64), np.asarray(rul, dtype=np.float64)
+    part = (times >= first_share * end_hours) & (times < end_hours)
+    if not np.any(part):
+        return math.nan
+    return float(np.mean(relative_accuracy(r[part], end_hours - times[part])))
+
+
+def convergence(hours: ArrayLike, error: ArrayLike, first_hours: float) -> float:
+    """Return the convergence: how far the area under an error is from its beginning.
+
+    The distance from (t_P, 0) to the centroid of the area, in the common unit of hours and error,
+    each error held until the next prediction; the smaller, the sooner the error has gone. NaN when
+    there is no area.
+    """
+    t, m = np.asarray(hours, dtype=np.float64), np.asarray(error, dtype=np.float64)[:-1]
+    steps = np.diff(t)
+    area = float(np.sum(steps * m))
+    if not area > 0.0:
+        return math.nan
+    x = 0.5 * float(np.sum((t[1:] ** 2 - t[:-1] ** 2) * m)) / area
+    y = 0.5 * float(np.sum(steps * m**2)) / area
+    return math.hypot(x - first_hours, y)
+
+
+def accuracy_on_event_time(hours: ArrayLike, rul: ArrayLike, end_hours: float) -> float:
+    """Return the mean relative accuracy of the *hour of failure* [-], for comparison only.
+
+    1 - |r* - r| / EoL: with nothing known but the hour of the test itself, r = 0, it would still
+    be 1 - r* / EoL.
+    """
+    times, r = np.asarray(hours, dtype=np.float64), np.asarray(rul, dtype=np.float64)
+    return float(np.mean(relative_accuracy(times + r, np.full(times.shape, end_hours))))
