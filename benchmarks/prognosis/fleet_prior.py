@@ -10,18 +10,15 @@ without a fleet has a standard error over the lives.
 Prints a table; writes JSON.
 """
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import Progress
 from rich.table import Table
-from trials import workers
+from trials import command, workers
 
 from ema_core.faults import TYPICAL
 from ema_monitor.health import HealthLimits
@@ -61,37 +58,18 @@ def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[
     }
 
 
-@click.command()
-@click.option("--fleet", "units", default=30, help="Units of each fleet.")
-@click.option("--lives", default=150, help="Lives that are scored.")
-@click.option("--json", "output", type=click.Path(path_type=Path), help="Where the figures go.")
-def main(units: int, lives: int, output: Path | None) -> None:
-    """Compare the prognosis without a fleet, with its own, and with another."""
+def measure(progress: Progress, fleet: int, lives: int) -> dict[str, Any]:
+    """Compare the prognosis of lives without a fleet, with that of N units, and with another."""
     limits = HealthLimits()
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with (
-        Progress(*columns, console=Console(stderr=True)) as progress,
-        workers(progress) as pool,
-    ):
-        known: dict[str, FleetPrior | None] = {WITHOUT: None}
+    known: dict[str, FleetPrior | None] = {WITHOUT: None}
+    with workers(progress) as pool:
         for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
-            said = {
-                str(n): unit
-                for n, unit in enumerate(pool.map(name, unit_of, lives_of(stream, units)))
-            }
+            units = pool.map(name, unit_of, lives_of(stream, fleet))
+            said = {str(number): unit for number, unit in enumerate(units)}
             known[name] = Fleet(grid_digest(limits), said).prior(limits)
         found = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
     rows = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
-    table = Table(title=f"law unknown, fleets of {units}, {lives} lives")
-    for name in rows[0]:
-        table.add_column(name.replace("_", " "))
-    for row in rows:
-        table.add_row(
-            *(f"{value:.3f}" if isinstance(value, float) else str(value) for value in row.values())
-        )
-    Console().print(table)
-    if output is not None:
-        output.write_text(json.dumps({"units": units, "rows": rows}, indent=1))
+    return {"units": fleet, "lives": lives, "rows": rows}
 
 
 def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[dict[str, Any]]:
@@ -115,6 +93,19 @@ def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[dict[str, An
         )
     return rows
 
+
+def show(console: Console, figures: Mapping[str, Any]) -> None:
+    """Print the table."""
+    title = f"law unknown, fleets of {figures['units']}, {figures['lives']} lives"
+    table = Table(*(name.replace("_", " ") for name in figures["rows"][0]), title=title)
+    for row in figures["rows"]:
+        table.add_row(
+            *(f"{value:.3f}" if isinstance(value, float) else str(value) for value in row.values())
+        )
+    console.print(table)
+
+
+main = command(measure, show, fleet=30, lives=150)
 
 if __name__ == "__main__":
     main()

@@ -10,19 +10,16 @@ with the law and rate of the type, and an oracle that knows the law, its figures
 Prints tables and writes JSON.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
-import click
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from rich.table import Table
-from trials import workers
+from trials import command, workers
 
 from prognosis.fits import FITS, SIMPLE_FITS, oracle
 from prognosis.foreign_lives import SEED, ForeignCase, constant_lives, lives_of
@@ -126,25 +123,20 @@ def _honesty(one: Mapping[str, Any]) -> str:
     return f"{one['alpha_lambda']['0.75']:.2f} / {one['coverage']:.2f} / {one['beyond_late']:.2f}"
 
 
-@click.command()
-@click.option("--lives", default=30, show_default=True, type=click.IntRange(1), help="of each law")
-@click.option("--constant", "constants", default=300, show_default=True, type=click.IntRange(0))
-@click.option("--held-out", is_flag=True, help="the laws kept out of development; run once")
-@click.option("--no-peers", is_flag=True, help="the tracker alone")
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(lives: int, constants: int, held_out: bool, no_peers: bool, output: Path | None) -> None:
-    """Print the tables and write the JSON file."""
+def measure(
+    progress: Progress, lives: int, constant: int, held_out: bool, no_peers: bool
+) -> dict[str, Any]:
+    """Score lives of each law, and constant lives.
+
+    With --held-out the laws are those kept out of development, for one run; with --no-peers the
+    tracker is scored alone.
+    """
     cases = lives_of(HELD_OUT if held_out else DEVELOPMENT, lives)
-    still = constant_lives(constants)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with (
-        Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
-        workers(progress) as pool,
-    ):
+    with workers(progress) as pool:
         by = partial(scored, [TRACKER] if no_peers else list(METHODS))
         scores = pool.map("lives by foreign laws", by, cases)
-        told = pool.map("constant lives", reported, still)
-    figures = {
+        told = pool.map("constant lives", reported, constant_lives(constant))
+    return {
         "seed": SEED,
         "held_out": held_out,
         "methods": figures_of(cases, scores),
@@ -154,10 +146,9 @@ def main(lives: int, constants: int, held_out: bool, no_peers: bool, output: Pat
         },
         "lives": [{name: asdict(score) for name, score in one.items()} for one in scores],
     }
-    show(Console(width=185), figures)
-    if output:
-        output.write_text(json.dumps(figures))
 
+
+main = command(measure, show, 185, lives=30, constant=300, held_out=False, no_peers=False)
 
 if __name__ == "__main__":
     main()

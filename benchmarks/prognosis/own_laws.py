@@ -14,21 +14,17 @@ first.
 Prints tables and writes JSON.
 """
 
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import cases
-import click
 import numpy as np
 from exactness import HEALTHY_WINDOWS, noisy_window
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from trials import ACTUATOR, Workers, workers
+from rich.progress import Progress
+from trials import ACTUATOR, Workers, command, workers
 
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
@@ -140,26 +136,29 @@ def _scores(
     return result
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """How many lives of each kind are scored."""
+def measure(
+    progress: Progress,
+    lives: int,
+    constant: int,
+    repaired: int,
+    otherwise: int,
+    whole: int,
+    real: int,
+) -> dict[str, Any]:
+    """Score lives of each kind, so many of each."""
+    with workers(progress) as pool:
+        return _measured(pool, lives, constant, repaired, otherwise, whole, real)
 
-    growing: int
-    constant: int
-    repaired: int
-    otherwise: int
-    whole: int
-    real: int
 
-
-def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
-    """Return all figures."""
+def _measured(
+    pool: Workers, growing: int, constant: int, repaired: int, otherwise: int, whole: int, real: int
+) -> dict[str, Any]:
     durations: dict[str, float] = {}
     figures: dict[str, Any] = {"seed": SEED, "durations_s": durations}
     for case, count, score in (
-        ("drawn", sizes.growing, score_drawn),
-        ("repaired", sizes.repaired, score_repaired),
-        ("otherwise", sizes.otherwise, score_otherwise),
+        ("drawn", growing, score_drawn),
+        ("repaired", repaired, score_repaired),
+        ("otherwise", otherwise, score_otherwise),
     ):
         lives = lives_of("growing" if case == "drawn" else case, count)
         if lives:
@@ -167,7 +166,7 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
                 scores = pool.map(f"lives, {case}", score, lives)
                 figures[case], figures[f"{case}_lives"] = _figures(scores)
     with _timed("constant", durations):
-        lives = lives_of("constant", sizes.constant)
+        lives = lives_of("constant", constant)
         of_lives = pool.map("constant lives", reports, lives)
         trends = pool.map("their linear trends", trend_reports, lives)
         figures["constant"] = {
@@ -177,19 +176,19 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
             for name in SETTINGS
         }
         figures["constant"]["linear trend"] = constant_figures([True] * len(lives), trends)
-    if sizes.whole:
+    if whole:
         with _timed("whole", durations):
-            scores = pool.map("with requirements", score_whole, lives_of("growing", sizes.whole))
+            scores = pool.map("with requirements", score_whole, lives_of("growing", whole))
             figures["whole"] = {
                 name: whole_figures([score[name] for score in scores]) for name in SETTINGS
             }
-    if sizes.real:
+    if real:
         with _timed("real", durations):
             healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
             calibration = calibrate_model(
                 pool.map("healthy windows", noisy_window, healthy), ACTUATOR
             )
-            jobs = [InTheLoop(scored, calibration) for scored in lives_of("real", sizes.real)]
+            jobs = [InTheLoop(scored, calibration) for scored in lives_of("real", real)]
             scores = pool.map("lives in the loop", score_real, jobs)
             figures["real"], figures["real_lives"] = _figures(scores)
     with _timed("time", durations):
@@ -240,26 +239,17 @@ def _figures(scores: Sequence[Scores]) -> tuple[dict[str, Any], dict[str, Any]]:
     )
 
 
-@click.command()
-@click.option("--lives", "growing", default=300, show_default=True, type=click.IntRange(5))
-@click.option("--constant", default=100, show_default=True, type=click.IntRange(1))
-@click.option("--repaired", default=50, show_default=True, type=click.IntRange(0))
-@click.option("--otherwise", default=100, show_default=True, type=click.IntRange(0))
-@click.option("--whole", default=50, show_default=True, type=click.IntRange(0))
-@click.option("--real", default=20, show_default=True, type=click.IntRange(0))
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(output: Path | None, **sizes: int) -> None:
-    """Print the tables and write the JSON file."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with (
-        Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
-        workers(progress) as pool,
-    ):
-        figures = measure(pool, Sizes(**sizes))
-    show(Console(width=185), figures)
-    if output:
-        output.write_text(json.dumps(figures))
-
+main = command(
+    measure,
+    show,
+    185,
+    lives=300,
+    constant=100,
+    repaired=50,
+    otherwise=100,
+    whole=50,
+    real=20,
+)
 
 if __name__ == "__main__":
     main()

@@ -7,7 +7,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 from tables import target_table
-from targets import Row
+from targets import Row, untargeted
 
 from prognosis.scores import JUDGED_LAMBDA, LAMBDAS, WITHOUT_DIFFUSION
 
@@ -46,11 +46,11 @@ def rows(figures: Mapping[str, Any]) -> list[Row]:
     for name, one in figures.get("whole", {}).items():
         lives, failing = one["lives"], one["by_requirement"]
         result += [
-            _plain(
+            untargeted(
                 f"{lives} lives, {failing} ended by a requirement, {name}: accuracy",
                 f"{one['cra']:.3f}",
             ),
-            _plain(
+            untargeted(
                 "  coverage of the 90 % interval, share that lies wholly beyond the truth",
                 f"{one['coverage']:.3f}, {one['too_long']:.3f}",
             ),
@@ -58,10 +58,6 @@ def rows(figures: Mapping[str, Any]) -> list[Row]:
     for name in TARGETS:
         result += _constant_rows(figures["constant"][name], name)
     return [*result, *_time_rows(figures)]
-
-
-def _plain(what: str, measured: str) -> Row:
-    return Row(what, "", measured, None)
 
 
 def _accuracy_rows(by_method: Mapping[str, Any], case: str, name: str) -> list[Row]:
@@ -99,11 +95,11 @@ def _constant_rows(one: Mapping[str, Any], name: str) -> list[Row]:
     what = f"{one['lives']} lives of constant faults, {name}: with a remaining life reported"
     return [
         Row(what, "0", str(reported), reported == 0),
-        _plain(
+        untargeted(
             "  by a fault limit, by a requirement, by one wrongly said to fail",
             f"{one['by_faults']}, {one['by_requirements']}, {one['wrongly_reported_failing']}",
         ),
-        _plain(
+        untargeted(
             "  so faulty that a requirement fails from the first test on: so reported",
             f"{one['rightly_reported_failing']} of {one['failing']}",
         ),
@@ -126,8 +122,8 @@ def _time_rows(figures: Mapping[str, Any]) -> list[Row]:
     progpy = f"{1e3 * by_method['progpy']['all']['seconds']:.0f}"
     return [
         *result,
-        _plain("  95th percentile, first test of a unit [ms]", late),
-        _plain("  update of progpy, median [ms]", progpy),
+        untargeted("  95th percentile, first test of a unit [ms]", late),
+        untargeted("  update of progpy, median [ms]", progpy),
     ]
 
 

@@ -156,14 +156,14 @@ def particle_filter(life: SimulatedLife, measurements: Sequence[Measurement]) ->
     seconds: list[float] = []
     typical_life = _HORIZON_HOURS / 4.0
     for measurement in measurements:
-        if measurement.at_healthy[number] or measurement.unobservable[number]:
+        away = side * (measurement.faults[number] - healthy_faults()[number])
+        if measurement.unobservable[number] or away == 0.0:
             samples.append(None)
             seconds.append(np.nan)
             continue
         started = time.process_time()
-        away = side * (measurement.faults[number] - healthy_faults()[number])
         filtered.parameters["measurement_noise"] = {
-            "x": float(np.sqrt(measurement.variance[number]))
+            "x": float(np.sqrt(measurement.covariance[number, number]))
         }
         filtered.estimate(measurement.hours, {}, {"x": away})
         # Steps so short that the last one does not show in what is left.

@@ -41,7 +41,7 @@ def test_measurement_of_an_estimate_has_its_figures():
     seen = Measurement.of(estimate(faults=faults), 120)
     assert seen.hours == 120.0
     np.testing.assert_array_equal(seen.faults, faults)
-    np.testing.assert_allclose(seen.variance, 1e-5)
+    np.testing.assert_allclose(seen.noise, 1e-5)
 
 
 def test_invalid_estimate_measures_nothing():
@@ -55,7 +55,7 @@ def test_component_at_its_healthy_value_is_known_only_to_be_near_it():
     unobservable = NONE.copy()
     unobservable[1] = True
     seen = Measurement(10.0, faults, 1e-5 * np.eye(8), unobservable)
-    np.testing.assert_array_equal(np.flatnonzero(~seen.at_healthy), [0, 1])
+    np.testing.assert_array_equal(np.flatnonzero(~seen.near_healthy), [0, 1])
 
 
 def test_unobservable_components_need_no_figures():
@@ -65,7 +65,7 @@ def test_unobservable_components_need_no_figures():
     unobservable = NONE.copy()
     unobservable[PHASE] = True
     seen = Measurement(10.0, faults, covariance, unobservable)
-    assert seen.variance[PHASE] == np.inf
+    assert np.isfinite(seen.noise).all()
 
 
 @pytest.mark.parametrize(

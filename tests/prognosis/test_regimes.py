@@ -7,7 +7,6 @@ import pytest
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, healthy_faults
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.outliers import Event
 from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeChange, RegimeWatch
 from ema_monitor.prognosis.growth.tracker import Tracker
 
@@ -103,26 +102,6 @@ def test_tracker_tells_a_change_and_follows_it():
     assert of(tracker, "friction").trend == pytest.approx(8e-4, rel=0.25)
     # The probability that it grows is not.
     assert tracker.predict().overall.known
-
-
-@pytest.mark.slow
-def test_watch_goes_on_after_a_restart_as_if_there_was_none():
-    def value(test: int) -> float:
-        return 2e-4 * (10 * min(test, 40) + 40 * max(test - 40, 0))
-
-    whole, kept = Tracker(), Tracker()
-    rngs = [np.random.default_rng(6) for _ in range(2)]
-    told: list[list[Event]] = [[], []]
-    for test in range(75):
-        if test == 45:
-            again = Tracker()
-            again.restore({name: np.array(one) for name, one in kept.state().items()})
-            kept = again
-        for tracker, rng, events in zip((whole, kept), rngs, told, strict=True):
-            events += tracker.update(observed(10.0 * test, {"friction": value(test)}, rng))
-    assert told[0] == told[1]
-    assert [event.kind for event in told[0]] == ["regime"]
-    assert of(whole, "friction") == of(kept, "friction")
 
 
 def test_tests_of_one_hour_show_no_change():

@@ -1,6 +1,7 @@
 """The tracker: level, rate, law, onset, and what a test does not show."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth
 
 from .tracked_lives import SIGMA, feed, observed, of
+
+IS_FRICTION = np.array([name == "friction" for name in FAULT_NAMES])
 
 
 def known() -> Tracker:
@@ -181,16 +184,21 @@ def test_irregular_intervals_and_missing_tests_need_no_word():
     assert other.hours_50 + irregular.hours == pytest.approx(one.hours_50 + regular.hours, rel=0.03)
 
 
-def test_replay_of_the_history_restores_a_tracker():
-    growth = {"eccentricity": Growth("power", 1500.0, 1.6, 0.3)}
-    one, other = Tracker(), Tracker()
-    for tracker in (one, other):
-        feed(tracker, growth, 500.0, np.random.default_rng(9))
-    assert one.components()[5] == other.components()[5]
-    first, second = one.predict(), other.predict()
-    assert first.overall.known
-    np.testing.assert_array_equal(first.samples, second.samples)
-    np.testing.assert_array_equal(first.samples, one.predict().samples)
+def test_restored_and_frozen_trackers_say_the_same_as_the_one_they_are_of():
+    whole, rng = Tracker(), np.random.default_rng(9)
+    tests = [observed(10.0 * i, {"eccentricity": 4e-3 * i, "gain": 0.3}, rng) for i in range(60)]
+    # A jump: a test is held back when the state is taken.
+    tests[39:] = [replace(one, faults=one.faults + 0.1 * IS_FRICTION) for one in tests[39:]]
+    for test in tests[:40]:
+        whole.update(test)
+    again, frozen = Tracker(), whole.frozen()
+    again.restore({name: np.array(one) for name, one in whole.state().items()})
+    before = whole.predict().samples
+    told = [[*tracker.update(test)] for test in tests[40:] for tracker in (whole, again)]
+    assert told[::2] == told[1::2]
+    assert [event.kind for event in told[0]] == ["step"]
+    np.testing.assert_array_equal(whole.predict().samples, again.predict().samples)
+    np.testing.assert_array_equal(frozen.predict().samples, before)
 
 
 def test_tests_must_come_in_order():

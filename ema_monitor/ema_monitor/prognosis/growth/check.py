@@ -80,7 +80,7 @@ class PredictionCheck(Kept):
     """Keeps the scores of predictions, and those predictions whose tests are still to come."""
 
     kept = (
-        *("_scores", "_log_widths", "_since", "_ahead", "_quantiles", "_waits", "_grows"),
+        *("_scores", "_log_widths", "_since", "_ahead", "_quantiles", "_made", "_open", "_grows"),
         *("_tests", "_first_hours"),
     )
 
@@ -95,7 +95,9 @@ class PredictionCheck(Kept):
         self._since = np.full((_SLOTS, n), np.nan)
         self._ahead = np.full((_SLOTS, _LADDER.size), np.nan)
         self._quantiles = np.zeros((_SLOTS, _LADDER.size, n, _QUANTILES.size))
-        self._waits = np.zeros((_SLOTS, n), dtype=np.intp)
+        # At which test it was made, and of which components it is still to be judged.
+        self._made = np.zeros(_SLOTS, dtype=np.intp)
+        self._open = np.zeros((_SLOTS, n), dtype=bool)
         self._grows = np.zeros((_SLOTS, n), dtype=bool)
         self._tests = 0
         self._first_hours = math.nan
@@ -105,7 +107,7 @@ class PredictionCheck(Kept):
 
         If it was repaired (``is_new``) its scores are of another part, and go as well.
         """
-        self._waits[:, number] = 0
+        self._open[:, number] = False
         if is_new:
             self._scores[:, number] = 0.0
             self._log_widths[number] = LOG_PRIOR
@@ -120,26 +122,18 @@ class PredictionCheck(Kept):
         self._scores[which, number] = _KEPT * self._scores[which, number] + [1.0, score**2]
 
     def observe(self, measurement: Measurement, used: NDArray[np.bool_], factor: float) -> None:
-        """Hold the predictions that are due against a test.
+        """Hold the predictions that are due against the used components of a test, ``(7,)``.
 
-        Parameters
-        ----------
-        measurement, used
-            The test, and the components that it measures, ``(7,)``.
-        factor
-            Factor of the standard deviations of its errors [-].
+        What misses the test that is due is judged by the next that shows it. The errors of the
+        test are those of its covariance times a factor.
         """
         if math.isnan(self._first_hours):
             self._first_hours = measurement.hours
         self._tests += 1
-        for slot in range(_SLOTS):
-            waits = self._waits[slot]
-            due = (waits == 1) & used
-            # What misses the test that is due is judged by the next that shows it.
-            waits[waits > 1] -= 1
-            waits[due] = 0
-            for number in np.flatnonzero(due):
-                self._judge(slot, int(number), measurement, factor)
+        due = self._open & used & (self._tests - self._made >= AHEAD)[:, None]
+        self._open &= ~due
+        for slot, number in np.argwhere(due):
+            self._judge(int(slot), int(number), measurement, factor)
 
     def _judge(self, slot: int, number: int, measurement: Measurement, factor: float) -> None:
         hours, table = self._ahead[slot], self._quantiles[slot, :, number]
@@ -186,10 +180,8 @@ class PredictionCheck(Kept):
 
         Parameters
         ----------
-        since
-            Hours of growth of each component now [h], ``(7,)``.
-        ahead
-            Hours of growth from now on, of ``hours_ahead`` [h], ``(m,)``.
+        since, ahead
+            Hours of growth of each component now, ``(7,)``, and those of ``hours_ahead`` [h].
         samples
             Signed distances from healthy at each, ``(m, 7, n)``.
         shown, grows
@@ -199,8 +191,7 @@ class PredictionCheck(Kept):
         self._since[slot], self._ahead[slot] = since, ahead
         within = np.clip(samples, -_FARTHEST, _FARTHEST)
         self._quantiles[slot] = np.moveaxis(np.quantile(within, _QUANTILES, axis=2), 0, 2)
-        self._waits[slot] = np.where(shown, AHEAD, 0)
-        self._grows[slot] = grows
+        self._made[slot], self._open[slot], self._grows[slot] = self._tests, shown, grows
 
     def widening(self) -> Array:
         """Return the factor by which the intervals of each component are widened, ``(7,)``."""

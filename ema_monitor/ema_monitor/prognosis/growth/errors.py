@@ -87,6 +87,11 @@ class EstimateErrors(Kept):
         """Mean factor of the standard deviations [-]."""
         return float(FACTORS @ self.probability.sum(axis=0))
 
+    def noise_of(self, noise: Array) -> Array:
+        """Return the variances of errors, learnt from those of the estimates, ``(7,)``."""
+        # Scatter shows no error that stays: an estimate is never better than it says.
+        return max(self.factor, 1.0) ** 2 * noise
+
     def advance(self, hours: Array) -> None:
         """Count the hours of growth since the tests, ``(7,)`` [h]."""
         self.hours = self.hours + hours
@@ -112,8 +117,7 @@ class EstimateErrors(Kept):
             Components that the test measures, and those that it finds near healthy.
         """
         self.learn(value, noise, plain)
-        # Scatter shows no error that stays: an estimate is never better than it says.
-        correlation, variance = self.correlation, max(self.factor, 1.0) ** 2 * noise
+        correlation, variance = self.correlation, self.noise_of(noise)
         carried = np.where(self.used, correlation * np.sqrt(noise / self.noise), 0.0)
         fresh = np.where(self.used, 1.0 - correlation**2, 1.0) * variance
         test = Observation(value, noise, plain, near, carried, self.value, fresh)

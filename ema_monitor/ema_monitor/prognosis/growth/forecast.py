@@ -59,7 +59,7 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     between = _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     pace = cells.pace[cell] + np.where(cells.wanders[cell], between, 0.0)
-    return Draw(cells, mixture.noise_hours, cell, x, rate, pace, is_wave, waves)
+    return Draw(cells, mixture.settings.noise_hours, cell, x, rate, pace, is_wave, waves)
 
 
 def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:

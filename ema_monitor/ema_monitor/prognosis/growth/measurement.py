@@ -110,16 +110,6 @@ class Measurement:
             return np.full(len(INDICES), self.hours)
         return self.growth_hours
 
-    @property
-    def at_healthy(self) -> NDArray[np.bool_]:
-        """Observable components that were set to healthy: they lie somewhere near it, ``(8,)``."""
-        return ~self.unobservable & (self.faults == healthy_faults())
-
-    @property
-    def variance(self) -> NDArray[np.float64]:
-        """Variances, ``(8,)``; infinite where unobservable."""
-        return np.where(self.unobservable, np.inf, np.diag(self.covariance))
-
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
         """Tracked components that the test shows, ``(7,)``."""
@@ -127,8 +117,8 @@ class Measurement:
 
     @cached_property
     def near_healthy(self) -> NDArray[np.bool_]:
-        """Tracked components that were set to healthy, ``(7,)``."""
-        return self.at_healthy[INDICES]
+        """Tracked components that were set to healthy: they lie somewhere near it, ``(7,)``."""
+        return self.seen & (self.faults[INDICES] == HEALTHY)
 
     @cached_property
     def value(self) -> NDArray[np.float64]:

@@ -8,6 +8,8 @@ laws for life it is, and whether anything grows, is not forgotten. So a unit who
 comes to count as such, and is told the narrower interval, and one whose growth is not does not.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,15 +39,13 @@ class Mixture(Kept):
         those of a component.
     component, members
         The component that each is of, and the numbers of those of each component.
-    noise_hours
-        Variance of the effective time of growth per hour in service [h].
     """
 
     kept = ("weight",)
     parts = ("bank", "waves", "errors")
 
     def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
-        self._settings, self.noise_hours = settings, settings.noise_hours
+        self.settings = settings
         cells = with_fleet(grid(limits, settings), settings)
         self.bank = Bank(cells, settings)
         self.waves = waves = Waves(limits, settings, self.bank.two_sided)
@@ -102,11 +102,12 @@ class Mixture(Kept):
         """Return the probability that each component does not grow, ``(7,)``."""
         return self.sums(self.weight * self._is_constant)
 
-    def diffusion(self) -> Array:
-        """Return the root mean square diffusion of each component [1/sqrt(h)], ``(7,)``."""
+    def diffusion(self, number: int) -> float:
+        """Return the root mean square diffusion of a component, if by a cell [1/sqrt(h)]."""
         cells, (weight, _) = self.bank.cells, self._split(self.weight)
-        total = np.maximum(np.bincount(cells.component, weight, _N), LEAST_PROBABILITY)
-        return np.sqrt(np.bincount(cells.component, weight * cells.diffusion**2, _N) / total)
+        weight = weight * (cells.component == number)
+        squares = float(weight @ cells.diffusion**2)
+        return math.sqrt(squares / max(float(weight.sum()), LEAST_PROBABILITY))
 
     def laws(self) -> dict[str, list[float]]:
         """Return the probability of each law, by component; that under a wave is linear."""
@@ -181,7 +182,7 @@ class Mixture(Kept):
         variance of its error [-].
         """
         for part in (self.bank, self.waves):
-            part.restart(number, value, noise + self._settings.occasional_error**2)
+            part.restart(number, value, noise + self.settings.occasional_error**2)
         self.errors.restart(number)
         at = self.members[number]
         weight = _tempered(self.weight[at], self._prior[at], np.float64(keep))

@@ -200,37 +200,11 @@ class FleetPrior:
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """What a tracker assumes.
+    """What a tracker assumes; each number says its unit, range and meaning.
 
-    Attributes
-    ----------
-    laws
-        Law by component; of what is not named the law is unknown, and all are averaged.
-    fleet
-        How other units grew; None when that is unknown. A known law is used all the same.
-    process_noise
-        Sigma of the lognormal factor of an increment over ``process_noise_hours`` [-].
-    process_noise_hours
-        Hours over which such a factor holds [h].
-    onset_probability
-        Probability that a component which does not grow begins to, each test [-].
-    change_probability
-        Probability that the growth of a component changes altogether, each test [-].
-    forgetting
-        Power to which the probabilities of rates that wander, of waves, and of the kinds of growth
-        are kept at each test, towards their prior [-].
-    sigma_floor
-        Error of an estimate beside its covariance [-].
-    occasional_error, occasional_probability
-        Larger error that some estimates have beside it [-], and how often [-].
-    event_sigmas
-        Standard deviations beyond which a value is not explained by growth [-].
-    horizon_hours
-        Longest life that is reported [h].
-    horizon_factor
-        Longest life that is reported, in hours over which a component has been observed [-].
-    samples
-        Number of samples of a prediction.
+    Of components that ``laws`` does not name the law is unknown, and all are averaged. ``fleet``
+    says how other units grew; a known law is used all the same. ``forgetting`` is a
+    power of what was learnt of rates that wander, of waves, and of the kinds of growth.
 
     Raises
     ------

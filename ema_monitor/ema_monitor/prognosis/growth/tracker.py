@@ -171,21 +171,19 @@ class Tracker(Kept):
 
     def _changes_of_regime(self, measurement: Measurement, plain: NDArray[np.bool_]) -> list[Event]:
         """Return the changes of growth that a test shows; what was known of it is forgotten."""
-        errors, events = self._mixture.errors, list[Event]()
-        scatter = max(errors.factor, 1.0) ** 2 * measurement.noise
-        self._regimes.add(measurement, scatter, plain)
-        diffusion = self._mixture.diffusion()
-        for number in np.flatnonzero(plain & self._growing):
+        mixture, events = self._mixture, list[Event]()
+        self._regimes.add(measurement, mixture.errors.noise_of(measurement.noise), plain)
+        for number in np.flatnonzero(plain & self._growing).tolist():
             moves = GrowthNoise(
-                errors.correlation,
+                mixture.errors.correlation,
                 self._settings.occasional_error,
-                self._mixture.noise_hours,
-                float(diffusion[number]),
+                self._settings.noise_hours,
+                mixture.diffusion(number),
             )
-            change = self._regimes.judge(int(number), moves)
+            change = self._regimes.judge(number, moves)
             if change is not None:
-                self._mixture.change_rate(int(number), change.after, change.sigma)
-                self._check.restart(int(number), is_new=False)
+                mixture.change_rate(number, change.after, change.sigma)
+                self._check.restart(number, is_new=False)
                 events.append(change.event(COMPONENTS[number]))
         return events
 
@@ -233,9 +231,6 @@ class Tracker(Kept):
             for i, name in enumerate(COMPONENTS)
         )
 
-    def _rng(self) -> np.random.Generator:
-        return np.random.default_rng([0, self.updates])
-
     def predict(self, duty: FutureDuty | float = 1.0) -> Prognosis:
         """Return the remaining useful life from the latest test on.
 
@@ -251,7 +246,7 @@ class Tracker(Kept):
             When the duty is not a number above 0.
         """
         duty = FutureDuty.of(duty)
-        rng = self._rng()
+        rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, self._settings.samples, rng)
         own = widened_lives(lives(sample, rng), self._check.widening())
         hours = duty.hours_of(own)
@@ -306,7 +301,7 @@ class Tracker(Kept):
         times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
-        rng = self._rng()
+        rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, n, rng)
         own = FutureDuty.of(duty).own_hours(times, n)
         away = widened(futures(sample, own, rng), self._check.widening())

@@ -29,14 +29,8 @@ _MOST_TESTS: Final = 1000
 def growth_not_certain(constant: float, tests: int) -> str:
     """Return why a fault is not judged to grow.
 
-    Evidence grows faster the longer growth lasts, so that fewer tests may do.
-
-    Parameters
-    ----------
-    constant
-        Probability that it does not grow [-].
-    tests
-        Tests of its level.
+    Evidence grows faster the longer growth lasts, so that fewer tests than it names may do.
+    ``constant`` is the probability that it does not grow, after some tests of its level.
     """
     if constant >= _LIKELY:
         return "no significant growth"
@@ -52,14 +46,7 @@ def beyond_horizon(
 ) -> str:
     """Return why a life that ends late is not given; empty when it is.
 
-    Parameters
-    ----------
-    median_hours
-        Median of the remaining life [h].
-    observed_hours, tests
-        Hours over which the fault has been observed [h], and in how many tests.
-    settings
-        The horizon.
+    The fault has been observed over some hours [h], in some tests.
     """
     horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours)
     if median_hours <= horizon:
