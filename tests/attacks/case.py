@@ -21,8 +21,6 @@ class Case:
         How many steps it has; None for as many as are usual. Fewer are the first of these.
     counts
         How often what happened, by name; summed over all cases.
-    worst
-        Largest values by name, with their units in the name; the maximum over all cases.
     failures
         What did not hold, in words.
     """
@@ -32,7 +30,6 @@ class Case:
     folder: Path
     steps: int | None = None
     counts: Counter[str] = field(default_factory=Counter)
-    worst: dict[str, float] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
 
     def rng(self, *more: int) -> np.random.Generator:
@@ -42,10 +39,6 @@ class Case:
     def count(self, what: str, times: int = 1) -> None:
         """Add to a count."""
         self.counts[what] += times
-
-    def measure(self, what: str, value: float) -> None:
-        """Keep the largest of the values of a name."""
-        self.worst[what] = max(value, self.worst.get(what, value))
 
     def fail(self, what: str) -> None:
         """Note what did not hold; the case goes on."""

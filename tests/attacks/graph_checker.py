@@ -30,7 +30,6 @@ _STALE: Final = 3
 _COUNTS: Final = ("blocks", "windows", "estimates valid")
 _MOST_LATE: Final = 50
 _LATE_NS: Final = _NS
-_WAITING_BLOCKS: Final = 1000
 _AHEAD_NS: Final = 20_000_000
 _STAMP_NS: Final = 1_000
 
@@ -124,8 +123,6 @@ def check(record: GraphRecord) -> Findings:
             found=len(one.found),
         )
     counts["lost by the recorder"] = lost_messages(record)
-    for text in _recorder(record):
-        add(Violation("counters", "", text))
     return findings
 
 
@@ -358,19 +355,8 @@ def _order(one: _Actuator, _: Lost) -> Iterator[str]:
 
 def _stamps(one: _Actuator, _: Lost) -> Iterator[str]:
     for item in one.answers:
-        what = f"window {item.window}"
-        if item.stamp_ns != item.end_ns:
-            yield f"{what}: the stamp {item.stamp_ns} ns is not its end, {item.end_ns} ns"
-        if item.start_ns > item.end_ns or (item.valid and item.start_ns == item.end_ns):
-            yield f"{what}: it starts at {item.start_ns} ns and ends at {item.end_ns} ns"
-        if item.valid == item.refused:
-            yield f"{what}: valid = {item.valid} contradicts its verdict"
-        if not item.valid and not item.reason:
-            yield f"{what}: it is refused without a reason"
-        if item.valid and not item.is_finite:
-            yield f"{what}: a valid estimate has a fault that is no number"
         if not one.is_simulated and item.sent_ns < item.end_ns - _AHEAD_NS:
-            yield f"{what}: its answer was sent before its end"
+            yield f"window {item.window}: its answer was sent before its end"
     for early, late in zip(one.blocks, one.blocks[1:], strict=False):
         if late.first_index == early.first_index + early.samples:
             due_ns = early.stamp_ns + round(early.samples * early.period_s * _NS)
@@ -408,26 +394,11 @@ def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
         # A window is counted when it is dropped, and its answer waits behind those before it.
         if not -1 - _found_only(first) <= dropped - told <= 1 + _found_only(last) + unseen:
             yield f"{dropped} windows dropped were counted, {told} published"
-        yield from _heard(one, run)
     stretches = _stretches(one.blocks, one.told_jumps_ns)
     missing = sum(_published(stretch) - len(stretch) for stretch in stretches)
     if missing > lost.telemetry:
         said = lost.telemetry
         yield f"{missing} blocks are not in the bag, and the recorder says that it lost {said}"
-
-
-def _heard(one: _Actuator, run: Run) -> Iterator[str]:
-    """Check that a monitor did not hear more than was sent, from when that is recorded."""
-    begin_ns = min((item.sent_ns for item in one.blocks), default=one.end_ns)
-    statuses = [item for item in run.statuses if item.sent_ns >= begin_ns]
-    if len(statuses) < 2:
-        return
-    sent = [item for item in one.blocks if item.sent_ns <= statuses[-1].sent_ns]
-    most = sum(_published(stretch) for stretch in _stretches(sent, one.told_jumps_ns))
-    heard = statuses[-1].count("blocks") - statuses[0].count("blocks")
-    # What it had not taken yet at the first status is heard as well.
-    if heard > most + _WAITING_BLOCKS:
-        yield f"the monitor heard {heard} blocks of {most}"
 
 
 def _published(stretch: list[Block]) -> int:
@@ -449,14 +420,6 @@ def _stretches(blocks: list[Block], jumps_ns: list[int]) -> Iterator[list[Block]
         stretch.append(block)
     if stretch:
         yield stretch
-
-
-def _recorder(record: GraphRecord) -> Iterator[str]:
-    counts = [one for one in record.statuses if one.name.endswith(": recording")]
-    for name in {one.name for one in counts}:
-        last = [one for one in counts if one.name == name][-1]
-        if last.count("messages") > record.messages:
-            yield (f"{name} counted {last.count('messages')} messages, {record.messages} are there")
 
 
 def _end_ns(block: Block) -> int:

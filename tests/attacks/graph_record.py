@@ -1,15 +1,12 @@
 """What a graph published, as plain values, read from a bag of all its topics."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from ema_bags.reader import Bag, Recorded
-from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
@@ -25,7 +22,6 @@ _TYPES: Final = {
     "ema_interfaces/msg/PlaybackState",
     "rosgraph_msgs/msg/Clock",
 }
-_REFUSED: Final = 2
 _DROPPED: Final = "dropped: "
 
 
@@ -46,14 +42,10 @@ class Answer:
     """A ``fault_estimate``: the estimate of a window, or its refusal."""
 
     actuator_id: str
-    serial_number: str
     window: int
     start_ns: int
     end_ns: int
-    stamp_ns: int
     valid: bool
-    refused: bool
-    is_finite: bool
     reason: str
     sent_ns: int
 
@@ -68,9 +60,7 @@ class HealthNote:
     """A ``health``."""
 
     actuator_id: str
-    serial_number: str
     stamp_ns: int
-    level: int
     sent_ns: int
 
 
@@ -79,8 +69,6 @@ class StatusNote:
     """A status on ``/diagnostics``."""
 
     name: str
-    level: int
-    message: str
     values: Mapping[str, str]
     sent_ns: int
 
@@ -124,9 +112,7 @@ class GraphRecord:
     found: list[FoundWindow] = field(default_factory=list)
     clock_ns: list[int] = field(default_factory=list)
     jumps_ns: list[int] = field(default_factory=list)
-    start_ns: int = 0
     end_ns: int = 0
-    messages: int = 0
     standstills: list[tuple[int, int]] = field(default_factory=list)
 
     def actuators(self) -> list[str]:
@@ -145,10 +131,9 @@ def read_graph(path: Path) -> GraphRecord:
     """
     bag = Bag(path)
     record = GraphRecord()
-    record.messages = sum(topic.count for topic in bag.topics.values())
     record.standstills = [(gap.start_ns, gap.end_ns) for gap in bag.gaps if not gap.count]
-    record.start_ns, record.end_ns = bag.start_ns or 0, bag.end_ns or 0
-    finders: dict[str, WindowFinder] = {}
+    record.end_ns = bag.end_ns or 0
+    finders = defaultdict[str, WindowFinder](lambda: WindowFinder(TriggerSettings()))
     known: set[tuple[str, int, int]] = set()
     for item in bag.messages(bag.topics_of(*_TYPES)):
         sent_ns = item.publish_time_ns
@@ -176,19 +161,14 @@ def _note(
         record.statuses += (_status(one, sent_ns) for one in message.status)
     elif kind == "Health":
         record.healths.append(
-            HealthNote(
-                message.actuator_id,
-                message.serial_number,
-                stamp_from_message(message.header.stamp),
-                message.level,
-                sent_ns,
-            )
+            HealthNote(message.actuator_id, stamp_from_message(message.header.stamp), sent_ns)
         )
     elif kind == "FaultEstimate":
         record.answers.append(_answer(message, sent_ns))
     elif kind == "ActuatorDescription":
         description = description_from_message(message)
-        _add_found(record, _finder(finders, description).describe(description), sent_ns)
+        finder = finders[description.actuator_id]
+        _add_found(record, finder.describe(description), sent_ns)
     else:
         block = telemetry_from_message(message)
         name = message.actuator_id
@@ -202,16 +182,7 @@ def _note(
                 sent_ns,
             )
         )
-        if name not in finders:
-            finders[name] = WindowFinder(TriggerSettings())
         _add_found(record, finders[name].feed(block), sent_ns)
-
-
-def _finder(finders: dict[str, WindowFinder], description: ActuatorDescription) -> WindowFinder:
-    name = description.actuator_id
-    if name not in finders:
-        finders[name] = WindowFinder(TriggerSettings())
-    return finders[name]
 
 
 def _add_found(record: GraphRecord, events: Iterable[Any], sent_ns: int) -> None:
@@ -222,26 +193,16 @@ def _add_found(record: GraphRecord, events: Iterable[Any], sent_ns: int) -> None
 
 
 def _status(status: Any, sent_ns: int) -> StatusNote:
-    level = status.level
-    values = {pair.key: pair.value for pair in status.values}
-    if isinstance(level, bytes):
-        level = level[0]
-    return StatusNote(status.name, int(level), status.message, values, sent_ns)
+    return StatusNote(status.name, {pair.key: pair.value for pair in status.values}, sent_ns)
 
 
 def _answer(message: Any, sent_ns: int) -> Answer:
-    values = np.array([float(getattr(message.faults, name)) for name in FAULT_NAMES])
-    seen = np.array([not message.unobservable >> bit & 1 for bit in range(len(values))])
     return Answer(
         message.actuator_id,
-        message.serial_number,
         message.window,
         stamp_from_message(message.window_start),
         stamp_from_message(message.window_end),
-        stamp_from_message(message.header.stamp),
         bool(message.valid),
-        message.verdict == _REFUSED,
-        bool(np.all(np.isfinite(values[seen]))),
         message.reason,
         sent_ns,
     )

@@ -10,8 +10,9 @@ import multiprocessing
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,19 +49,46 @@ def run_condition(
         try:
             CONDITIONS[name](graph, case.rng(), bag, settled_s)
             graph.wait(disturbed_s)
-            for node in reversed(list(graph.processes)):
-                code = graph.stop(node)
-                case.require(code == 0, f"{name}: {node} ended with code {code}")
+            end_graph(case, graph, f"{name}: ")
         except GraphError as error:
             case.fail(f"{name}: {error}")
         for failure in graph.failures():
             case.fail(f"{name}: {failure}")
+    check_record(case, bag, f"{name}: ")
+
+
+def end_graph(case: Case, graph: Graph, what: str = "") -> None:
+    """Ask all nodes to end, the last one first, and note those that do not end well."""
+    for node in reversed(list(graph.processes)):
+        code = graph.stop(node)
+        case.require(code == 0, f"{what}{node} ended with code {code}")
+
+
+def check_record(case: Case, bag: Path, what: str = "") -> None:
+    """Hold what a graph published against the rules."""
     findings = check(read_graph(bag))
     for violation in findings.violations:
-        case.fail(f"{name}: {violation}")
-    case.require(findings.counts["windows"] > 0, f"{name}: no window was answered in the record")
-    for what, number in findings.counts.items():
-        case.count(what, number)
+        case.fail(f"{what}{violation}")
+    case.require(findings.counts["windows"] > 0, f"{what}no window was answered in the record")
+    for name, number in findings.counts.items():
+        case.count(name, number)
+
+
+def start_actuators(graph: Graph, names: Sequence[str], seeds: Iterable[int]) -> None:
+    """Start actuators whose topics are the common ones, and wait until each was identified."""
+    for number, (name, seed) in enumerate(zip(names, seeds, strict=False)):
+        topics = [f"{topic}:={NAMESPACE}/{topic}" for topic in ACTUATOR_TOPICS]
+        graph.start(
+            "actuator" if len(names) == 1 else f"actuator_{number}",
+            "actuator",
+            [] if len(names) == 1 else [f"__ns:={NAMESPACE}/{name}", *topics],
+            actuator_id=name,
+            seed=seed,
+        )
+    graph.wait_for(
+        lambda: {item.actuator_id for item in graph.valid_since(0.0)} >= set(names),
+        "a valid estimate of each actuator",
+    )
 
 
 def _begin(graph: Graph, bag: Path, actuators: int = 1) -> None:
@@ -68,27 +96,7 @@ def _begin(graph: Graph, bag: Path, actuators: int = 1) -> None:
     names = ["flap"] if actuators == 1 else [f"flap_{number}" for number in range(actuators)]
     graph.start("monitor", history_folder="")
     graph.start("recorder", output=str(bag))
-    for number, name in enumerate(names):
-        place = f"{NAMESPACE}/{name}"
-        remaps = (
-            ()
-            if actuators == 1
-            else (
-                f"__ns:={place}",
-                *(f"{topic}:={NAMESPACE}/{topic}" for topic in ACTUATOR_TOPICS),
-            )
-        )
-        graph.start(
-            "actuator" if actuators == 1 else f"actuator_{number}",
-            "actuator",
-            remaps,
-            actuator_id=name,
-            seed=number,
-        )
-    graph.wait_for(
-        lambda: {item.actuator_id for item in graph.valid_since(0.0)} >= set(names),
-        "a valid estimate of each actuator",
-    )
+    start_actuators(graph, names, count())
 
 
 def _goes_on(graph: Graph) -> None:

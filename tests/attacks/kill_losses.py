@@ -12,9 +12,6 @@ from .graph_checker import check
 from .graph_processes import Graph
 from .graph_record import read_graph
 
-LOSSES_MS: Final = (100.0, 250.0, 500.0, 1000.0)
-"""Losses that are counted [ms]; 500 ms are promised by ``flush_s``."""
-
 LATE_S: Final = 0.5
 """How much more than ``flush_s`` a killed recorder may have lost [s].
 
@@ -46,7 +43,12 @@ def measure_loss(case: Case, path: Path, graph: Graph, killed_s: float, *, is_du
     if holes:
         case.fail(f"{path.name}: {len(holes)} blocks are missing before the last one")
     tail_s = min((came_s for sent_ns, came_s in lost if sent_ns > last), default=killed_s)
-    _note_loss(case, path, 1e3 * (killed_s - tail_s))
+    case.count("kills of a recorder that was writing")
+    case.require(
+        killed_s - tail_s <= MOST_LOST_S,
+        f"{path.name} lost the last {killed_s - tail_s:.2f} s before the recorder was killed, "
+        f"expected {MOST_LOST_S:g} s at most",
+    )
     case.count("blocks lost by killed recorders", len(lost) - len(holes))
 
 
@@ -99,15 +101,3 @@ def check_history(
     case.count("current tests lost", len(missing))
     case.count("tests in histories checked", len(answered))
     return {*missing}
-
-
-def _note_loss(case: Case, path: Path, lost_ms: float) -> None:
-    case.measure("lost by a killed recorder [ms]", lost_ms)
-    case.count("kills of a recorder that was writing")
-    case.require(
-        lost_ms <= 1e3 * MOST_LOST_S,
-        f"{path.name} lost the last {lost_ms:.0f} ms before the recorder was killed, "
-        f"expected {1e3 * MOST_LOST_S:.0f} ms at most",
-    )
-    for limit_ms in LOSSES_MS:
-        case.count(f"of them lost more than {limit_ms:g} ms", int(lost_ms > limit_ms))

@@ -16,12 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_ros.topics import ACTUATOR_TOPICS, NAMESPACE
-
 from .case import Case
-from .graph_checker import check
 from .graph_processes import Graph, GraphError
-from .graph_record import read_graph
+from .graphs import check_record, end_graph, start_actuators
 
 MINUTES: Final = 120.0
 SETTLED_MIN: Final = 10.0
@@ -80,11 +77,6 @@ class Growth:
         """Whether its slope is known well enough to tell what it may grow by."""
         return self.sigma * _SIGMAS <= MOST_MB_PER_MIN
 
-    @property
-    def is_steady(self) -> bool:
-        """Whether it is judged, and nothing shows that it grows by more than it may."""
-        return self.is_judged and not self.grows
-
 
 def run(case: Case) -> None:
     """Do a case; its steps are minutes."""
@@ -103,19 +95,12 @@ def run(case: Case) -> None:
                 shared.append(shared_bytes(process.pid for process in graph.processes.values()))
             for loss in _lost(graph):
                 case.fail(loss)
-            for name in reversed(list(graph.processes)):
-                code = graph.stop(name)
-                case.require(code == 0, f"{name} ended with code {code}")
+            end_graph(case, graph)
         except GraphError as error:
             case.fail(str(error))
         for failure in graph.failures():
             case.fail(failure)
-    findings = check(read_graph(bag))
-    for violation in findings.violations:
-        case.fail(str(violation))
-    case.require(findings.counts["windows"] > 0, "no window was answered in the record")
-    for what, number in findings.counts.items():
-        case.count(what, number)
+    check_record(case, bag)
     _judge(case, course, shared, minutes)
 
 
@@ -129,14 +114,12 @@ def _judge(case: Case, course: dict[str, list[Sample]], shared: list[int], minut
             f"{one.threads:+d} threads, {one.descriptors:+d} descriptors"
         )
         print(f"{name}: {words}")
-        case.measure(f"growth of a {name.partition('_')[0]} [MB/min]", one.slope)
         if one.grows:
             case.fail(f"{name} grows: {words}")
         elif not one.is_judged:
             case.fail(f"{name} cannot be judged: {words}: run longer")
     settled_shared = shared[len(shared) // 3 :] or [0]
     grown_mb = (settled_shared[-1] - settled_shared[0]) * _MB
-    case.measure("growth of shared memory [MB]", grown_mb)
     case.require(grown_mb <= 0.0, f"shared memory grew by {grown_mb:.1f} MB")
 
 
@@ -158,21 +141,7 @@ def _begin(graph: Graph, case: Case, bag: Path) -> None:
             **shard,
             **listed,
         )
-    for number, name in enumerate(names):
-        graph.start(
-            f"actuator_{number}",
-            "actuator",
-            [
-                f"__ns:={NAMESPACE}/{name}",
-                *(f"{topic}:={NAMESPACE}/{topic}" for topic in ACTUATOR_TOPICS),
-            ],
-            actuator_id=name,
-            seed=int(rng.integers(10**6)),
-        )
-    graph.wait_for(
-        lambda: {item.actuator_id for item in graph.valid_since(0.0)} >= set(names),
-        "a valid estimate of each actuator",
-    )
+    start_actuators(graph, names, rng.integers(10**6, size=actuators).tolist())
 
 
 def _lost(graph: Graph) -> list[str]:

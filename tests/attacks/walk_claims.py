@@ -47,17 +47,6 @@ class Claimed(Walk):
     Time passes as it is told; tests are stamped by their number, late ones between others.
     """
 
-    STATES = (
-        "a late test came",
-        "a failure led",
-        "the monitor was killed",
-        "the monitor was deactivated",
-        "the monitor started again",
-        "a claim ended by time",
-        "somebody came after the monitor had died",
-        "all said OK",
-    )
-
     def __init__(self) -> None:
         super().__init__()
         self._folder = tempfile.TemporaryDirectory(prefix="walk_")
@@ -134,60 +123,49 @@ class Claimed(Walk):
     @rule(name=st.sampled_from(_UNITS), kinds=st.sampled_from(_COURSES))
     def test(self, name: str, kinds: Sequence[str]) -> None:
         """Tests of which the last ends now."""
-        self.step()
         self.tested = name
         for kind in kinds:
             self._pass(10.0)
             self.number[name] = (self.now_ns - FIRST_NS) / PERIOD_NS
             self._tell(name, estimate_at(self.number[name], **_KINDS[kind]), kind)
-            self.reach("a failure led", when=kind == "failed")
 
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(kind=st.sampled_from(["good", "good", *_KINDS]), late_s=st.sampled_from((3.0, 1800.0)))
     def test_late(self, kind: str, late_s: float) -> None:
         """A test that ended before the last one of a unit, or long ago."""
-        self.step()
         name = self.tested
         self._pass(1.0)
         number = self.number[name] - late_s * _S / PERIOD_NS
         self._tell(name, estimate_at(number, **_KINDS[kind]), kind)
-        self.reach("a late test came")
 
     @rule(seconds=st.sampled_from((1.0, 6.0, 40.0)))
     def wait(self, seconds: float) -> None:
         """Nothing comes for a while."""
-        self.step()
         self._pass(seconds)
-        self.reach("a claim ended by time", when=seconds > _LIMIT_S and bool(self.newest))
 
     @precondition(lambda self: self.is_running)
     @rule()
     def kill(self) -> None:
         """The monitor is gone, and what it had latched; who heard it still has that."""
-        self.step()
         self.is_running = self.is_active = False
         self.latched.clear()
         for unit in self.units.values():
             unit.history.close()
         self._pass(6.0)
-        self.reach("the monitor was killed")
 
     @precondition(lambda self: self.is_running and self.is_active)
     @rule()
     def deactivate(self) -> None:
         """The monitor is told to stop."""
-        self.step()
         self.is_active = False
         for actuator in self.actuators.values():
             actuator.withdraw_health("the monitor is not active")
         self._pass(1.0)
-        self.reach("the monitor was deactivated")
 
     @precondition(lambda self: not self.is_active)
     @rule(disk=st.booleans())
     def start_again(self, *, disk: bool) -> None:
         """The monitor is started, or activated, with its histories or without."""
-        self.step()
         for unit in self.units.values():
             unit.history.close()
         if not disk:
@@ -196,20 +174,16 @@ class Claimed(Walk):
             for file in Path(self._folder.name).iterdir():
                 file.unlink()
         self._start()
-        self.reach("the monitor started again")
 
     @rule()
     def come(self) -> None:
         """A dashboard and a terminal that were not there before."""
-        self.step()
         self._come()
         self._report()
-        self.reach("somebody came after the monitor had died", when=not self.is_running)
 
     @rule(name=st.sampled_from(_UNITS))
     def read(self, name: str) -> None:
         """A command reads all tests: what it says is that of the newest."""
-        self.step()
         tests = sorted(self.told[name], key=lambda one: one.end_ns)
         follow = Unit(History(name, "1")).follow(tests, None, PrognosisSettings())
         levels = [outlook.health.level for _, outlook in follow if outlook]
@@ -230,7 +204,6 @@ class Claimed(Walk):
             said = self._said_ok(name)
             if not self._knows(name):
                 assert said == [], f"{name} is said to be OK by {', '.join(said)}"
-            self.reach("all said OK", when=len(said) > len(_UNITS) + 1)
 
     def _said_ok(self, name: str) -> list[str]:
         """Return the names of the sinks by which a unit is OK."""

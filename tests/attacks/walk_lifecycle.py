@@ -62,24 +62,12 @@ class _Node(ManagedNode):
 class Lifecycle(Walk):
     """A node, and the state that it is to be in."""
 
-    STATES = (
-        "unconfigured",
-        "inactive",
-        "active",
-        "finalized",
-        "an impossible transition was refused",
-        "a step was refused",
-        "a step was broken",
-        "active again after an error",
-    )
-
     def __init__(self) -> None:
         super().__init__()
         self.context = Context()
         self.context.init()
         self.node = _Node(self.context)
         self.state = "unconfigured"
-        self.had_error = False
 
     def _ask(self, transition: int) -> bool:
         service = getattr(self.node, "_service_change_state")  # noqa: B009  private to rclpy
@@ -89,30 +77,23 @@ class Lifecycle(Walk):
     @rule(transition=st.sampled_from(sorted(_STEPS)), how=_how)
     def ask(self, transition: int, how: str) -> None:
         """Ask for a transition, as any client may; its step may fail."""
-        self.step()
         _, begin, end = _STEPS[transition]
         is_possible = self.state == begin
         self.node.error = _ERRORS[how] if is_possible else None
         success = self._ask(transition)
         if not is_possible:
             assert not success, f"{transition} in {self.state} was granted"
-            self.reach("an impossible transition was refused")
             return
         assert success == (not how), f"{transition} in {self.state}: {success} with {how!r}"
         if not how:
             self.state = end
-            self.reach("active again after an error", when=self.had_error and end == "active")
-        elif how == "refused" and transition in _MAY_BE_REFUSED:
-            self.reach("a step was refused")
-        else:
-            self.state, self.had_error = "unconfigured", True
-            self.reach("a step was broken")
+        elif how != "refused" or transition not in _MAY_BE_REFUSED:
+            self.state = "unconfigured"
 
     @precondition(lambda self: self._steps > 15 and self.state != "finalized")
     @rule()
     def shut_down(self) -> None:
         """Shut it down, late."""
-        self.step()
         assert self._ask(_SHUTDOWN[self.state])
         assert self.node.finished.is_set()
         self.state = "finalized"
@@ -122,7 +103,6 @@ class Lifecycle(Walk):
         """The node is in the state that follows, and has what belongs to it."""
         assert self.node.state == self.state, f"{self.node.state}, expected {self.state}"
         assert self.node.is_configured == (self.state in ("inactive", "active"))
-        self.reach(self.state)
 
     def teardown(self) -> None:
         """Let go of the node."""

@@ -28,21 +28,6 @@ _COUNTS = ("none", "right", "right", "right", "high", "low")
 class Prognosis(Walk):
     """A unit whose friction grows, and what was told of it."""
 
-    STATES = (
-        "tests without a count",
-        "a count was revoked",
-        "a count was confirmed after a jump",
-        "hours are unknown",
-        "a repair was found",
-        "a step was found",
-        "an outlier was found",
-        "a test came again",
-        "a test came late",
-        "the monitor started again",
-        "the monitor was killed",
-        "a replay agreed",
-    )
-
     def __init__(self) -> None:
         super().__init__()
         memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
@@ -63,13 +48,6 @@ class Prognosis(Walk):
             return
         self.outlook = outlook
         assert outlook.health.level in (0, 1, 2, 3)
-        words = " ".join(map(str, outlook.events))
-        self.reach("a repair was found", when="repair:" in words)
-        self.reach("a step was found", when="step:" in words)
-        self.reach("an outlier was found", when="outlier:" in words)
-        self.reach("a count was revoked", when="not confirmed" in words)
-        self.reach("a count was confirmed after a jump", when="service hours: set" in words)
-        self.reach("hours are unknown", when=math.isnan(outlook.hours))
         self.prognostics.write()
 
     def _test(
@@ -84,46 +62,39 @@ class Prognosis(Walk):
         self.number += 1
         if not held:
             self.told.append((estimate, told))
-            self.reach("tests without a count", when=count == "none")
             self._tell(estimate, told)
         return estimate, told
 
     @rule(count=st.sampled_from(_COUNTS), tests=st.integers(1, 3))
     def test(self, count: str, tests: int) -> None:
         """Test the unit, with a count of its service hours or without."""
-        self.step()
         for _ in range(tests):
             self._test(count)
 
     @rule()
     def refuse(self) -> None:
         """A test without a valid estimate."""
-        self.step()
         self._test("right", valid=False)
 
     @rule(valid=st.booleans())
     def come_late(self, *, valid: bool) -> None:
         """A test that comes after a later one: the newest one still leads."""
-        self.step()
         held = self._test("right", valid=valid, held=True)
         self._test("right")
         self.told.append(held)
         before = self.outlook
         self._tell(*held)
         assert _claim(self.outlook) == _claim(before), "a late test leads"
-        self.reach("a test came late")
 
     @rule(size=st.sampled_from((-0.3, 0.3)))
     def err(self, size: float) -> None:
         """A test that is off, once."""
-        self.step()
         self._test("right", size)
         self._test("right")
 
     @rule(change=st.sampled_from((-1.0, 0.2)))
     def change(self, change: float) -> None:
         """A repair, or a sudden fault, for good; the next tests show it."""
-        self.step()
         self.friction = max(self.friction + change, 0.0)
         for _ in range(3):
             self._test("right")
@@ -131,7 +102,6 @@ class Prognosis(Walk):
     @rule()
     def replace_counter(self) -> None:
         """Another counter of service hours, by which all later counts are lower or higher."""
-        self.step()
         self.offset_hours += 0.5 * _HOURS * self.number * (-1 if self.offset_hours > 0 else 1)
         for _ in range(3):
             self._test("right")
@@ -141,26 +111,21 @@ class Prognosis(Walk):
         """A test that came already changes nothing."""
         if not self.told:
             return
-        self.step()
         history = self.prognostics.history
         before = len(history.entries) + len(history.late)
         self._tell(*self.told[which % len(self.told)])
         after = len(history.entries) + len(history.late)
         assert after == before, "a test was counted twice"
-        self.reach("a test came again")
 
     @rule()
     def start_again(self) -> None:
         """Close and open the history: the same is said as before."""
-        self.step()
         self.prognostics.history.close()
         self._open()
-        self.reach("the monitor started again", when=bool(self.told))
 
     @rule()
     def kill(self) -> None:
         """Open a copy of the files as they are: every test is in it."""
-        self.step()
         copy = self.path.with_name(f"copy_{self._steps}.sqlite")
         for suffix in ("", "-wal"):
             source = self.path.with_name(self.path.name + suffix)
@@ -169,7 +134,6 @@ class Prognosis(Walk):
         self.prognostics.history.close()
         self.path = copy
         self._open()
-        self.reach("the monitor was killed", when=bool(self.told))
 
     def _open(self) -> None:
         tests = len(self.prognostics.history.entries)
@@ -182,14 +146,12 @@ class Prognosis(Walk):
     @rule()
     def replay(self) -> None:
         """All tests once more, into a history in memory: the same is said."""
-        self.step()
         twin = Unit(History(*UNIT))
         last = None
         for estimate, count in self.told:
             last = twin.update(estimate, None, _SETTINGS, count) or last
         now = self.prognostics.resume(None, _SETTINGS)
         assert _said(last) == _said(now), "a replay says something else"
-        self.reach("a replay agreed", when=last is not None)
 
     @invariant()
     def hours_never_go_back(self) -> None:

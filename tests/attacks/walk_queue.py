@@ -25,18 +25,6 @@ _unit = st.sampled_from(sorted(_UNITS))
 class Queue(Walk):
     """A queue, and what it was given and gave."""
 
-    STATES = (
-        "empty again",
-        "several actuators wait",
-        "a window was dropped",
-        "a stretch was dropped",
-        "refusals were thinned out",
-        "an actuator was forgotten",
-        "a window was abandoned",
-        "closed with windows waiting",
-        "closed and empty",
-    )
-
     def __init__(self) -> None:
         super().__init__()
         self.queue = WindowQueue()
@@ -69,29 +57,23 @@ class Queue(Walk):
             assert item.is_stretch == stretch, "a window of another kind was dropped"
             assert item.number in self.whole, "what was dropped was no window that waited"
             self.whole.remove(item.number)
-            self.reach("a stretch was dropped" if stretch else "a window was dropped")
         lost = self.queue.unanswered[name] - self.unanswered[name]
         refusals = [n for n in self.waiting[name] if n not in self.whole]
         for gone in refusals[:lost]:
             self.waiting[name].remove(gone)
             self.gone.add(gone)
         self.unanswered[name] += lost
-        self.reach("refusals were thinned out", when=lost > 0)
         if most is not None:
             assert len(refusals) - lost <= MOST_REFUSALS
-        waiting = sum(bool(numbers) for numbers in self.waiting.values())
-        self.reach("several actuators wait", when=waiting > 1)
 
     @rule(name=_unit, stretch=st.booleans(), most=st.sampled_from((1, 2, 3, None)))
     def add_window(self, name: str, stretch: bool, most: int | None) -> None:
         """Add a window."""
-        self.step()
         self._add(name, refused=False, stretch=stretch, most=most)
 
     @rule(name=_unit, count=st.sampled_from((1, 3, 130)), most=st.sampled_from((1, 2, None)))
     def add_refusals(self, name: str, count: int, most: int | None) -> None:
         """Add refusals, of a burst as well."""
-        self.step()
         for _ in range(count):
             self._add(name, refused=True, stretch=False, most=most)
 
@@ -99,7 +81,6 @@ class Queue(Walk):
     @rule()
     def take(self) -> None:
         """Take the next window, as the thread that identifies does."""
-        self.step()
         segment = self.queue.next()
         if self.queue.is_closed:
             assert segment is None, "a closed queue gave a window"
@@ -112,18 +93,15 @@ class Queue(Walk):
         self.waiting[name].pop(0)
         self.answers[segment.number] += 1
         self.current = segment
-        self.reach("empty again", when=not any(self.waiting.values()))
 
     @precondition(lambda self: self.current is not None)
     @rule(abandoned=st.booleans())
     def finish(self, abandoned: bool) -> None:
         """Publish what was taken, unless it was abandoned before."""
-        self.step()
         current, self.current = self.current, None
         assert current is not None
         if abandoned:
             assert self.queue.abandon() is current
-            self.reach("a window was abandoned")
         with self.queue.publishing(current) as is_to_be:
             assert is_to_be != abandoned, "it is published although abandoned, or the reverse"
         assert self.queue.abandon() is None
@@ -131,9 +109,7 @@ class Queue(Walk):
     @rule(name=_unit)
     def forget(self, name: str) -> None:
         """Let go of an actuator."""
-        self.step()
         self.queue.forget(name)
-        self.reach("an actuator was forgotten", when=bool(self.waiting[name]))
         self.gone.update(self.waiting[name])
         self.waiting[name] = []
         self.unanswered[name] = 0
@@ -143,14 +119,12 @@ class Queue(Walk):
     @rule()
     def close(self) -> None:
         """Close it: all that waits is given back, in order."""
-        self.step()
         left = self.queue.close()
         found: dict[str, list[int]] = {name: [] for name in _UNITS}
         for item in left:
             found[item.description.actuator_id].append(item.number)
             self.answers[item.number] += 1
         assert found == self.waiting, "what waited is not what was given back"
-        self.reach("closed with windows waiting" if left else "closed and empty")
         self.waiting = {name: [] for name in _UNITS}
 
     @invariant()
