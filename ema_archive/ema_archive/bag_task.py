@@ -61,16 +61,9 @@ class UnitRows:
 
 @dataclass(frozen=True)
 class BagResult:
-    """What became of a bag.
+    """What became of a bag: one of ``DONE``, ``DAMAGED``, ``FAILED``, and why it is not the first.
 
-    Attributes
-    ----------
-    state, reason
-        One of ``DONE``, ``DAMAGED``, ``FAILED``, and why it is not the first, or has no window.
-    remarks
-        What is wrong with it beside that.
-    software
-        Identity of the software of the worker.
+    The reason may also be that it has no window; remarks are what is wrong with it beside that.
     """
 
     task: BagTask

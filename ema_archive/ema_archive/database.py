@@ -51,16 +51,7 @@ _REMEDY: Final = (
 
 
 class Database(AbstractContextManager[Any, None]):
-    """The database of an archive.
-
-    Parameters
-    ----------
-    archive
-        Folder of the archive.
-    is_new
-        Whether the folder and the database may be made.
-    writes
-        Whether it is to be changed: one process at a time may.
+    """The database of an archive, for one process at a time that changes it (``writes``).
 
     Raises
     ------

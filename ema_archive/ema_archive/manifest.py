@@ -331,10 +331,8 @@ class Manifest(Database):
 
     def kept_history(self, unit: str) -> KeptHistory | None:
         """Return the history of a unit that its next tests are added to; None without any."""
-        rows = self._rows(
-            "SELECT made_by, tests, digest, history FROM kept WHERE unit = ?", (unit,)
-        )
-        return KeptHistory(*rows[0]) if rows else None
+        query = "SELECT made_by, tests, digest, history FROM kept WHERE unit = ?"
+        return next((KeptHistory(*row) for row in self._rows(query, (unit,))), None)
 
     def begin_unit(self, unit: str) -> None:
         """Note that health and life of a unit are about to be written: it is due until they are."""
@@ -387,15 +385,9 @@ class Manifest(Database):
         """Note a file as it was just written; one that is not there would have no rows."""
         if path.exists():
             stat = path.stat()
-            noted = (
-                self._name(path),
-                unit,
-                month,
-                stat.st_size,
-                stat.st_mtime_ns,
-                content_digest(path),
-            )
-            self._db.execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?)", noted)
+            noted = (stat.st_size, stat.st_mtime_ns, content_digest(path))
+            values = (self._name(path), unit, month, *noted)
+            self._db.execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?)", values)
 
     def _damaged_files(self) -> list[tuple[Path, str, str]]:
         """Return the files that are missing, or not as they were written; their unit and month."""
@@ -423,9 +415,7 @@ class Manifest(Database):
             urls = [(url,) for url in sorted(due)]
             db.executemany("UPDATE bag SET state = 'interrupted' WHERE url = ?", urls)
         words = [f"{counted(len(damaged), 'file')} of the tables missing or damaged: made anew"]
-        gone = [
-            url for (url,) in urls if self._count(f"bag WHERE url = ? AND NOT {_THERE}", (url,))
-        ]
+        gone = [one[0] for one in urls if self._count(f"bag WHERE url = ? AND NOT {_THERE}", one)]
         if gone:
             words.append(
                 f"{counted(len(gone), 'bag')} of these tables no longer there, such as {gone[0]}: "

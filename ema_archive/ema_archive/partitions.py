@@ -59,13 +59,6 @@ def replace_rows(
     """Put rows of some bags in the place of those that they had in a file.
 
     The file is removed where it would have no rows; where it cannot be written it is as it was.
-
-    Parameters
-    ----------
-    bags
-        Addresses of the bags, those without new rows included.
-    rows
-        Their rows.
     """
     new = pa.Table.from_pylist(list(rows), PARTITIONED[table])
     if path.exists():

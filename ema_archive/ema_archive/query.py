@@ -38,11 +38,6 @@ def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPy
 
     It reads the tables of the archive and no other file, and its settings cannot be changed.
 
-    Parameters
-    ----------
-    has_tests
-        Whether it has the tables with a row a test, which are many files, and views of them.
-
     Raises
     ------
     ValueError
@@ -100,11 +95,6 @@ def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...
 
 def export(archive: Path, question: str, path: Path) -> int:
     """Write the answer to a query, or a table or view by its name, to a file; return its rows.
-
-    Parameters
-    ----------
-    path
-        The file: ``.csv`` or ``.parquet``.
 
     Raises
     ------

@@ -36,17 +36,8 @@ _OTHER_SOFTWARE: Final = (
 )
 
 
-@dataclass(frozen=True)
-class RunProgress:
-    """How many "bags" or "units" are done of how many, and how many of those could not be used."""
-
-    what: str
-    done: int
-    total: int
-    failures: int = 0
-
-
-Follow = Callable[[RunProgress], None]
+Follow = Callable[[str, int, int, int], None]
+"""Called with "bags" or "units", how many are done, of how many, and how many of them failed."""
 
 
 @dataclass
@@ -79,11 +70,6 @@ def scan(
 ) -> int:
     """List the bags of the sources of an archive, those given anew included; return how many.
 
-    Parameters
-    ----------
-    follow
-        Called with the number of bags so far.
-
     Raises
     ------
     ValueError, OSError
@@ -104,20 +90,13 @@ def scan(
 def run(
     manifest: Manifest,
     workers: Workers,
-    follow: Follow = lambda _: None,
+    follow: Follow = lambda *_: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> RunTally:
     """Do what is to be done in an archive.
 
     What is done is in the tables within five seconds, also when the run is ended by an exception.
     Files of the tables that are missing or damaged are made anew.
-
-    Parameters
-    ----------
-    follow
-        Called after each bag and each unit.
-    diagnose
-        What is done with a bag.
 
     Raises
     ------
@@ -139,13 +118,13 @@ def run_bags(
     manifest: Manifest,
     workers: Workers,
     tally: RunTally,
-    follow: Follow = lambda _: None,
+    follow: Follow = lambda *_: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> None:
     """Do the bags that are to be done; arguments as of `run`, and what to count in."""
     settings = manifest.settings
     total = manifest.find_due(settings)
-    follow(RunProgress("bags", 0, total))
+    follow("bags", 0, total, 0)
     gathered: list[BagResult] = []
     began = time.monotonic()
     tasks = (BagTask(*bag, settings) for bag in manifest.due(settings))
@@ -162,7 +141,7 @@ def run_bags(
                     written, gathered = gathered, []
                     write_results(manifest, written, settings)
                     began = time.monotonic()
-                follow(RunProgress("bags", tally.bags, total, tally.damaged + tally.failed))
+                follow("bags", tally.bags, total, tally.damaged + tally.failed)
     finally:
         # After a full disk none is left: what could not be written is done again.
         write_results(manifest, gathered, settings)
@@ -203,12 +182,12 @@ def write_results(
 
 
 def run_units(
-    manifest: Manifest, workers: Workers, tally: RunTally, follow: Follow = lambda _: None
+    manifest: Manifest, workers: Workers, tally: RunTally, follow: Follow = lambda *_: None
 ) -> None:
     """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
     settings = manifest.settings
     entries = {entry.unit: entry for entry in manifest.units_due(settings)}
-    follow(RunProgress("units", 0, len(entries)))
+    follow("units", 0, len(entries), 0)
     for outcome in workers.run(follow_unit, _unit_tasks(manifest, entries.values(), settings)):
         entry, result = entries[outcome.item.unit], outcome.value
         if outcome.error is not None or result.software != prognosis_software():
@@ -222,7 +201,7 @@ def run_units(
         manifest.commit_unit(entry, result)
         tally.units += 1
         tally.followed += result.followed
-        follow(RunProgress("units", tally.units, len(entries)))
+        follow("units", tally.units, len(entries), 0)
 
 
 def _unit_tasks(

@@ -12,18 +12,9 @@ _Z: Final = NormalDist().inv_cdf(0.5 + _CONFIDENCE / 2.0)
 
 
 class SurvivalStep(NamedTuple):
-    """The share from an age on, until the next step.
+    """Share [-] that lives beyond an age [h] at which some failed, with its 90 % interval.
 
-    Attributes
-    ----------
-    age
-        Age at which some failed [h].
-    at_risk, failed
-        How many were watched just before, and how many of these failed.
-    share
-        Share that lives beyond it [-].
-    lower, upper
-        Bounds of its 90 % interval [-].
+    It holds until the next step; of those at risk, who were watched just before, some failed.
     """
 
     age: float
@@ -46,13 +37,7 @@ def survival(
     variance of log(-log share), which stays within 0 and 1. Where nobody is left the share is 0,
     and its interval is not known.
 
-    Parameters
-    ----------
-    from_age, to_age
-        Ages between which each was watched [h], ``(n,)``; one that was not watched for any time
-        does not count.
-    has_failed
-        Whether it failed at the end, ``(n,)``.
+    One that was not watched for any time, between its two ages [h], does not count.
     """
     begin, end = np.asarray(from_age, dtype=float), np.asarray(to_age, dtype=float)
     is_failure = np.asarray(has_failed, dtype=bool) & (end > begin)

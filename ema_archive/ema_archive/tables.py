@@ -153,13 +153,7 @@ tested; and each month with tests of a unit.
 
 
 def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
-    """Return an estimate as a row, exactly; provenance and unit are the caller's to add.
-
-    Parameters
-    ----------
-    number
-        Running number of the window in its bag.
-    """
+    """Return an estimate as a row, exactly; provenance and unit are the caller's to add."""
     row = estimate_values(one)
     row |= row.pop("faults")
     row |= {f"{name}_sigma": value for name, value in one.sigma._asdict().items()}

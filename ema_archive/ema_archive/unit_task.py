@@ -45,16 +45,9 @@ class KeptHistory:
 
 @dataclass(frozen=True)
 class UnitTask:
-    """What a worker is to do with the tests of a unit.
+    """What a worker is to do with the tests of a unit: its rows in these tables, in order of time.
 
-    Attributes
-    ----------
-    source
-        Where its calibration comes from.
-    estimates, usage, health
-        Its rows in these tables, in order of time.
-    kept
-        What an earlier task kept; None where tests are to be followed from the first.
+    Without what an earlier task kept, tests are followed from the first.
     """
 
     unit: str
@@ -74,16 +67,8 @@ class UnitResult:
 
     Attributes
     ----------
-    made_by
-        Identity of what they follow from, beside its tests.
-    software
-        Identity of the software of the worker.
-    health
-        Rows of the table of health, one a test.
     summary
         Its rows in the tables that are one file each, as plain values, by the names of these.
-    kept
-        What a later task goes on from; None when nothing.
     followed
         Number of windows that were followed; the others were known.
     """
@@ -203,13 +188,7 @@ def _counts(table: pa.Table) -> list[Count]:
 
 
 def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return the lives of a unit.
-
-    Parameters
-    ----------
-    health
-        Its rows of health in order of time; those at unknown service hours tell no age.
-    """
+    """Return the lives of a unit."""
     lives: list[dict[str, Any]] = []
     repairs = 0
     for row in health:

@@ -97,10 +97,8 @@ class GraphRecord:
         Times on ``/clock`` [ns]; empty where time is that of the machine.
     jumps_ns
         When a player said that it goes on elsewhere [ns].
-    start_ns, end_ns
-        When the first and the last message were sent [ns].
-    messages
-        Number of messages in the bag.
+    end_ns
+        When the last message was sent [ns].
     standstills
         Log times between which the recorder says that it stood still [ns].
     """

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
-from ema_archive.running import RunProgress, run, scan, write_summaries
+from ema_archive.running import run, scan, write_summaries
 from ema_archive.settings import ArchiveSettings
 from ema_cli.bags.identifying import ALGORITHM_OPTION, SEED_OPTION
 from ema_cli.bags.predicting import (
@@ -139,19 +139,18 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
             task = progress.add_task("starting", total=None)
             shown, began_s = "", time.monotonic()
 
-            def follow(now: RunProgress) -> None:
+            def follow(what: str, done: int, total: int, failures: int) -> None:
                 nonlocal task, shown, began_s
-                if now.what != shown:
+                if what != shown:
                     progress.update(task, visible=False)
-                    task, shown = progress.add_task(now.what, total=now.total), now.what
+                    task, shown = progress.add_task(what, total=total), what
                     began_s = time.monotonic()
-                state = f"{now.done} of {now.total}"
-                if now.done:
-                    rate = now.done / max(time.monotonic() - began_s, 1e-3)
-                    state += f", {rate:.1f} a second"
-                if now.failures:
-                    state += f", {now.failures} failed"
-                progress.update(task, completed=now.done, state=state)
+                state = f"{done} of {total}"
+                if done:
+                    state += f", {done / max(time.monotonic() - began_s, 1e-3):.1f} a second"
+                if failures:
+                    state += f", {failures} failed"
+                progress.update(task, completed=done, state=state)
 
             try:
                 with executor.open() as workers:
