@@ -6,7 +6,7 @@ Every window comes from the high-fidelity simulation, which the estimator never 
 that nothing was tuned on. Prints tables and writes JSON. Needs g++ for the unit of time.
 """
 
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
 import bounds
@@ -16,17 +16,16 @@ import numpy as np
 import timing
 from bounds import Spectrum
 from cases import THESIS_FAULTS
-from click import Path as PathType
-from click import command, option
 from exactness import Healthy, Sizes, Trial, pooled
 from intervals import coverage
 from rich.progress import Progress
 from tables import show
-from trials import Workers, run_benchmark, workers
+from trials import Workers, command, workers
 
 
-def measure(progress: Progress, sizes: Sizes) -> dict[str, Any]:
-    """Return all figures."""
+def measure(progress: Progress, **options: int) -> dict[str, Any]:
+    """Print accuracy, coverage, detection and times, with so many cases of each set."""
+    sizes = Sizes(**options)
     with workers(progress) as pool:
         healthy = exactness.healthy_unit(pool, sizes)
         trials = exactness.measure(pool, healthy, sizes)
@@ -50,26 +49,18 @@ def _figures(trials: dict[str, Trial], healthy: Healthy, pool: Workers) -> dict[
             "thesis": float(np.mean(repeated.errors_percent)),
             "each": repeated.errors_percent.tolist(),
             "evaluations": first.estimates[0].evaluations,
-            **_bounds(jacobian, clean, case.faults),
+            "bound_current_percent": bounds.bound(
+                clean.information(jacobian), case.faults
+            ).error_percent,
         }
     wide = trials["wide noisy"]
     windows = pool.map("wide windows for the bound", exactness.noisy_window, wide.cases)
-    by_kind: dict[str, list[bounds.Bound]] = {}
-    for window, case in zip(windows, wide.cases, strict=True):
-        jacobian = bounds.jacobian(window, healthy.noisy, case.faults)
-        for kind, information in {
-            "current": noisy.information(jacobian),
-            "current_and_speed": noisy.information(jacobian, with_speed=True),
-            "sensors_alone": bounds.sensor_information(jacobian),
-        }.items():
-            by_kind.setdefault(kind, []).append(bounds.bound(information, case.faults))
-    covariance = coverage(wide, by_kind["current"])
-    for kind, of_cases in by_kind.items():
-        other = coverage(wide, of_cases)
-        covariance[f"bound_{kind}"] = {
-            "error_percent_median": float(np.median([one.error_percent for one in of_cases])),
-            **{name: other[name] for name in ("bound_half_width_percent", "width_over_bound")},
-        }
+    of_cases = [
+        bounds.bound(
+            noisy.information(bounds.jacobian(window, healthy.noisy, case.faults)), case.faults
+        )
+        for window, case in zip(windows, wide.cases, strict=True)
+    ]
     sets = {
         "random": pooled(trials["law"], trials["wide"]),
         "noisy": pooled(trials["law noisy"], trials["wide noisy"]),
@@ -78,32 +69,11 @@ def _figures(trials: dict[str, Trial], healthy: Healthy, pool: Workers) -> dict[
     return {
         "thesis_cases": found,
         "errors": {name: trial.summary() for name, trial in sets.items()},
-        "covariance": covariance,
-        "records": {name: trial.records() for name, trial in trials.items()},
+        "covariance": coverage(wide, of_cases),
     }
 
 
-def _bounds(
-    jacobian: np.ndarray, spectrum: Spectrum, faults: tuple[float, ...]
-) -> dict[str, float]:
-    return {
-        f"bound_{name}_percent": bounds.bound(information, faults).error_percent
-        for name, information in {
-            "current": spectrum.information(jacobian),
-            "current_and_speed": spectrum.information(jacobian, with_speed=True),
-            "sensors_alone": bounds.sensor_information(jacobian),
-        }.items()
-    }
-
-
-@command()
-@option("--json", "output", type=PathType(path_type=Path, dir_okay=False), help="File to write.")
-@option("--quick", is_flag=True, help="A tenth of everything.")
-def main(output: Path | None, quick: bool) -> None:
-    """Print the tables and write the JSON file."""
-    sizes = Sizes.quick() if quick else Sizes()
-    run_benchmark(lambda progress: measure(progress, sizes), show, output, 120)
-
+main = command(measure, show, 120, quick=asdict(Sizes.quick()), **asdict(Sizes()))
 
 if __name__ == "__main__":
     main()

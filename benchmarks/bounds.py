@@ -9,7 +9,6 @@ frequencies (Whittle's likelihood).
 from typing import Final, NamedTuple
 
 import numpy as np
-from cases import CURRENT_NOISE, RESOLUTIONS
 from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS, fault_vector
@@ -43,51 +42,32 @@ class Bound(NamedTuple):
 
 
 class Spectrum:
-    """Spectrum of the noise of a window: that of the current, and with the speed beside it."""
+    """Spectrum of the noise in the current of healthy windows of the same command."""
 
     def __init__(self, windows: list[Window]) -> None:
-        signals = np.array([[w.current, w.telemetry.speed[1:]] for w in windows])
-        scatter = np.fft.rfft(signals - np.mean(signals, axis=0), axis=-1)
-        power = np.einsum("wif,wjf->fij", scatter, scatter.conj()) / (len(windows) - 1)
+        currents = np.array([window.current for window in windows])
+        scatter = np.fft.rfft(currents - np.mean(currents, axis=0), axis=-1)
+        power = np.sum(np.abs(scatter) ** 2, axis=0) / (len(windows) - 1)
         kernel = np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS
         cover = np.convolve(np.ones(len(power)), kernel, "same")
-        self._power = np.empty_like(power)
-        for i, j in np.ndindex(2, 2):
-            self._power[:, i, j] = np.convolve(power[:, i, j], kernel, "same") / cover
+        self._power = np.convolve(power, kernel, "same") / cover
 
-    def information(
-        self, jacobian: NDArray[np.float64], *, with_speed: bool = False
-    ) -> NDArray[np.float64]:
-        """Return the Fisher information, ``(d, d)``."""
-        signals = 2 if with_speed else 1
-        transformed = np.fft.rfft(jacobian[:signals], axis=1).transpose(1, 0, 2)
-        weighted = np.linalg.solve(self._power[:, :signals, :signals], transformed)
-        by_bin = np.real(np.einsum("fid,fie->fde", transformed.conj(), weighted))
+    def information(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the Fisher information, ``(d, d)``, of derivatives of the current, ``(n, d)``."""
+        transformed = np.fft.rfft(jacobian, axis=0)
         # Each bin but the first, and the last of an even number, stands for two.
-        twice = np.full(len(by_bin), 2.0)
+        twice = np.full(len(transformed), 2.0)
         twice[0] = 1.0
-        if jacobian.shape[1] % 2 == 0:
+        if len(jacobian) % 2 == 0:
             twice[-1] = 1.0
-        return np.einsum("f,fde->de", twice, by_bin)
-
-
-def sensor_information(
-    jacobian: NDArray[np.float64], *, with_speed: bool = False
-) -> NDArray[np.float64]:
-    """Return the Fisher information if nothing but noise and resolution of the sensors were there.
-    """
-    current, speed = jacobian
-    # The rounding error of a resolution is uniform.
-    information = current.T @ current / (CURRENT_NOISE**2 + RESOLUTIONS["current"] ** 2 / 12.0)
-    if with_speed:
-        information += speed.T @ speed / (RESOLUTIONS["speed"] ** 2 / 12.0)
-    return information
+        weighted = transformed * (twice / self._power)[:, None]
+        return np.real(transformed.conj().T @ weighted)
 
 
 def jacobian(
     window: Window, calibration: Calibration, faults: tuple[float, ...]
 ) -> NDArray[np.float64]:
-    """Return the derivatives of the model's current and speed, ``(2, n, 8)`` [A, rad/s].
+    """Return the derivatives of the model's current, ``(n, 8)`` [A].
 
     In the places of eccentricity and phase are ``zeta cos(phi)`` and ``zeta sin(phi)``. The
     differences are central, and one-sided at the end of a range.
@@ -97,13 +77,13 @@ def jacobian(
     point = coordinates.encode(fault_vector(faults))
     above = np.minimum(point + _STEP * np.eye(N_FAULTS), 1.0)
     below = np.maximum(point - _STEP * np.eye(N_FAULTS), 0.0)
-    response = calibration.model().respond(
+    current, _ = calibration.model().respond(
         window, *coordinates.decode(np.concatenate([above, below]))
     )
     steps = np.sum(above - below, axis=1)
     # Two units of a point are one of zeta cos(phi) and of zeta sin(phi).
     steps[_PLANE] *= 2.0
-    return np.stack([(rows[:N_FAULTS] - rows[N_FAULTS:]).T / steps for rows in response])
+    return (current[:N_FAULTS] - current[N_FAULTS:]).T / steps
 
 
 def bound(information: NDArray[np.float64], faults: tuple[float, ...]) -> Bound:

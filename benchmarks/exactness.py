@@ -1,7 +1,7 @@
 """Errors of the estimator: on the thesis's faults, on random ones, off the nominal plant."""
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cases
 import numpy as np
@@ -33,12 +33,11 @@ class Sizes:
     steps: int = 40
     spectrum: int = 120
     timed: int = 40
-    ablation_each: int = 30
 
     @classmethod
     def quick(cls) -> "Sizes":
         """Return about a tenth of everything."""
-        return cls(1, 10, 2, 4, 100, 8, 24, 6, 4)
+        return cls(1, 10, 2, 4, 100, 8, 24, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,23 +60,6 @@ class Trial:
             "not_valid": sum(not estimate.valid for estimate in self.estimates),
             "evaluations_median": float(np.median([e.evaluations for e in self.estimates])),
         }
-
-    def records(self) -> list[dict[str, Any]]:
-        """Return each case with its estimate, for the JSON file."""
-        return [
-            {
-                "truth": list(case.faults),
-                "faults": list(estimate.faults),
-                "sigma": list(estimate.sigma),
-                "error_percent": float(error),
-                "goodness_of_fit": estimate.goodness_of_fit,
-                "evaluations": estimate.evaluations,
-                "valid": estimate.valid,
-            }
-            for case, estimate, error in zip(
-                self.cases, self.estimates, self.errors_percent, strict=True
-            )
-        ]
 
 
 @dataclass(frozen=True, eq=False)

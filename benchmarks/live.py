@@ -8,7 +8,6 @@ the way to the monitor and to the recorder, and the time from a window's last sa
 reception of its estimate; writes JSON.
 """
 
-import json
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -16,10 +15,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-import click
 import numpy as np
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
+from trials import command
 
 from ema_bags.reader import Bag
 from ema_ros.stamps import stamp_from_message
@@ -106,33 +106,31 @@ def pooled(demos: list[Demo]) -> dict[str, Any]:
     }
 
 
-@click.command()
-@click.option("--demos", "count", default=4, show_default=True, type=click.IntRange(1))
-@click.option("--duration", "duration_s", default=55.0, show_default=True, help="Of a demo [s].")
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(count: int, duration_s: float, output: Path | None) -> None:
-    """Print the table and write the JSON file."""
-    demos = []
+def measure(progress: Progress, demos: int, duration: int) -> dict[str, Any]:
+    """Print what is lost and how late estimates are in so many demos, each of a duration [s]."""
+    read_demos = []
     with tempfile.TemporaryDirectory() as folder:
-        for number in range(count):
+        for number in progress.track(range(demos), description="demos"):
             place = Path(folder, str(number))
-            command = ["ema", "demo", "--duration", str(duration_s), "-o", str(place)]
-            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-            demos.append(read(place / "bag"))
-    figures = pooled(demos)
-    table = Table("live graph", "", title=f"{count} demos of {duration_s:g} s at 10 kHz")
-    for name, value in figures.items():
-        if name == "reasons":
-            continue
-        table.add_row(
-            name.replace("_", " "), f"{value:.3f}" if isinstance(value, float) else str(value)
-        )
-    Console(width=100).print(table)
-    for reason in figures["reasons"]:
-        click.echo(f"no valid estimate: {reason}")
-    if output:
-        output.write_text(json.dumps(figures, indent=2))
+            words = ["ema", "demo", "--duration", str(duration), "-o", str(place)]
+            subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+            read_demos.append(read(place / "bag"))
+    return pooled(read_demos)
 
+
+def show(console: Console, figures: dict[str, Any]) -> None:
+    """Print the figures, and why estimates were not valid."""
+    table = Table("live graph at 10 kHz", "")
+    for name, value in figures.items():
+        text = f"{value:.3f}" if isinstance(value, float) else str(value)
+        if name != "reasons":
+            table.add_row(name.replace("_", " "), text)
+    console.print(table)
+    for reason in figures["reasons"]:
+        console.print(f"no valid estimate: {reason}")
+
+
+main = command(measure, show, 100, demos=4, duration=55)
 
 if __name__ == "__main__":
     main()

@@ -3,19 +3,19 @@
 python memory.py [--json FILE]
 """
 
-import json
 import math
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 from click.testing import CliRunner
-from rich.console import Console
-from tables import target_table
-from targets import Row
+from rich.progress import Progress
+from tables import target_shower
+from targets import Row, at_most
+from trials import command
 
 from ema_cli.main import main as ema
 
@@ -54,37 +54,33 @@ def peak_mib(bag: Path, command: str) -> float:
     return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
 
 
-def rows(figures: dict[str, list[float]]) -> list[Row]:
+def rows(figures: dict[str, Any]) -> list[Row]:
     """Return the rows of the table: the peak of each command with the short and the long bag."""
     short_min, long_min = MINUTES
-    return [
-        Row(
-            f"ema {command}, peak memory with {long_min} min over that with {short_min} min",
-            f"<= {MOST:g}",
-            f"{long / short:.2f} ({short:.0f} and {long:.0f} MiB)",
-            long <= MOST * short,
-        )
-        for command, (short, long) in figures.items()
-    ]
+    found = []
+    for name in OPTIONS:
+        short, long = figures[name]
+        what = f"ema {name}, peak memory with {long_min} min over that with {short_min} min"
+        measured = f"{long / short:.2f} ({short:.0f} and {long:.0f} MiB)"
+        found.append(at_most(what, long / short, MOST, measured))
+    return found
 
 
-@click.command()
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(output: Path | None) -> None:
+def measure(progress: Progress) -> dict[str, Any]:
     """Print the peak memory of each command for a short and a long bag."""
-    figures: dict[str, list[float]] = {command: [] for command in OPTIONS}
+    figures: dict[str, Any] = {name: [] for name in OPTIONS}
     with tempfile.TemporaryDirectory() as folder:
-        for minutes in MINUTES:
+        for minutes in progress.track(MINUTES, description="bags"):
             bag = Path(folder) / f"{minutes}.mcap"
             cycles = str(math.ceil(60.0 * minutes / CYCLE_S))
             arguments = ["simulate", "--cycles", cycles, "-o", str(bag)]
             CliRunner().invoke(ema, arguments, catch_exceptions=False)
-            for command, peaks in figures.items():
-                peaks.append(peak_mib(bag, command))
-    Console(width=140).print(target_table("memory", rows(figures)))
-    if output is not None:
-        output.write_text(json.dumps(figures, indent=2))
+            for name, peaks in figures.items():
+                peaks.append(peak_mib(bag, name))
+    return figures
 
+
+main = command(measure, target_shower("memory", rows))
 
 if __name__ == "__main__":
     main()

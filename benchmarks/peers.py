@@ -1,6 +1,6 @@
 """The identification beside optimizers that a user would pick instead, on the same objective.
 
-    tools/peers.sh python benchmarks/peers.py [--cases N] [--json FILE] [--plot FILE]
+    tools/peers.sh python benchmarks/peers.py [--cases N] [--json FILE]
 
 Half of the cases are the thesis's single faults, half are drawn by its law; the sensors are noisy.
 Every window of the model that a method evaluates is counted, those of its difference quotients
@@ -14,7 +14,7 @@ late.
 covariance included; its swarm searches phase and eccentricity as they are, all others their plane.
 The end is where a method stops by itself or the budget of 10,000 does.
 
-Prints a table, writes JSON and plots the median error against the evaluations.
+Prints a table and writes JSON.
 """
 
 import json
@@ -29,15 +29,13 @@ import click
 import numpy as np
 from cases import Case
 from exactness import HEALTHY_WINDOWS, calibration_on, noisy_window
-from matplotlib import colormaps
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from peer_methods import METHODS, Moment, Task
 from rich import box
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from yardstick import HERE, seconds_per_window
+from yardstick import seconds_per_window
 
 from ema_core.faults import estimation_error
 
@@ -68,11 +66,6 @@ class Run:
         if not len(there):
             return math.inf, math.inf
         return float(self.evaluations[there[0]]), float(self.seconds[there[0]])
-
-    def error_after(self, evaluations: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the error once so many evaluations were made; that of the end after the end."""
-        last = np.searchsorted(self.evaluations, evaluations, side="right") - 1
-        return np.where(last >= 0, self.errors[np.maximum(last, 0)], np.inf)
 
 
 def pick_cases(count: int) -> list[Case]:
@@ -141,44 +134,11 @@ def table_of(summaries: dict[str, dict[str, Any]], count: int) -> Table:
     return table
 
 
-def plot(runs: dict[str, list[Run]], path: Path) -> None:
-    """Draw the median error of every method against the evaluations."""
-    evaluations = np.unique(np.geomspace(1, BUDGET, 400).astype(int))
-    figure = Figure(figsize=(8.0, 5.5), layout="constrained")
-    axes = figure.subplots()
-    axes.set_prop_cycle(color=colormaps["tab20"](np.arange(20)))
-    for number, (name, of_cases) in enumerate(runs.items()):
-        errors = np.median([run.error_after(evaluations) for run in of_cases], axis=0)
-        end = max(run.evaluations[-1] for run in of_cases)
-        until = np.searchsorted(evaluations, end, side="right")
-        axes.loglog(
-            evaluations[:until],
-            errors[:until],
-            label=name,
-            linewidth=2.5 if name.startswith("ours") else 1.2,
-            zorder=len(runs) - number,
-            marker="o",
-            markevery=[-1],
-        )
-    for level in LEVELS_PERCENT:
-        axes.axhline(level, color="0.8", linewidth=0.8, zorder=0)
-    axes.set(xlabel="evaluations of the model", ylabel="median error [% of the range]")
-    axes.legend(fontsize="small")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
-
-
 @click.command()
 @click.option("--cases", "count", type=click.IntRange(2), default=20, show_default=True)
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-@click.option(
-    "--plot",
-    "picture",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=HERE / "report" / "peers.png",
-)
-def main(count: int, output: Path | None, picture: Path) -> None:
-    """Print the table, write the JSON file and draw the plot."""
+def main(count: int, output: Path | None) -> None:
+    """Print the table and write the JSON file."""
     console = Console(width=120)
     calibration = calibration_on(cases.healthy(HEALTHY_WINDOWS, "calibration"))
     runs: dict[str, list[Run]] = {name: [] for name in METHODS}
@@ -195,7 +155,6 @@ def main(count: int, output: Path | None, picture: Path) -> None:
     unit = statistics.median(units)
     console.print(table_of(summaries, count))
     console.print(f"a window of the yardstick takes {1e6 * unit:.0f} us on one core")
-    plot(runs, picture)
     if output:
         results = {"cases": count, "yardstick_window_s": unit, "methods": summaries}
         output.write_text(json.dumps(results, indent=2))

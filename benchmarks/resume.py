@@ -6,7 +6,6 @@ Prints how long it takes with what the file keeps of growth, and, in the same ru
 are repeated, as after a change of limits or of the tracker.
 """
 
-import json
 import sqlite3
 import statistics
 import tempfile
@@ -15,12 +14,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
-import click
 import numpy as np
 from prognosis.whole import estimate_of_measurement
-from rich.console import Console
-from tables import target_table
-from targets import Row
+from rich.progress import Progress
+from tables import target_shower
+from targets import Row, at_most, untargeted
+from trials import command
 
 from ema_core.faults import N_FAULTS, fault_vector
 from ema_monitor.calibration.calibration import Calibration
@@ -67,8 +66,8 @@ def resume_s(path: Path) -> float:
     return taken_s
 
 
-def measure(tests: int, runs: int) -> dict[str, Any]:
-    """Return the median times with what is kept of growth, and without it [s]."""
+def measure(_: Progress, tests: int, runs: int) -> dict[str, Any]:
+    """Print how long a restart takes with what is kept of growth, and without it."""
     # Made and compiled once a process, by any unit.
     requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     with tempfile.TemporaryDirectory() as folder:
@@ -85,33 +84,12 @@ def measure(tests: int, runs: int) -> dict[str, Any]:
 def rows(figures: dict[str, Any]) -> list[Row]:
     """Return the rows of the table."""
     kept_s, repeated_s = figures["kept_s"], figures["repeated_s"]
-    return [
-        Row(
-            f"restart with a history of {figures['tests']} tests, to its health [s]",
-            f"<= {MOST_S:g}",
-            f"{kept_s:.2f}",
-            kept_s <= MOST_S,
-        ),
-        Row(
-            "  when all tests are repeated [s]",
-            "",
-            f"{repeated_s:.2f}, {repeated_s / kept_s:.0f} times as long",
-            None,
-        ),
-    ]
+    what = f"restart with a history of {figures['tests']} tests, to its health [s]"
+    again = f"{repeated_s:.2f}, {repeated_s / kept_s:.0f} times as long"
+    return [at_most(what, kept_s, MOST_S), untargeted("  when all tests are repeated [s]", again)]
 
 
-@click.command()
-@click.option("--tests", default=1000, show_default=True, type=click.IntRange(10))
-@click.option("--runs", default=5, show_default=True, type=click.IntRange(1))
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(tests: int, runs: int, output: Path | None) -> None:
-    """Print how long a restart takes."""
-    figures = measure(tests, runs)
-    Console(width=140).print(target_table("restart", rows(figures)))
-    if output is not None:
-        output.write_text(json.dumps(figures, indent=2))
-
+main = command(measure, target_shower("restart", rows), tests=1000, runs=5)
 
 if __name__ == "__main__":
     main()

@@ -3,19 +3,19 @@
 python startup.py [--runs 9] [--json FILE]
 """
 
-import json
 import os
 import statistics
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
-from rich.console import Console
-from tables import target_table
-from targets import Row
+from rich.progress import Progress
+from tables import target_shower
+from targets import Row, at_most
+from trials import command
 
 SAMPLE: Final = Path(__file__).parents[1] / "bags" / "faulty_flap.mcap"
 TARGETS_S: Final = {"--help": 0.3, "info": 0.3, "estimate": 0.8}
@@ -44,31 +44,28 @@ def run_once(command: str) -> tuple[float, float]:
 def rows(figures: dict[str, dict[str, float]]) -> list[Row]:
     """Return the rows of the table: what counts is the wall time, of an idle machine."""
     return [
-        Row(
-            f"ema {command}, median of wall (processor) time [s]",
-            f"<= {limit_s:g}",
-            f"{figures[command]['wall_s']:.2f} ({figures[command]['processor_s']:.2f})",
-            figures[command]["wall_s"] <= limit_s,
+        at_most(
+            f"ema {name}, median of wall (processor) time [s]",
+            figures[name]["wall_s"],
+            limit_s,
+            f"{figures[name]['wall_s']:.2f} ({figures[name]['processor_s']:.2f})",
         )
-        for command, limit_s in TARGETS_S.items()
+        for name, limit_s in TARGETS_S.items()
     ]
 
 
-@click.command()
-@click.option("--runs", default=9, show_default=True, type=click.IntRange(1))
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(runs: int, output: Path | None) -> None:
-    """Print how long short commands take."""
+def measure(_: Progress, runs: int) -> dict[str, Any]:
+    """Print how long short commands take, the median of so many runs."""
     figures = {}
-    for command in TARGETS_S:
-        run_once(command)  # fills the caches
-        times = [run_once(command) for _ in range(runs)]
+    for name in TARGETS_S:
+        run_once(name)  # fills the caches
+        times = [run_once(name) for _ in range(runs)]
         processor_s, wall_s = (statistics.median(column) for column in zip(*times, strict=True))
-        figures[command] = {"processor_s": processor_s, "wall_s": wall_s}
-    Console(width=140).print(target_table("start-up", rows(figures)))
-    if output is not None:
-        output.write_text(json.dumps(figures, indent=2))
+        figures[name] = {"processor_s": processor_s, "wall_s": wall_s}
+    return figures
 
+
+main = command(measure, target_shower("start-up", rows), runs=9)
 
 if __name__ == "__main__":
     main()

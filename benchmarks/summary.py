@@ -26,7 +26,7 @@ import unknown_drive
 from prognosis import own_tables
 from rich.console import Console
 from tables import target_table
-from targets import Row
+from targets import Row, at_least, at_most, untargeted
 
 HERE: Final = Path(__file__).parent
 _KERNEL_SHARE: Final = 0.9
@@ -38,32 +38,18 @@ _LARGE_BATCH: Final = 64
 def kernel_rows(figures: dict[str, Any]) -> list[Row]:
     """Return the rows of the batch kernel: its speed in yardsticks, and on two cores."""
     same_form = figures["yardstick_form"]["ratio"]["median"]
-    result = [
-        Row(
-            "kernel, yardstick's form, 16 lanes, of the yardstick's speed",
-            f">= {_KERNEL_SHARE:g}",
-            f"{same_form:.2f}",
-            same_form >= _KERNEL_SHARE,
-        )
-    ]
+    what = "kernel, yardstick's form, 16 lanes, of the yardstick's speed"
+    result = [at_least(what, same_form, _KERNEL_SHARE)]
     for run in figures["monitor"].values():
         ratio = run["cores_1"]["ratio"]["median"]
         what = f"  shipped form, {1e6 * run['dt_s']:.0f} us steps, {run['batch']} individuals"
-        result.append(Row(what, "", f"{ratio:.2f}", None))
+        result.append(untargeted(what, f"{ratio:.2f}"))
         if run["batch"] >= _LARGE_BATCH:
-            scaling = run["scaling"]["median"]
-            met = scaling >= _SCALING
-            result.append(Row("  two cores over one", f">= {_SCALING:g}", f"{scaling:.2f}", met))
+            result.append(at_least("  two cores over one", run["scaling"]["median"], _SCALING))
     for case, by_name in figures["reference"].items():
-        ratio = by_name["C++"]["ratio"]["median"]
-        result.append(
-            Row(
-                f"reference step, {case}, time over that of C++",
-                "<= 1",
-                f"{ratio:.2f} ({by_name['numba']['value']['median']:.0f} ns)",
-                ratio <= 1.0,
-            )
-        )
+        ratio, time_ns = by_name["C++"]["ratio"]["median"], by_name["numba"]["value"]["median"]
+        what = f"reference step, {case}, time over that of C++"
+        result.append(at_most(what, ratio, 1.0, f"{ratio:.2f} ({time_ns:.0f} ns)"))
     return result
 
 
@@ -72,15 +58,11 @@ def live_rows(figures: dict[str, Any]) -> list[Row]:
     count = figures["windows"]
     median, late = figures["latency_median_s"], figures["latency_95_percent_s"]
     lost = figures["samples_lost_by_monitor"] + figures["samples_lost_by_recorder"]
+    what = f"live, {count} windows: last sample to estimate, median [s]"
     return [
-        Row(
-            f"live, {count} windows: last sample to estimate, median [s]",
-            "<= 0.1",
-            f"{median:.3f}",
-            median <= 0.1,
-        ),
-        Row("  windows", ">= 100", str(count), count >= 100),
-        Row("  95th percentile [s]", "<= 0.3", f"{late:.3f}", late <= 0.3),
+        at_most(what, median, 0.1, f"{median:.3f}"),
+        at_least("  windows", count, 100, str(count)),
+        at_most("  95th percentile [s]", late, 0.3, f"{late:.3f}"),
         Row("  samples lost", "0", f"{lost} of {figures['samples']}", lost == 0),
     ]
 
@@ -89,14 +71,8 @@ def fleet_rows(figures: dict[str, Any]) -> list[Row]:
     """Return the row of the fleet that one monitor follows."""
     rows = [row for row in figures["rows"] if row["monitors"] == 1]
     followed = max((row["actuators"] for row in rows if row["is_followed"]), default=0)
-    return [
-        Row(
-            "actuators that one monitor follows",
-            f">= {_ACTUATORS}",
-            f"{followed} of {max(row['actuators'] for row in rows)} tried",
-            followed >= _ACTUATORS,
-        )
-    ]
+    tried = f"{followed} of {max(row['actuators'] for row in rows)} tried"
+    return [at_least("actuators that one monitor follows", followed, _ACTUATORS, tried)]
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """The figures of accuracy.py as tables."""
 
+from collections.abc import Callable
 from typing import Any
 
 import thesis
@@ -20,10 +21,8 @@ def show(console: Console, figures: dict[str, Any]) -> None:
         "Single faults: mean over several realisations of the modulation; first cycle: the first "
         "of the simulation, which is always the same. Noisy sensors: 0.05 A, resolution 0.005 A, "
         "1e-6 rad, 0.05 rad/s. Their bound: half-width "
-        f"{covariance['bound_half_width_percent']:.2f} % by current and ripple, "
-        f"{covariance['bound_current_and_speed']['bound_half_width_percent']:.2f} % with the "
-        f"speed as well, {covariance['bound_sensors_alone']['bound_half_width_percent']:.2f} % if "
-        f"there were only the sensors' noise in the current; {covariance['unobservable']} of "
+        f"{covariance['bound_half_width_percent']:.2f} % by current and ripple; "
+        f"{covariance['unobservable']} of "
         f"{covariance['intervals'] + covariance['unobservable']} components called unobservable.\n"
     )
     console.print(component_table(figures))
@@ -45,6 +44,13 @@ def target_table(title: str, rows: list[Row], beside: str = "thesis") -> Table:
         # A unit in brackets would be taken for markup.
         table.add_row(escape(row.what), row.target, row.measured, met, row.thesis)
     return table
+
+
+def target_shower(
+    title: str, rows_of: Callable[[dict[str, Any]], list[Row]]
+) -> Callable[[Console, dict[str, Any]], None]:
+    """Return what prints the targets of a script alone."""
+    return lambda console, figures: console.print(target_table(title, rows_of(figures)))
 
 
 def component_table(figures: dict[str, Any]) -> Table:
