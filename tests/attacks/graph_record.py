@@ -129,7 +129,7 @@ def read_graph(path: Path) -> GraphRecord:
     """
     bag = Bag(path)
     record = GraphRecord()
-    record.standstills = [(gap.start_ns, gap.end_ns) for gap in bag.gaps if not gap.count]
+    record.standstills = [(gap.start_ns, gap.end_ns) for gap in bag.gaps if not gap.messages]
     record.end_ns = bag.end_ns or 0
     finders = defaultdict[str, WindowFinder](lambda: WindowFinder(TriggerSettings()))
     known: set[tuple[str, int, int]] = set()
