@@ -98,7 +98,8 @@ def command(
             output.write_text(json.dumps(figures, indent=1))
 
     file = click.Path(path_type=Path, dir_okay=False)
-    parameters: list[click.Parameter] = [click.Option(["--json", "output"], type=file, help="File to write.")]
+    output = click.Option(["--json", "output"], type=file, help="File to write.")
+    parameters: list[click.Parameter] = [output]
     for name, sizes in (("quick", quick), ("full", full)):
         if sizes is not None:
             words = ", ".join(f"{key} {value}" for key, value in sizes.items())
