@@ -37,6 +37,7 @@ from ema_sim.settings import FaultSettings, ResolutionSettings, RunSettings
 _CLOCK: Final = "/clock"
 _CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PAUSE_S: Final = 0.3
+_HOLDS: Final = "holds from the next test cycle on"
 _CAUSES: Final = "causes"
 _CAUSES_DESCRIPTOR: Final = ParameterDescriptor(
     description=f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}",
@@ -119,14 +120,11 @@ class ActuatorNode(ManagedNode):
             name: self.add_publisher(message, name, qos) for name, (message, qos) in offers.items()
         }
         group = MutuallyExclusiveCallbackGroup()
-        self._own_services = [
-            self.create_service(
-                SetSimulatedFaults, "~/set_faults", self._set_faults, callback_group=group
-            ),
-            self.create_service(
-                SetCommand, "~/set_command", self._set_command, callback_group=group
-            ),
-        ]
+        for kind, name, callback in (
+            (SetSimulatedFaults, "set_faults", self._set_faults),
+            (SetCommand, "set_command", self._set_command),
+        ):
+            self.create_service(kind, f"~/{name}", callback, callback_group=group)
 
     def activate(self) -> None:
         """Start to run cycles in their own thread."""
@@ -138,13 +136,6 @@ class ActuatorNode(ManagedNode):
     def deactivate(self) -> None:
         """Stop at the next block."""
         self._runner.stop()
-
-    def clean_up(self) -> None:
-        """Destroy publishers and services."""
-        for publisher in self._publishers_by_topic.values():
-            self.destroy_lifecycle_publisher(publisher)
-        for service in self._own_services:
-            self.destroy_service(service)
 
     def tasks(self) -> list[Task]:
         """Return whether the simulation keeps up."""
@@ -220,24 +211,23 @@ class ActuatorNode(ManagedNode):
     def _set_faults(
         self, request: SetSimulatedFaults.Request, response: SetSimulatedFaults.Response
     ) -> SetSimulatedFaults.Response:
-        return _answer(
-            response,
-            lambda: self._bench.set_faults(
-                faults_from_message(request.faults),
-                _growths(request.growth),
-                request.hours_per_cycle or None,
-            ),
+        self._bench.set_faults(
+            faults_from_message(request.faults),
+            _growths(request.growth),
+            request.hours_per_cycle or None,
         )
+        response.success, response.message = True, _HOLDS
+        return response
 
     def _set_command(
         self, request: SetCommand.Request, response: SetCommand.Response
     ) -> SetCommand.Response:
-        def change() -> str:
-            command = _command(request)
-            self._bench.set_command(command)
-            return command.travel_warning(self._description.parameters)
-
-        return _answer(response, change)
+        command = _command(request)
+        self._bench.set_command(command)
+        response.success, response.message = True, _HOLDS
+        if warning := command.travel_warning(self._description.parameters):
+            response.message += f"; warning: {warning}"
+        return response
 
 
 def _causes_of(parameter: Parameter) -> list[str]:
@@ -247,19 +237,6 @@ def _causes_of(parameter: Parameter) -> list[str]:
         raise ValueError(f"{_CAUSES} = {texts!r}: expected an array of texts {GRAMMAR}")
     # An empty array has no type in ROS: an array of an empty text stands for it.
     return [text for text in texts or () if text]
-
-
-def _answer(response: Any, change: Callable[[], str | None]) -> Any:
-    """Make a change and answer whether it was made, with the warning that it returns."""
-    try:
-        warning = change()
-    except ValueError as error:
-        response.success, response.message = False, str(error)
-    else:
-        holds = "holds from the next test cycle on"
-        response.success = True
-        response.message = f"{holds}; warning: {warning}" if warning else holds
-    return response
 
 
 def _growths(messages: Iterable[FaultGrowth]) -> dict[str, Growth]:

@@ -6,8 +6,7 @@ from typing import Any, cast
 import pytest
 
 from ema_core.levels import OK, WARN
-from ema_monitor.node.admission import Admission
-from ema_monitor.node.selection import Selection, Shard, shard_of
+from ema_monitor.node.admission import Admission, Selection, Shard, shard_of
 from ema_monitor.node.settings import Operation
 
 NAMES = tuple(f"flap_{number}" for number in range(200))
@@ -92,8 +91,8 @@ def test_more_listed_than_may_be_followed_are_refused():
 def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
     made = admission(most=2)
     followed = {"a": 0.0, "b": 0.0}
-    assert not made.has_room(followed)
-    said = [made.refuse("c") for _ in range(3)]
+    assert made.refuse("b", {"a": 0.0}) is None
+    said = [made.refuse("c", followed) for _ in range(3)]
     assert said == ["not followed, as most_actuators = 2 are", "", ""]
     level, message = made.status(followed)
     assert level == WARN
@@ -104,7 +103,12 @@ def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
 def test_longest_silent_gives_way_but_none_that_is_listed_or_was_heard_lately():
     silent_s = {"a": 50.0, "b": 500.0, "c": 400.0}
     made = admission(most=3)
-    assert made.silent_for_long(silent_s) == "b"
-    assert made.silent_for_long({"a": 50.0}) == ""
+    assert made.gives_way(silent_s) == ""
+    made.refuse("d", silent_s)
+    assert [made.gives_way(silent_s) for _ in range(2)] == ["b", ""]
+    made.refuse("d", silent_s)
+    assert made.gives_way({"a": 50.0}) == ""
     assert made.figures(silent_s)["actuators forgotten"] == 1
-    assert admission(("a", "b", "c"), most=3).silent_for_long(silent_s) == ""
+    listed = admission(("a", "b", "c"), most=3)
+    listed.refuse("d", silent_s)
+    assert listed.gives_way(silent_s) == ""

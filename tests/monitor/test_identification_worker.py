@@ -3,7 +3,8 @@
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,10 +19,7 @@ from ema_monitor.identification.search import Generation, ModelIdentification, S
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node import worker as identification_worker
-from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.worker import IdentificationWorker
-from ema_monitor.prognosis.advice import Costs
-from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -38,47 +36,40 @@ def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
 
 
 class Published:
-    """What a worker publishes; windows are refused for lack of a calibration."""
+    """What a worker publishes as a node does; windows are refused for lack of a calibration."""
 
     def __init__(self) -> None:
         self.estimates: list[tuple[int, str]] = []
         self.errors: list[str] = []
         self.tallies: list[Tally] = []
-        self.search = SearchSettings()
+        self.search = SimpleNamespace(value=SearchSettings())
+        self.combining = SimpleNamespace(value=CombinationSettings())
+        self.prognosis = SimpleNamespace(latest=lambda _: None)
+        self.units = SimpleNamespace(report_tally=lambda _, tally: self._note(self.tallies, tally))
         self.hold: Callable[[], Any] = lambda: None
         self._changed = threading.Condition()
 
     def worker(self) -> IdentificationWorker:
-        return IdentificationWorker(
-            lambda _: "no calibration",
-            lambda _: None,
-            lambda: WindowSettings(
-                self.search, CombinationSettings(), PrognosisSettings(), Costs(), 2
-            ),
-            self._publish,
-            self._report,
-            self._log,
-        )
+        return IdentificationWorker(cast(Any, self))
 
     def until(self, condition: Callable[[], bool]) -> None:
         with self._changed:
             assert self._changed.wait_for(condition, DEADLINE_S), self.estimates
 
-    def _log(self, text: str) -> None:
+    def _note(self, told: list[Any], one: Any) -> None:
         with self._changed:
-            self.errors.append(text)
+            told.append(one)
             self._changed.notify_all()
 
-    def _report(self, actuator_id: str, tally: Tally) -> None:
-        with self._changed:
-            self.tallies.append(tally)
-            self._changed.notify_all()
+    def log_error(self, text: str) -> None:
+        self._note(self.errors, text)
 
-    def _publish(self, found: Segment, estimate: Estimate) -> None:
+    def calibration_of(self, _: ActuatorDescription) -> str:
+        return "no calibration"
+
+    def publish_estimate(self, found: Segment, estimate: Estimate) -> None:
         self.hold()
-        with self._changed:
-            self.estimates.append((found.number, estimate.reason))
-            self._changed.notify_all()
+        self._note(self.estimates, (found.number, estimate.reason))
 
 
 @pytest.fixture
@@ -105,7 +96,7 @@ def may_identify(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
 def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceback(
     published: Published,
 ):
-    published.search = SearchSettings(fitness="least_squares")
+    published.search.value = SearchSettings(fitness="least_squares")
     worker = published.worker()
     worker.start()
     worker.add(replace(found(0), is_stretch=True), None)
@@ -118,7 +109,7 @@ def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceb
 def test_windows_are_published_in_order(published: Published):
     worker = published.worker()
     worker.start()
-    assert (worker.is_running, worker.status()[0]) == (True, OK)
+    assert worker.status()[0] == OK
     for number in range(5):
         worker.add(found(number), None)
     published.until(lambda: len(published.estimates) == 5)
@@ -145,7 +136,7 @@ def test_thread_that_ends_refuses_its_window_is_told_and_begun_again(
         worker.add(found(number), None)
     published.until(lambda: len(published.estimates) == 3)
     level, message = worker.status()
-    assert (level, worker.ends, worker.is_running) == (ERROR, 1, True)
+    assert (level, worker.ends) == (ERROR, 1)
     assert "the identification thread has ended: " + how.__name__ in message
     assert "Traceback" in published.errors[0]
     assert [number for number, _ in published.estimates] == [0, 1, 2]
@@ -159,7 +150,7 @@ def test_window_outside_of_start_and_stop_is_refused(published: Published):
     worker.add(found(0), None)
     worker.start()
     worker.stop()
-    assert (worker.is_running, worker.status()[0]) == (False, WARN)
+    assert worker.status()[0] == WARN
     worker.add(found(1), None)
     worker.add(found(2, Refusal(5, 6, "gap")), None)
     assert [number for number, _ in published.estimates] == [0, 1, 2]
@@ -173,7 +164,7 @@ def test_windows_that_wait_at_the_stop_are_refused_in_order(
     worker.start()
     for number in range(3):
         worker.add(found(number), None)
-    wait_for(lambda: worker.waiting == 2, "the first to be identified")
+    wait_for(lambda: len(worker.queue) == 2, "the first to be identified")
     worker.stop()
     assert [number for number, _ in published.estimates] == [0, 1, 2]
     assert "stopped during" in published.estimates[0][1]
@@ -251,11 +242,11 @@ def test_window_that_cannot_be_published_does_not_end_the_others(published: Publ
     published.hold = fail
     worker.start()
     worker.add(found(0), None)
-    published.until(lambda: len(published.errors) == 2)
+    published.until(lambda: len(published.errors) == 1)
     published.hold = lambda: None
     worker.add(found(1), None)
     published.until(lambda: published.estimates == [(1, "no calibration")])
-    assert worker.is_running
+    assert worker.status()[0] == OK
     worker.stop()
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from ema_core.levels import ERROR, OK, WARN
-from ema_monitor.node.level_filter import LevelFilter
+from ema_monitor.node.actuator import LevelFilter
 
 
 @pytest.mark.parametrize(

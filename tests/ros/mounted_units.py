@@ -18,7 +18,7 @@ def count_of(session: MonitorSession, serial_number: str, hours: float, stamp_ns
 
 def mount(session: MonitorSession, description: ActuatorDescription) -> None:
     """Describe a unit, and wait until the monitor knows of it."""
-    units = session.node._units
+    units = session.node.units
     session.describe(description)
     wait_for(
         lambda: "flap" in units and units["flap"].description == description,

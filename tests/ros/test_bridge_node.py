@@ -25,7 +25,7 @@ from ema_monitor import calibrate, find_windows
 from ema_ros.executor import NodeExecutor
 from ema_ros.messages import description_from_message
 from ema_ros.stamps import stamp_from_message, stamp_to_message
-from ema_ros.status import ERROR, OK, WARN, Task
+from ema_ros.status import ERROR, OK, Task
 from ema_ros.topics import LATCHED, STREAM
 from ema_sim import simulate
 
@@ -197,14 +197,6 @@ def test_defect_withholds_telemetry_and_is_named_in_the_status(session):
     assert "telemetry is withheld: current_zero: current is 0 in all" in task.message
     assert "leave current out" in task.values["current_zero"]
     session.publish_until(lambda: session.bridge.tasks()[1].level != ERROR, "the end of it")
-
-
-def test_topic_that_nobody_publishes_is_named(context, make_bridge, spin, mapping_file):
-    bridge = make_bridge(mapping_file())
-    spin(NodeExecutor(fail, context=context), bridge)
-    assert bridge.bring_up()
-    [task, _] = bridge.tasks()
-    assert (task.level, task.message) == (WARN, "nobody publishes /joint_states, /command")
 
 
 def test_topic_of_another_type_is_named(context, make_node, make_bridge, spin, mapping_file):

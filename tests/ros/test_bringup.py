@@ -377,12 +377,6 @@ def test_demo_makes_the_actuator_wear_out():
     assert (declared("actuator")["seed"], values["seed"]) == (0, 1)
 
 
-@pytest.mark.parametrize("name", ["worn out", ""])
-def test_parameter_file_that_is_not_there_is_refused(name):
-    with pytest.raises(ValueError, match="run `make setup`"):
-        parameter_file(name)
-
-
 def test_aggregator_sorts_every_status_and_leaves_none_over():
     [node] = yaml.safe_load(parameter_file("aggregator").read_text()).values()
     analyzers = node["ros__parameters"]["ema"]["analyzers"]

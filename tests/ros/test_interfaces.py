@@ -9,7 +9,7 @@ import pytest
 
 from ema_core.commands import Command
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_interfaces.msg import FaultEstimate, FaultHealth, FaultVector, Health, TelemetryBlock
+from ema_interfaces.msg import FaultEstimate, FaultHealth, FaultVector, Health
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
 
 PACKAGE = Path(__file__).parents[2] / "ema_interfaces"
@@ -70,8 +70,3 @@ def test_command_that_is_not_set_is_the_default_command():
 def test_observability_bits_follow_the_fault_vector():
     names = list(FaultVector.get_fields_and_field_types())
     assert [getattr(FaultEstimate, name.upper()) for name in names] == [1 << i for i in range(8)]
-
-
-def test_integer_in_a_float_field_is_refused():
-    with pytest.raises(AssertionError, match="float"):
-        TelemetryBlock().sample_period = 1

@@ -10,8 +10,8 @@ from rclpy.parameter import Parameter
 from ema_core.levels import WARN
 from ema_interfaces.msg import Health
 from ema_interfaces.srv import GetHistory
+from ema_monitor.node.admission import shard_of
 from ema_monitor.node.monitor_node import MonitorNode
-from ema_monitor.node.selection import shard_of
 from ema_ros import topics
 from ema_ros.executor import NodeExecutor
 
@@ -59,7 +59,7 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
         # Its description is not sent again: a latched topic sends it once.
         session.feed(blocks[2:], "tab")
         session.until(lambda: session.estimates("tab"))
-        assert set(session.node._units) == {"flap", "tab"}
+        assert set(session.node.units) == {"flap", "tab"}
         # After its estimate its own status is reported, and that of all once a second.
         [changed, *_] = session.until(lambda: reports(session))
         assert {"tab telemetry", "tab history", "input", "identification"} <= changed
@@ -78,11 +78,11 @@ def test_silent_actuator_gives_way_to_one_that_was_refused():
 
         def is_followed() -> bool:
             session.feed(tab[:1], "tab")
-            return "tab" in session.node._units
+            return "tab" in session.node.units
 
         wait_for(is_followed, "room for the other one")
-        assert set(session.node._units) == {"tab"}
-        assert session.node._units["tab"].description == described("tab")
+        assert set(session.node.units) == {"tab"}
+        assert session.node.units["tab"].description == described("tab")
         session.until(lambda: figure(session, "actuators forgotten") == "1")
         wait_for(lambda: session.probe.count_publishers("/ema/health") == 1, "one publisher")
 
@@ -97,7 +97,7 @@ def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
         session.feed(blocks[:2])
         session.until(lambda: figure(session, "messages of actuators not listed") == "3")
         session.until_status("input", "2 actuators monitored")
-        assert set(session.node._units) == {"flap", "rudder"}
+        assert set(session.node.units) == {"flap", "rudder"}
         assert "not listed in the parameter actuators" in get_history(session, "tab").message
 
 
@@ -128,7 +128,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
             session.feed(Source().cycle(), name)
         session.until(lambda: {item.actuator_id for item in session.received("all")} == set(names))
         assert [len(session.estimates(name)) for name in names] == [1] * 4
-        followed = [set(node._units) for node in (session.node, other)]
+        followed = [set(node.units) for node in (session.node, other)]
         assert followed == [{n for n in names if shards[n] == shard} for shard in (0, 1)]
         # Each status is of one node, and each unit has a file that one of them writes.
         nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}

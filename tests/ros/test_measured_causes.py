@@ -118,7 +118,7 @@ def session() -> Iterator[MonitorSession]:
 def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
     for message in messages:
         session.send(topics.MEASURED_CAUSES, message)
-    log = session.node._intake._measurements
+    log = session.node.units._measurements
     wait_for(
         lambda: any(one.value == 0.1 for one in log.at("flap", window_start(3))), "the measurements"
     )
@@ -176,7 +176,7 @@ WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
 @pytest.mark.parametrize("case", WRONG)
 def test_impossible_measurement_is_named_and_counted(session: MonitorSession, case: str):
     make, said = WRONG[case]
-    before = session.node._units["flap"].defect_count
+    before = session.node.units["flap"].defect_count
     session.send(topics.MEASURED_CAUSES, make())
     status = session.until_status("flap telemetry", said, WARN)
     assert {item.key: item.value for item in status.values}["defects"] == str(before + 1)
@@ -189,4 +189,4 @@ def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession
     session.send(topics.MEASURED_CAUSES, measurement(S, 11.0, actuator_id="tab"))
     session.until_status("input", "'tab': measured cause load_torque = 11.0", WARN)
     session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id="tab"))
-    assert "tab" not in session.node._units
+    assert "tab" not in session.node.units

@@ -178,20 +178,6 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
     gc.collect()
 
 
-def test_goal_before_there_is_a_window_is_rejected(capfd):
-    def is_rejected(text: str) -> bool:
-        return not Goal(session).is_accepted and text in capfd.readouterr().err
-
-    with monitor() as session:
-        assert is_rejected("actuator_id is empty")
-        session.feed(Source().cycle()[:1])
-        session.until_status("flap telemetry", "no description")
-        assert is_rejected("has not been described")
-        session.describe()
-        session.until_status("flap telemetry", "0 valid estimates")
-        assert is_rejected("no complete window so far")
-
-
 def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
     file = f"{tmp_path}/{{actuator_id}}_{{serial_number}}.yaml"
     own = tmp_path / "flap_SIM-0001.yaml"
@@ -256,24 +242,6 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
         answer = calibrate(session, **request)
         assert (answer.success, answer.calibration_id) == (False, "")
         assert text in answer.message
-
-
-def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
-    source = Source()
-    with monitor({"calibration_folder": str(tmp_path)}) as session:
-        session.describe()
-        session.until_status("flap telemetry", "no telemetry so far")
-        request = Calibrate.Request(windows=1, file="folder.yaml")
-        future = session.start(Calibrate, NAME, request)
-        until_waited_for(session)
-        (tmp_path / "folder.yaml").mkdir()
-        session.feed(source.cycle())
-        answer = session.result(future)
-        session.next_estimate()
-        session.feed(source.cycle())
-        used = session.next_estimate().calibration_id != Calibration.builtin().calibration_id
-        # "whether the monitor now uses the calibration"
-        assert answer.success == used, answer.message
 
 
 def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, monkeypatch):

@@ -2,19 +2,16 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import pytest
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 
-from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import Health, HealthSummary, Usage
 from ema_interfaces.srv import Calibrate, ForgetActuator, PredictRemainingLife
-from ema_monitor.node.summary import summary_of, unknown_estimate
-from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.node.messages import summary_of, unknown_estimate
 from ema_ros import topics
 from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.stamps import stamp_to_message
@@ -144,7 +141,7 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     blocks = source.cycle()
     middle = in_window(blocks)
     session.feed(blocks[:middle])
-    session.until(lambda: session.node._units["flap"].finder.is_open)
+    session.until(lambda: session.node.units["flap"].finder.is_open)
     changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
     changes |= {"limits.friction": 0.1, "costs.unit": "guineas"}
     assert all(r.successful for r in session.set_parameter_values(changes))
@@ -161,16 +158,6 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     assert [health.level for health in session.healths()] == [STALE, ERROR]
     assert session.healths()[-1].health_index == 0.0
     assert session.received(topics.ADVICE)[0].cost_unit == "guineas"
-
-
-def test_setting_that_no_motion_satisfies_is_named_in_the_status():
-    with monitor({"window_s": 12.0}) as session:
-        session.describe()
-        source = Source()
-        for _ in range(3):
-            session.feed(source.cycle())
-        status = session.until_status("flap telemetry", "window_s = 12 s", bytes([WARN]))
-        assert "the longest motion after a rest of 0.02 s lasts" in status.message
 
 
 def test_log_tells_of_the_first_telemetry_and_what_is_refused(session, capfd):
@@ -238,11 +225,3 @@ def test_summary_says_in_a_line_what_health_says():
     health.rul.known, health.level, health.dominant_fault = False, OK, ""
     assert math.isnan(summary_of(health).rul_50)
     assert summary_of(health).text == "OK"
-
-
-def test_description_with_an_impossible_name_is_refused():
-    for wrong in ("", " flap", "flap\t", "f" * 101):
-        with pytest.raises(ValueError, match="actuator_id"):
-            replace(FLAP, actuator_id=wrong)
-    assert ActuatorDescription(actuator_id="Klappe links/außen").actuator_id
-    assert TriggerSettings().threshold == 1e-6

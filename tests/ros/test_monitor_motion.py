@@ -89,7 +89,7 @@ def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
     with monitor(MOTION) as session:
         session.describe()
         session.feed(moves[:20])
-        units = session.node._units
+        units = session.node.units
         session.until(lambda: (unit := units.get("flap")) and unit.latest)
         status, result = Goal(session, algorithm="pso").result()
         assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)

@@ -1,6 +1,5 @@
 """The monitor as other nodes see it: estimates, health, settings and lifecycle."""
 
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,16 +8,15 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import Transition
 
-from ema_core.faults import FAULT_NAMES, estimation_error, healthy_faults
+from ema_core.faults import FAULT_NAMES
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.stamps import stamp_from_message
-from ema_ros.topics import LATCHED, LATCHED_BY_MANY
+from ema_ros.topics import LATCHED_BY_MANY
 
 from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, Source, monitor
 from .spinning import figures
@@ -84,25 +82,6 @@ def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
     assert 0.0 < estimate.computing_time < 8.0
 
 
-def test_covariance_is_symmetric_and_unknown_where_unobservable(estimate: FaultEstimate):
-    covariance = np.reshape(estimate.covariance, (8, 8))
-    unknown = np.array([bool(estimate.unobservable & 1 << i) for i in range(8)])
-    # Without eccentricity its direction says nothing.
-    assert unknown[FAULT_NAMES.index("eccentricity_phase")]
-    assert not unknown[FAULT_NAMES.index("friction")]
-    np.testing.assert_array_equal(covariance, covariance.T)
-    np.testing.assert_array_equal(np.isnan(covariance), unknown[:, None] | unknown[None, :])
-    assert np.linalg.eigvalsh(covariance[np.ix_(~unknown, ~unknown)]).min() >= 0.0
-
-
-def test_estimate_tells_which_components_were_put_back_to_healthy(estimate: FaultEstimate):
-    insignificant = np.array([bool(estimate.insignificant & 1 << i) for i in range(8)])
-    assert not estimate.insignificant & FaultEstimate.FRICTION
-    # That of the window is friction alone: nearly all else is significant.
-    assert np.count_nonzero(insignificant) >= 4
-    np.testing.assert_array_equal(vector(estimate)[insignificant], healthy_faults()[insignificant])
-
-
 def test_health_tells_of_the_fault(estimate: FaultEstimate, health: Health):
     assert health.header.stamp == estimate.window_end
     assert (health.actuator_id, health.serial_number) == (FLAP.actuator_id, FLAP.serial_number)
@@ -117,20 +96,6 @@ def test_health_tells_of_the_fault(estimate: FaultEstimate, health: Health):
     assert friction.sigma == pytest.approx(np.sqrt(estimate.covariance[0]))
 
 
-def test_remaining_life_is_unknown(health: Health):
-    lives = [health.rul, health.rul_faults, health.rul_requirements]
-    for life in (*lives, *(item.rul for item in health.faults)):
-        assert not life.known
-        assert life.reason
-        assert np.isnan([life.hours_05, life.hours_50, life.hours_95]).all()
-        assert np.isnan([life.cycles_05, life.cycles_50, life.cycles_95]).all()
-
-
-def test_late_joiner_learns_the_health(session: MonitorSession):
-    session.subscribe(Health, "health", LATCHED, key="late")
-    assert session.until(lambda: session.received("late"))[0].actuator_id == FLAP.actuator_id
-
-
 def test_status_carries_the_figures(session: MonitorSession):
     telemetry = session.until_status("flap telemetry", "1 valid estimates", b"\x00")
     assert telemetry.hardware_id == f"/ema/flap/{FLAP.serial_number}"
@@ -140,19 +105,6 @@ def test_status_carries_the_figures(session: MonitorSession):
     health = session.until_status("flap health", "WARN: friction", b"\x01")
     values = figures(health)
     assert values["health index"] == pytest.approx(session.healths()[0].health_index, rel=1e-6)
-
-
-def test_setting_that_is_impossible_is_refused_with_its_reason(session: MonitorSession):
-    wanted = {"algorithm": "tea_leaves", "window_s": 1e3, "limits.gain": -1.0, "budget": 2.5}
-    for name, value in wanted.items():
-        [answer] = session.set_parameter_values({name: value})
-        assert not answer.successful, name
-        assert name in answer.reason
-    [answer] = session.set_parameters(algorithm="tea_leaves")
-    assert all(name in answer.reason for name in ALGORITHMS)
-    [answer] = session.set_parameters(calibration_file="elsewhere")
-    assert "read-only" in answer.reason
-    assert session.node.get_parameter("algorithm").value == SearchSettings().algorithm
 
 
 def test_settings_take_effect_with_the_next_window(session: MonitorSession):
@@ -178,45 +130,6 @@ def test_settings_take_effect_with_the_next_window(session: MonitorSession):
     length = stamp_from_message(estimate.window_end) - stamp_from_message(estimate.window_start)
     assert (length, estimate.valid) == (300_000_000, True)
     assert estimate.verdict in (FaultEstimate.VALID, FaultEstimate.DEGRADED)
-
-
-def test_search_begins_at_the_estimate_before_unless_told_otherwise():
-    """And anew where the actuator is described otherwise: it may be another one."""
-    source = Source(friction=0.3, eccentricity=0.1)
-    with monitor() as session:
-        session.describe()
-        for _ in range(2):
-            session.feed(source.cycle())
-            assert session.next_estimate().valid
-        assert session.set_parameter_values({"warm_start": False})[0].successful
-        session.feed(source.cycle())
-        assert session.next_estimate().valid
-        assert session.set_parameter_values({"warm_start": True})[0].successful
-        session.describe(replace(FLAP, model="another"))
-        session.feed(source.cycle())
-        assert session.next_estimate().valid
-        cold, warm, told_cold, anew = session.estimates()
-    assert [e.warm_start for e in (cold, warm, told_cold, anew)] == [False, True, False, False]
-    assert warm.evaluations < min(e.evaluations for e in (cold, told_cold, anew))
-    # Each window has another ripple: estimates differ by that, not by where the search began.
-    assert estimation_error(vector(warm), vector(cold)) < 1.0
-
-
-def test_estimates_do_not_depend_on_how_telemetry_is_cut_or_when_it_comes():
-    results = []
-    for size, pause_s in ((100, 0.0), (1700, 0.02), (17_000, 0.0)):
-        with monitor() as session:
-            session.describe()
-            for block in Source(backlash=0.2).cycle(size):
-                session.feed([block])
-                threading.Event().wait(pause_s)
-            estimate = session.next_estimate()
-            estimate.computing_time = 0.0
-            results.append(estimate)
-    assert results[0].valid
-    for other in results[1:]:
-        # As text, for NaN is not equal to itself.
-        assert str(other) == str(results[0])
 
 
 def test_actuators_are_told_apart():
@@ -297,23 +210,3 @@ def test_monitor_that_is_not_active_says_ok_of_nothing():
         assert session.change_state(Transition.TRANSITION_ACTIVATE)
         session.feed(Source().cycle())
         session.until(lambda: session.healths()[-1].level == OK)
-
-
-def test_lifecycle_goes_round_and_refuses_what_is_impossible():
-    with monitor() as session:
-        for _ in range(2):
-            assert not session.change_state(Transition.TRANSITION_ACTIVATE)
-            assert session.change_state(Transition.TRANSITION_DEACTIVATE)
-            assert not session.change_state(Transition.TRANSITION_DEACTIVATE)
-            assert session.change_state(Transition.TRANSITION_CLEANUP)
-            assert not session.change_state(Transition.TRANSITION_ACTIVATE)
-            assert not session.change_state(99)
-            assert session.change_state(Transition.TRANSITION_CONFIGURE)
-            assert session.change_state(Transition.TRANSITION_ACTIVATE)
-        session.until_subscribed()
-        session.describe()
-        session.feed(Source().cycle())
-        assert session.next_estimate().valid
-        assert session.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
-        assert session.node.finished.is_set()
-        assert session.node.state == "finalized"

@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,8 +9,6 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from rclpy.action.client import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -66,7 +63,7 @@ def ends_clean(running: subprocess.Popen[str], *numbers: signal.Signals) -> str:
 
 @pytest.mark.parametrize(
     "numbers",
-    [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT,) * 2, (signal.SIGTERM, signal.SIGINT)],
+    [(signal.SIGTERM,), (signal.SIGINT,) * 2],
 )
 def test_process_ends_clean_on_signals(bystander: Node, numbers: tuple[signal.Signals, ...]):
     with process() as running:
@@ -108,50 +105,9 @@ def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(bystander
         identify.destroy()
 
 
-def test_shutdown_by_the_service_ends_the_process(bystander: Node):
-    with process() as running:
-        until_up(bystander)
-        client = bystander.create_client(ChangeState, "/ema/monitor/change_state")
-        wait_for(client.service_is_ready, "the service")
-        transition = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
-        client.call_async(ChangeState.Request(transition=transition))
-        _, printed = running.communicate(timeout=DEADLINE_S)
-        assert (running.returncode, "Traceback" in printed) == (0, False)
-
-
-IMPOSSIBLE = {
-    "window_s:=1000.0": ["window_s", "1000", "100", " s "],
-    "window_s:=wide": ["window_s", "wide", "number"],
-    "limits.gain:=0.75": ["limits.gain", "0.75", "0.5"],
-    "algorithm:=tea_leaves": ["algorithm", "tea_leaves", "pso"],
-    "calibration_file:=3": ["calibration_file", "3", "text"],
-    "calibration_file:=/{serial}": ["calibration_file", "{serial}", "serial_number"],
-    "actuator_file:=/nowhere.yaml": ["/nowhere.yaml", "No such file"],
-}
-# A process takes a second to import what it needs, and to refuse a parameter a hundredth.
-ONE_AFTER_THE_OTHER = """
-import sys
-from ema_monitor.node.monitor_node import main
-for parameter in sys.argv[1:]:
-    print("exit code", main(["--ros-args", "-p", parameter]), file=sys.stderr, flush=True)
-"""
-
-
 def test_process_of_an_impossible_parameter_reports_it_in_one_line():
-    parameter, expected = next(iter(IMPOSSIBLE.items()))
-    with process(parameter) as running:
+    with process("window_s:=1000.0") as running:
         _, printed = running.communicate(timeout=DEADLINE_S)
     assert running.returncode == 1
     [line] = printed.splitlines()
-    assert all(text in line for text in expected), line
-
-
-def test_impossible_parameters_are_reported_in_one_line():
-    done = subprocess.run(
-        [sys.executable, "-c", ONE_AFTER_THE_OTHER, *IMPOSSIBLE],
-        stderr=subprocess.PIPE, text=True, check=True, timeout=DEADLINE_S,
-    )  # fmt: skip
-    lines = done.stderr.splitlines()
-    assert lines[1::2] == ["exit code 1"] * len(IMPOSSIBLE), done.stderr
-    for line, expected in zip(lines[::2], IMPOSSIBLE.values(), strict=True):
-        assert all(text in line for text in expected), line
+    assert all(text in line for text in ("window_s", "1000", "100", " s ")), line

@@ -6,22 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from ema_bags.actuator_bag import SimulatedActuatorBag
-from ema_bags.writer import BagWriter
-from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
 from ema_monitor.unit import Unit
-from ema_ros import topics
 
 from ..waiting import DEADLINE_S, wait_for
-from .graph import Graph
-from .monitor_session import FLAP, MonitorSession, monitor
+from .monitor_session import MonitorSession, monitor
 from .spinning import figures
-from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
+from .worn_actuator import HOURS, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 TESTS = 18
@@ -67,33 +61,6 @@ def test_health_tells_how_long_it_will_last(health: Health):
     assert health.dominant_fault in ("friction", *(item.name for item in health.requirements))
 
 
-def test_health_tells_growth_and_what_is_not_known(health: Health):
-    items = {item.name: item for item in health.faults}
-    now = friction(TESTS - 1)
-    assert items["friction"].value == pytest.approx(now, abs=0.02)
-    assert items["friction"].trend == pytest.approx(0.0075 * (now + 0.05), rel=0.4)
-    assert items["friction"].sigma > 0.0
-    assert not items["gain"].rul.known
-    assert items["gain"].rul.reason == "no significant growth"
-    assert np.isnan([items["gain"].rul.hours_50, items["gain"].rul.cycles_50]).all()
-
-
-def test_health_tells_of_required_performances_in_their_units(health: Health):
-    items = {item.name: item for item in health.requirements}
-    units = {name: item.unit for name, item in items.items()}
-    assert units == {
-        "tracking_error": "rad",
-        "bandwidth": "Hz",
-        "free_play": "rad",
-        "torque_margin": "1",
-    }
-    assert items["bandwidth"].limit_is_lower
-    assert items["bandwidth"].limit == 12.0
-    assert items["bandwidth"].value > 20.0
-    # Friction grows, and takes torque.
-    assert items["torque_margin"].trend < 0.0
-
-
 def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
     history = session.until_status("flap history", f"{TESTS} tests", b"\x00")
     [file] = folder.glob("*.sqlite")
@@ -123,8 +90,6 @@ def test_service_tells_life_at_another_duty_and_changes_nothing(
 @pytest.mark.parametrize(
     ("request_", "texts"),
     [
-        ((0.0, ""), ["duty = 0 -", "[0.001, 1000]"]),
-        ((-2.0, ""), ["duty = -2 -", "[0.001, 1000]"]),
         ((math.nan, ""), ["duty = nan", "[0.001, 1000]"]),
         ((1.0, "rudder"), ["rudder", "not monitored", "flap"]),
     ],
@@ -135,36 +100,6 @@ def test_service_refuses_what_is_impossible_by_name(
     answer = predict(session, *request_)
     assert not answer.success
     assert all(text in answer.message for text in texts), answer.message
-
-
-def test_law_that_becomes_known_has_the_history_told_anew(session: MonitorSession):
-    def width() -> float:
-        life = predict(session, 1.0).health.rul_faults
-        return life.hours_95 - life.hours_05
-
-    unknown = width()
-    law = {"known_law.friction": "exponential:7.5e-3:0.05"}
-    assert session.set_parameter_values(law)[0].successful
-    try:
-        assert width() < 0.7 * unknown
-    finally:
-        assert session.set_parameter_values({"known_law.friction": ""})[0].successful
-    assert width() == unknown
-
-
-def test_impossible_settings_of_prognosis_are_refused_by_name(session: MonitorSession):
-    wanted = {
-        "duty": 0.0,
-        "hours_per_cycle": -1.0,
-        "requirements.bandwidth": -1.0,
-        "tracker.process_noise": 9.0,
-        "known_law.friction": "cubic",
-        "history_folder": "elsewhere",
-    }
-    for name, value in wanted.items():
-        [answer] = session.set_parameter_values({name: value})
-        assert not answer.successful, name
-        assert name in answer.reason or "read-only" in answer.reason
 
 
 def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder: Path, session):
@@ -197,30 +132,6 @@ def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder:
         )
 
 
-def test_second_monitor_of_a_unit_leaves_the_history_alone(
-    cycles: list[Telemetry], folder: Path, session: MonitorSession
-):
-    [file] = folder.glob("*.sqlite")
-    content = file.read_bytes()
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}) as second:
-        second.describe()
-        live(second, cycles[:1])
-        second.until_status("flap history", "in use by another monitor", b"\x01")
-    assert file.read_bytes() == content
-
-
-def test_corrupted_history_is_told_in_health_and_status(cycles: list[Telemetry], tmp_path: Path):
-    file = tmp_path / "flap+SIM-0001.sqlite"
-    file.write_text("not a history\n")
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
-        session.describe()
-        first, second = live(session, cycles[:2])
-        session.until_status("flap history", "set aside", b"\x01")
-    assert any("set aside" in event.text for event in first.events)
-    assert (second.cycles, second.events) == (2, [])
-    assert (tmp_path / "flap+SIM-0001.set_aside_1.sqlite").read_text() == "not a history\n"
-
-
 def test_telemetry_is_received_while_a_prognosis_is_made(
     cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
 ):
@@ -241,7 +152,7 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
         assert begun.wait(DEADLINE_S)
         try:
             session.feed([cycles[1].part(0, 5000)])
-            wait_for(lambda: session.node._units["flap"].finder.blocks == 2, "the second block")
+            wait_for(lambda: session.node.units["flap"].finder.blocks == 2, "the second block")
             assert not session.healths()
         finally:
             go_on.set()
@@ -265,48 +176,3 @@ def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
         assert "made up" in health.rul.reason
         assert "made up" in health.reason
         assert health.header.stamp == session.estimates()[0].window_end
-
-
-def count_at(session: MonitorSession, stamp_ns: int) -> bool:
-    """Return whether the monitor has received the count of a stamp."""
-    unit = FLAP.actuator_id, FLAP.serial_number
-    latest = session.node._prognosis._histories.counts.latest(unit, stamp_ns)
-    return latest is not None and latest.stamp_ns == stamp_ns
-
-
-@pytest.mark.slow
-def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetry], tmp_path: Path):
-    """Usage included; and leaves the history of the living as it is."""
-    n = 8
-    path, living = tmp_path / "tests.mcap", tmp_path / "living"
-    tests = [[b.part(i, min(i + 500, len(b))) for i in range(0, len(b), 500)] for b in cycles[:n]]
-    counts = [count(HOURS * (number + 3), tests[number][0].stamp_ns) for number in range(n)]
-    writer = BagWriter(path)
-    usage = f"{topics.NAMESPACE}/{topics.USAGE}"
-    with SimulatedActuatorBag(writer, ActuatorDescription()) as recording:
-        for usage_message, parts in zip(counts, tests, strict=True):
-            stamp_ns = parts[0].stamp_ns
-            writer.write(usage, usage_message, stamp_ns, stamp_ns)
-            for part in parts:
-                recording.write_block(part, 0.0)
-    with monitor({"history_folder": str(living)}) as session:
-        session.describe()
-        for number, (usage_message, parts) in enumerate(zip(counts, tests, strict=True), 1):
-            session.send(topics.USAGE, usage_message)
-            # Nothing orders messages of two topics, and these blocks come all at once.
-            stamp_ns = parts[0].stamp_ns
-            wait_for(lambda stamp_ns=stamp_ns: count_at(session, stamp_ns), "the count")
-            session.feed(parts)
-            session.until(lambda number=number: len(session.healths()) >= number)
-        expected = session.healths()
-    [file] = living.glob("*.sqlite")
-    content = file.read_bytes()
-    with Graph() as graph:
-        graph.start("monitor", use_sim_time=True, history_folder=living)
-        graph.wait_for(lambda: graph.status, "the monitor")
-        graph.start("player", bag=path, rate=3.0, actuator_only=True)
-        graph.wait_for(lambda: len(graph.healths) >= n, "the health after each test")
-        assert graph.status["/ema/monitor: flap history"][2]["file"] == "none, in memory only"
-    assert [plain(item) for item in graph.healths] == [plain(item) for item in expected]
-    assert file.read_bytes() == content
-    assert [item.flight_hours for item in expected] == [HOURS * (i + 3) for i in range(n)]

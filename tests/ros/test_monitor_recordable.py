@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from lifecycle_msgs.msg import Transition
 
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
 
 from .monitor_session import CYCLE, FLAP, MonitorSession, monitor
 from .mounted_units import mount
-from .worn_actuator import HOURS, live, plain, worn_cycles
+from .worn_actuator import HOURS, live, worn_cycles
 
 OK, WARN = b"\x00", b"\x01"
 DAY_NS = 86_400_000_000_000
@@ -56,22 +57,18 @@ def follow(session: MonitorSession, cycles: list[Telemetry], valid: int) -> list
     return healths
 
 
-@pytest.mark.parametrize(
-    ("later_days", "words"),
-    [(3650, "3650.0 days after the clock"), (-400, "400.0 days before the clock")],
-)
 def test_test_of_another_time_is_identified_but_not_recorded(
-    cycles: list[Telemetry], given: dict[str, object], tmp_path: Path, later_days: int, words: str
+    cycles: list[Telemetry], given: dict[str, object], tmp_path: Path
 ):
     """A replayed bag, and a clock that is ten years ahead."""
     with monitor(given) as session:
         mount(session, FLAP)
         [first] = follow(session, now(cycles[:1]), 1)
         assert "not recorded" not in first.reason
-        odd = now(cycles[1:2], later_ns=later_days * DAY_NS)
+        odd = now(cycles[1:2], later_ns=3650 * DAY_NS)
         session.feed(odd)
         session.until(lambda: len(session.estimates()) == 2)
-        status = session.until_status("flap history", words, WARN)
+        status = session.until_status("flap history", "3650.0 days after the clock", WARN)
         for expected in ("not recorded", "use_sim_time", "history_max_offset_s"):
             assert expected in status.message
         # Which of them came first is not known: it leads no test of the history.
@@ -84,22 +81,6 @@ def test_test_of_another_time_is_identified_but_not_recorded(
     assert kept(tmp_path) == 2
 
 
-def test_refused_window_of_a_replay_is_no_test_cycle_of_the_unit(
-    cycles: list[Telemetry], given: dict[str, object], tmp_path: Path
-):
-    with monitor(given) as session:
-        mount(session, FLAP)
-        live(session, now(cycles[:1]))
-        old = cycles[1]
-        session.feed([old.part(0, MIDDLE), old.part(MIDDLE + 500, len(old))])
-        session.until(lambda: len(session.estimates()) == 2)
-        assert not session.estimates()[1].valid
-        session.until_status("flap history", "not recorded", WARN)
-        [health] = live(session, now(cycles[2:3]))
-        assert health.cycles == 2
-    assert kept(tmp_path) == 2
-
-
 def test_history_in_memory_takes_tests_of_any_time(cycles: list[Telemetry]):
     with monitor({"hours_per_cycle": HOURS, "history_max_offset_s": OFFSET_S}) as session:
         mount(session, FLAP)
@@ -107,62 +88,17 @@ def test_history_in_memory_takes_tests_of_any_time(cycles: list[Telemetry]):
         session.until_status("flap history", "2 tests", OK)
 
 
-def test_use_sim_time_at_run_time_closes_the_history_on_disk_at_once(
-    cycles: list[Telemetry], given: dict[str, object], tmp_path: Path
-):
-    with monitor(given) as session:
-        mount(session, FLAP)
-        [real] = live(session, now(cycles[:1]))
-        [file] = tmp_path.glob("flap*.sqlite")
-        assert session.set_parameters(use_sim_time=True)[0].successful
-        before = file.read_bytes()
-        status = session.until_status("flap history", "0 tests; use_sim_time was set", OK)
-        assert {item.key: item.value for item in status.values}["file"] == "none, in memory only"
-        # What is replayed begins a life of its own.
-        replayed = live(session, cycles[1:3])
-        assert [health.cycles for health in replayed] == [1, 2]
-        assert not any("not recorded" in health.reason for health in replayed)
-        assert file.read_bytes() == before
-        heard = len(session.healths())
-        assert session.set_parameters(use_sim_time=False)[0].successful
-        session.until(lambda: len(session.healths()) > heard)
-        again = session.healths()[-1]
-        assert (again.cycles, again.header) == (real.cycles, real.header)
-        assert plain(again.faults) == plain(real.faults)
-        session.until_status("flap history", "1 test; use_sim_time was reset", OK)
-        [health] = live(session, now(cycles[3:4]))
-        assert (health.cycles, health.flight_hours) == (2, 2 * HOURS)
-    assert kept(tmp_path) == 2
-
-
-def test_window_that_the_change_of_the_clock_cuts_off_enters_no_history(
-    cycles: list[Telemetry], given: dict[str, object], tmp_path: Path
-):
-    with monitor(given) as session:
-        mount(session, FLAP)
-        live(session, now(cycles[:1]))
-        [whole] = now(cycles[1:2])
-        session.feed([whole.part(0, MIDDLE)])
-        session.until_status("flap telemetry", "")
-        session.until(lambda: session.node._units["flap"].finder.is_open)
-        assert session.set_parameters(use_sim_time=True)[0].successful
-        session.feed([whole.part(MIDDLE, len(whole))])
-        session.until(lambda: len(session.estimates()) == 2)
-        assert not session.estimates()[1].valid
-        [health] = live(session, cycles[2:3])
-        assert health.cycles == 1
-    assert kept(tmp_path) == 1
-
-
-def test_units_that_alternate_under_one_name_are_named_at_once():
-    other = replace(FLAP, serial_number="SIM-0002")
+def test_clock_can_be_changed_while_nothing_of_it_is_there():
     with monitor() as session:
-        for description in (FLAP, other):
-            mount(session, description)
-        session.until_status("flap telemetry", "no telemetry so far")
-        assert not any("alternate" in one.message for one in session.statuses("flap telemetry"))
-        mount(session, FLAP)
-        session.until_status("flap telemetry", "units SIM-0001, SIM-0002 alternate", WARN)
+        [answer] = session.set_parameters(use_sim_time=True)
+        assert not answer.successful
+        assert "while the node is unconfigured" in answer.reason
+        assert session.node.get_clock().now().nanoseconds > 0
+        for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+            assert session.change_state(transition)
+        assert session.set_parameters(use_sim_time=True)[0].successful
+        assert session.change_state(Transition.TRANSITION_CONFIGURE)
+        assert session.change_state(Transition.TRANSITION_ACTIVATE)
 
 
 def test_unit_that_was_mounted_again_is_one_after_three_tests(cycles: list[Telemetry]):

@@ -9,9 +9,6 @@ from typing import Any
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.node.prognosis import MonitorHistories
-from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
 from ..waiting import DEADLINE_S, wait_for
@@ -75,7 +72,7 @@ def test_telemetry_is_received_while_a_history_is_read(
             session.feed([cycles[1].part(0, 5000)])
             use(session, 500.0, 1)
             all_received(session)
-            wait_for(lambda: session.node._units["flap"].finder.blocks == 1, "the block")
+            wait_for(lambda: session.node.units["flap"].finder.blocks == 1, "the block")
             assert not session.healths()
         finally:
             go_on.set()
@@ -103,31 +100,3 @@ def test_search_after_a_restart_begins_where_an_uninterrupted_one_does(
     assert again.warm_start
     assert (again.faults, again.evaluations) == (estimate.faults, estimate.evaluations)
     assert plain(health) == plain(expected)
-
-
-def test_long_history_of_one_unit_does_not_hold_up_another(monkeypatch: pytest.MonkeyPatch):
-    begun, go_on = threading.Event(), threading.Event()
-    begin = Unit.__init__
-
-    def slow(self: Unit, history: History, *args: Any) -> None:
-        if not begun.is_set():
-            begun.set()
-            assert go_on.wait(DEADLINE_S)
-        begin(self, history, *args)
-
-    monkeypatch.setattr(Unit, "__init__", slow)
-    histories = MonitorHistories()
-    histories.begin(None)
-    first = threading.Thread(target=histories.of, args=(("flap", "1"), PrognosisSettings()))
-    first.start()
-    try:
-        assert begun.wait(DEADLINE_S)
-        assert len(histories.of(("flap", "2"), PrognosisSettings()).history.entries) == 0
-        assert [unit for unit, _ in histories.items()] == [("flap", "2")]
-    finally:
-        go_on.set()
-        first.join(10.0)
-    assert len(histories.items()) == 2
-    histories.end()
-    with pytest.raises(ValueError, match="not configured"):
-        histories.of(("flap", "1"), PrognosisSettings())

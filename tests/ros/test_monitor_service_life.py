@@ -9,14 +9,12 @@ import pytest
 
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
-from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.calibration_store import CalibrationStore
 from ema_monitor.unit import Unit
 from ema_ros import topics
 
 from .monitor_session import FLAP, monitor
-from .mounted_units import all_received, count_of, mount
+from .mounted_units import mount
 from .worn_actuator import HOURS, live, predict, use, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -27,17 +25,6 @@ OTHER = replace(FLAP, serial_number="SIM-0002")
 @pytest.fixture(scope="module")
 def cycles() -> list[Telemetry]:
     return worn_cycles(6)
-
-
-@pytest.fixture
-def _one_calibration_for_all(monkeypatch: pytest.MonkeyPatch):
-    """The shipped calibration serves other units of the same type as well."""
-    builtin = Calibration.builtin()
-    monkeypatch.setattr(
-        CalibrationStore,
-        "of",
-        lambda _, unit: replace(builtin, serial_number=unit.serial_number),
-    )
 
 
 def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
@@ -88,47 +75,6 @@ def test_unit_that_is_exchanged_begins_a_history_of_its_own(
         assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
 
 
-@pytest.mark.usefixtures("_one_calibration_for_all")
-def test_counts_reach_their_unit_be_they_early_or_late(cycles: list[Telemetry]):
-    first, second, third = (block.stamp_ns for block in cycles[:3])
-    with monitor() as session:
-        mount(session, FLAP)
-        count_of(session, "SIM-0002", 7000.0, first)
-        count_of(session, "", 100.0, first)
-        all_received(session)
-        [health] = live(session, cycles[:1])
-        assert (health.serial_number, health.flight_hours) == ("SIM-0001", 100.0)
-        # Who is described is meant, before that unit has had any test.
-        mount(session, OTHER)
-        count_of(session, "", 7010.0, second)
-        all_received(session)
-        [health] = live(session, cycles[1:2])
-        assert (health.serial_number, health.flight_hours) == ("SIM-0002", 7010.0)
-        count_of(session, "SIM-0001", 110.0, third)
-        all_received(session)
-        [health] = live(session, cycles[2:3])
-        assert (health.serial_number, health.flight_hours) == ("SIM-0002", 7010.0)
-        before = len(session.healths())
-        mount(session, FLAP)
-        session.until(lambda: len(session.healths()) > before)
-        [health] = live(session, cycles[3:4])
-        assert (health.serial_number, health.flight_hours) == ("SIM-0001", 110.0)
-
-
-@pytest.mark.usefixtures("_one_calibration_for_all")
-def test_count_before_any_description_is_of_the_first_unit_alone(cycles: list[Telemetry]):
-    with monitor() as session:
-        count_of(session, "", 50.0, 1)
-        count_of(session, "SIM-0002", 60.0, 1)
-        all_received(session)
-        mount(session, FLAP)
-        [health] = live(session, cycles[:1])
-        assert health.flight_hours == 50.0
-        mount(session, OTHER)
-        [health] = live(session, cycles[1:2])
-        assert health.flight_hours == 60.0
-
-
 def test_unit_that_is_fitted_has_no_health_of_the_one_before(cycles: list[Telemetry]):
     with monitor({"hours_per_cycle": HOURS}) as session:
         mount(session, FLAP)
@@ -170,17 +116,6 @@ def test_impossible_use_makes_no_actuator_known(cycles: list[Telemetry]):
         # Nothing but the flap is monitored, so that it need not be named.
         assert predict(session, 1.0).success
         assert not session.statuses("rudder telemetry")
-
-
-def test_impossible_cycles_cost_the_count_alone(cycles: list[Telemetry]):
-    """They would not fit into what is published."""
-    with monitor({"hours_per_cycle": HOURS}) as session:
-        mount(session, FLAP)
-        use(session, 10.0, 1, cycles=2**64 - 1)
-        session.until_status("flap telemetry", f"cycles = {2**64 - 1}: expected")
-        [health] = live(session, cycles[:1])
-        assert (health.cycles, health.flight_hours) == (1, HOURS)
-        assert [estimate.valid for estimate in session.estimates()] == [True]
 
 
 def test_health_that_cannot_be_published_costs_no_second_estimate(

@@ -13,12 +13,10 @@ from rosgraph_msgs.msg import Clock
 from ema_core.faults import healthy_faults
 from ema_monitor import diagnosis
 from ema_monitor.identification.estimate import refusal
-from ema_monitor.node import worker
-from ema_monitor.unit import Unit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-from .monitor_session import DEADLINE_S, FLAP, MonitorSession, Source, in_window, monitor
+from .monitor_session import MonitorSession, Source, in_window, monitor
 
 
 @pytest.fixture
@@ -76,53 +74,6 @@ def test_oldest_window_is_dropped_when_too_many_wait(held: threading.Event):
         session.until(lambda: count(session, "input", "windows dropped") == 2)
 
 
-def test_windows_of_many_actuators_that_end_at_once_all_wait(held: threading.Event):
-    others = [replace(FLAP, actuator_id=f"tab_{i}") for i in range(5)]
-    with monitor({"waiting_windows": 1}) as session:
-        source = Source()
-        for described in (FLAP, *others):
-            session.describe(described)
-        blocks = source.cycle()
-        session.feed(blocks)
-        # That of the flap is under identification; the next one waits beside those of the others.
-        session.until(lambda: under_identification(session))
-        session.feed(source.cycle())
-        for described in others:
-            session.feed(blocks, described.actuator_id)
-        waiting = {d.actuator_id for d in others}
-        session.until(
-            lambda: all(count(session, f"{i} telemetry", "windows") == 1 for i in waiting)
-        )
-        session.until(lambda: count(session, "flap telemetry", "windows waiting") == 6)
-        held.set()
-        session.until(lambda: len(session.received("fault_estimate")) == 7)
-        assert all(estimate.valid for estimate in session.received("fault_estimate"))
-        session.until(lambda: count(session, "input", "windows dropped") == 0)
-
-
-def test_one_that_floods_starves_no_other(held: threading.Event):
-    """It makes a dozen tests while one is identified; the others, of one test, lose none."""
-    others = [f"tab_{i}" for i in range(3)]
-    with monitor({"waiting_windows": 1}) as session:
-        for name in (FLAP.actuator_id, *others):
-            session.describe_from_a_node_of_its_own(replace(FLAP, actuator_id=name))
-        source, blocks = Source(), Source().cycle()
-        session.feed(source.cycle())
-        session.until(lambda: under_identification(session))
-        for name in others[:2]:
-            session.feed(blocks, name)
-        for _ in range(11):
-            session.feed(source.cycle())
-        session.feed(blocks, others[2])
-        session.until(lambda: count(session, "flap telemetry", "windows") == 12)
-        session.until(lambda: count(session, f"{others[2]} telemetry", "windows") == 1)
-        held.set()
-        session.until(lambda: len(session.received("fault_estimate")) == 15)
-        made = [(e.actuator_id, e.window) for e in session.received("fault_estimate") if e.valid]
-        assert made == [("flap", 0), ("tab_0", 0), ("tab_1", 0), ("flap", 11), ("tab_2", 0)]
-        session.until(lambda: count(session, "input", "windows dropped") == 10)
-
-
 def test_none_is_dropped_in_simulated_time(held: threading.Event):
     source = Source()
     with monitor({"waiting_windows": 1, "use_sim_time": True}) as session:
@@ -136,19 +87,6 @@ def test_none_is_dropped_in_simulated_time(held: threading.Event):
         session.until(lambda: len(session.estimates()) == 3)
         assert [(e.window, e.valid) for e in session.estimates()] == [(i, True) for i in range(3)]
         session.until(lambda: count(session, "input", "windows dropped") == 0)
-
-
-def test_none_is_dropped_once_the_time_is_simulated(held: threading.Event):
-    source = Source()
-    with monitor({"waiting_windows": 1}) as session:
-        session.describe()
-        assert session.set_parameters(use_sim_time=True)[0].successful
-        for _ in range(3):
-            session.feed(source.cycle())
-        session.until(lambda: count(session, "flap telemetry", "windows") == 3)
-        held.set()
-        session.until(lambda: len(session.estimates()) == 3)
-        assert all(estimate.valid for estimate in session.estimates())
 
 
 def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: threading.Event):
@@ -176,33 +114,3 @@ def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: thre
         session.feed(Source().cycle())
         estimate = session.until(lambda: session.estimates()[3:])[0]
         assert (estimate.window, estimate.valid) == (3, True)
-
-
-def test_node_that_ends_waits_for_the_health_that_is_being_published(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-):
-    """Else its publishers would be gone when the thread comes to publish."""
-    begun, ended = threading.Event(), threading.Event()
-    record = Unit.update
-
-    def slow(self: Unit, *args: Any) -> Any:
-        begun.set()
-        # A node that does not wait has ended within this time.
-        ended.wait(0.5)
-        return record(self, *args)
-
-    monkeypatch.setattr(Unit, "update", slow)
-    monkeypatch.setattr(worker, "_JOIN_S", 0.0)
-    with monitor() as session:
-        session.describe()
-        session.feed(Source().cycle())
-        assert begun.wait(DEADLINE_S)
-        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
-        assert session.change_state(Transition.TRANSITION_CLEANUP)
-        ended.set()
-        session.until(session.healths)
-        assert [estimate.valid for estimate in session.estimates()] == [True]
-    for thread in threading.enumerate():
-        if thread.name == "identification":
-            thread.join(DEADLINE_S)
-    assert "Traceback" not in capfd.readouterr().err

@@ -13,8 +13,7 @@ from ema_cli.main import main
 from ema_interfaces.msg import DutyScenario, ScenarioLife
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.node.messages import message_of
-from ema_monitor.node.scenario_messages import scenarios_from_messages
+from ema_monitor.node.messages import message_of, scenarios_from_messages
 from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings

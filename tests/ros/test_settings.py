@@ -47,12 +47,6 @@ def test_defaults_are_read_back(make_oven: Callable[..., Node]):
     assert not node.has_parameter("notes")
 
 
-def test_instance_gives_its_own_defaults(make_oven: Callable[..., Node]):
-    node, own = make_oven(), Oven(200.0, 3, "grill", "bread")
-    declare(node, own, "left.")
-    assert read(node, Oven, "left.") == own
-
-
 def test_given_values_are_used_and_whole_numbers_are_numbers(make_oven: Callable[..., Node]):
     node = make_oven(left__temperature=200, left__mode="grill")
     declare(node, Oven, "left.")
@@ -78,11 +72,8 @@ def test_descriptors_tell_unit_range_and_choices(make_oven: Callable[..., Node])
     ("given", "texts"),
     [
         ({"temperature": 301.0}, ["temperature", "301", "300", "degC", "inside"]),
-        ({"temperature": "hot"}, ["temperature", "hot", "degC"]),
-        ({"trays": 5}, ["trays", "5", "4"]),
         ({"trays": 2.5}, ["trays", "2.5", "whole"]),
         ({"mode": "steam"}, ["mode", "steam", "fan, grill"]),
-        ({"label": 3}, ["label", "3", "text"]),
         ({"mode": "grill", "temperature": 50.0}, ["temperature", "50", "too low to grill"]),
     ],
 )
@@ -101,13 +92,6 @@ def set_one(node: Node, name: str, value: Any) -> Any:
     return result
 
 
-def test_fixed_settings_stay(make_oven: Callable[..., Node]):
-    node = make_oven()
-    declare(node, Oven)
-    assert not set_one(node, "trays", 3).successful
-    assert read(node, Oven) == Oven()
-
-
 def test_live_settings_follow_and_tell(make_oven: Callable[..., Node]):
     node, changes = make_oven(), []
     left = LiveSettings(node, Oven, "left.", changes.append)
@@ -123,13 +107,7 @@ def test_live_settings_follow_and_tell(make_oven: Callable[..., Node]):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        *(("temperature", value) for value in (10, float("nan"), "hot", True)),
-        ("trays", 2.5),
-        ("mode", "steam"),
-        ("label", 3),
-    ],
+    ("name", "value"), [("temperature", float("nan")), ("temperature", "hot"), ("label", 3)]
 )
 def test_impossible_change_is_refused_by_name(
     make_oven: Callable[..., Node], name: str, value: Any
@@ -200,16 +178,11 @@ def test_description_is_read_from_a_file(tmp_path: Path):
     ("content", "text"),
     [
         ("rudder", "expected a mapping"),
-        ("", "expected a mapping"),
         ("colour: red", "unknown entry 'colour'"),
         ("parameters: [1]", "parameters must be a mapping"),
         ("parameters: {R_s: thick}", "R_s"),
-        ("parameters: {nonsense: 1}", "nonsense"),
-        ("actuator_id: 3", "actuator_id"),
         ("drive: stepper", "unknown drive 'stepper'"),
-        ("acquisition: mean", "acquisition must be a mapping"),
         ("acquisition: {curent: mean}", "did you mean 'current'?"),
-        ("acquisition: {current_filter: 1e-3}", "any other 0"),
     ],
 )
 def test_file_that_describes_no_actuator_is_refused_by_its_name(

@@ -23,7 +23,7 @@ from ema_interfaces.msg import (
     HealthSummary,
     TelemetryBlock,
 )
-from ema_ros.status import WARN
+from ema_ros.status import ERROR, WARN
 
 from ..waiting import wait_for
 from .spinning import wait_for_match
@@ -190,6 +190,7 @@ def test_snapshot_that_cannot_be_written_is_refused_and_written_later(
         future = client.call_async(Trigger.Request())
         wait_for(future.done, "the answer")
         answer: Any = future.result()
+        assert task(recorder).level == ERROR
     assert not answer.success
     assert answer.message == (
         "1 messages of 0.000 s: waits in memory, not written: [Errno 28] No space left on device"
@@ -213,34 +214,3 @@ def test_cache_that_is_too_small_is_told(graph: Graph, tmp_path: Path):
     wait_for(lambda: "max_cache_size = 100000 B holds" in task(recorder).message, "the remark")
     assert task(recorder).level == WARN
     assert int(task(recorder).values["kept [B]"]) <= 100_000
-
-
-def test_recorder_splits_its_bag(graph: Graph, tmp_path: Path):
-    text = graph.node().create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"], max_bag_duration=0.001)
-    assert recorder.bring_up()
-    wait_for_match(recorder, text)
-    for number in range(3):
-        text.publish(String(data=str(number)))
-        recorded(recorder, number + 1)
-    recorder.trigger_shutdown()
-    bag = Bag(tmp_path / "flight")
-    assert [item.message.data for item in bag.messages()] == ["0", "1", "2"]
-    assert len(list((tmp_path / "flight").glob("*.mcap"))) == 3
-
-
-@pytest.mark.parametrize(
-    ("settings", "told"),
-    [
-        ({"max_bag_size": 5}, "max_bag_size = 5 B: expected 0 or at least 100000 B"),
-        (
-            {"output": "a.mcap", "max_bag_size": 10**6},
-            "output = 'a.mcap' is one file: expected a folder, .* as max_bag_size = 1e.06 makes",
-        ),
-        ({"output": "a.mcap", "snapshot_duration": 5.0}, "as snapshot_duration = 5 makes several"),
-        ({"max_cache_size": 5}, "max_cache_size = 5 B is outside"),
-    ],
-)
-def test_impossible_settings_are_refused(settings: dict, told: str):
-    with pytest.raises(ValueError, match=told):
-        RecorderSettings(**settings)

@@ -3,7 +3,7 @@
 import re
 
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_ros.status import LONGEST_CODE, Task, fault_code, hardware_name, status_message
+from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
 
 
@@ -21,12 +21,6 @@ def test_name_is_that_of_the_node_with_its_namespace():
     assert left.hardware_id != right.hardware_id
 
 
-def test_code_stays_whatever_the_level_and_differs_between_namespaces():
-    tasks = [Task("flap friction", level, "", "x") for level in (OK, WARN, ERROR, STALE)]
-    assert {values_of(task)["fault_code"] for task in tasks} == {"LEFT_MONITOR_FLAP_FRICTION"}
-    assert fault_code("/right/monitor: flap friction") == "RIGHT_MONITOR_FLAP_FRICTION"
-
-
 def test_code_is_capitals_of_at_most_64_characters():
     long = [fault_code(f"/ema/monitor: {'very_' * 20}long_{side} health") for side in "lr"]
     for code in (*long, fault_code("/ema/monitor: Klappe (links) – health")):
@@ -39,12 +33,6 @@ def test_category_is_one_of_ne_107_or_normal():
     said = [values_of(Task("x", level, "", "x"))["ne107"] for level in (OK, WARN, ERROR, STALE)]
     assert said == ["NORMAL", "CHECK_FUNCTION", "FAILURE", "CHECK_FUNCTION"]
     assert values_of(Task("x", WARN, "", "x", {}, "OFF_SPEC"))["ne107"] == "OFF_SPEC"
-
-
-def test_hardware_is_namespace_and_actuator_and_serial_number():
-    assert hardware_name("/left", "flap", "4711") == "/left/flap/4711"
-    assert hardware_name("/left", "flap") == "/left/flap"
-    assert hardware_name("/", "flap", "4711") == "/flap/4711"
 
 
 def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():

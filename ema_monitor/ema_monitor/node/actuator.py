@@ -11,7 +11,6 @@ from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import Tally
-from ema_monitor.node.level_filter import LevelFilter
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
@@ -21,6 +20,28 @@ from ema_ros.status import hardware_name
 _MOST_NAMED = 5
 _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
+
+
+class LevelFilter:
+    """A level of health that rises at once, and falls once several estimates in a row say so.
+
+    ``level`` is None as long as there was none.
+    """
+
+    def __init__(self) -> None:
+        self.level: int | None = None
+        self._lower = 0
+
+    def add(self, level: int, confirmations: int) -> bool:
+        """Add the level after an estimate; return whether the filtered one has changed.
+
+        ``confirmations`` estimates in a row make a lower level.
+        """
+        self._lower = self._lower + 1 if self.level is not None and level < self.level else 0
+        if self.level is None or level > self.level or self._lower >= confirmations:
+            self.level, self._lower = level, 0
+            return True
+        return False
 
 
 class Actuator:
@@ -130,15 +151,10 @@ class Actuator:
             self.is_calibrating = False
 
     def exchange(self, old: str, new: str) -> bool:
-        """Record that a unit replaces another; return whether it was there before.
+        """Record that a serial number replaces another; return whether it was there before.
 
         Actuators are exchanged seldom, and those that are taken out seldom come back: where they
         alternate, two actuators have the same name.
-
-        Parameters
-        ----------
-        old, new
-            Their serial numbers.
         """
         earlier = [one for one in self._exchanged if one != old]
         self._exchanged = [*earlier, old][-_MOST_NAMED:]
@@ -174,19 +190,8 @@ class Actuator:
     ) -> str:
         """Record an estimate, and publish the outlook after it, if one follows from it.
 
-        Parameters
-        ----------
-        segment, estimate, outlook
-            Window, estimate and what follows from it.
-        now_ns
-            Time of the node's clock [ns].
-        confirmations
-            How many estimates in a row change a level in the status.
-
-        Returns
-        -------
-        str
-            The change of the level in words; empty when there is none.
+        Return the change of the level in words, empty when there is none; so many confirmations in
+        a row lower it.
         """
         last = segment.number if segment.last_stretch is None else segment.last_stretch
         if estimate.valid:
@@ -212,28 +217,24 @@ class Actuator:
         self._publish_health()
         return change
 
-    def _filter_levels(self, confirmations: int) -> str:
-        """Add the levels of an estimate; return the change of that of health, in words."""
+    def _filter_levels(self, confirmations: int | None) -> str:
+        """Add the levels of an outlook; return the change of that of health, in words.
+
+        Without confirmations it is one that was added already: only what was unknown is known now.
+        """
         health, before = self.outlook.health, self._level.level
         for item in (*health.faults, *health.requirements):
-            if item.level != STALE:
-                self._levels.setdefault(item.name, LevelFilter()).add(item.level, confirmations)
-        if health.level == STALE or not self._level.add(health.level, confirmations):
+            known = self._levels.setdefault(item.name, LevelFilter())
+            if item.level != STALE and (confirmations or known.level is None):
+                known.add(item.level, confirmations or 1)
+        is_new = confirmations or before is None
+        if health.level == STALE or not is_new:
+            return ""
+        if not self._level.add(health.level, confirmations or 1):
             return ""
         what = f": {self.outlook.dominant}" if self.outlook.dominant else ""
-        known = STALE if before is None else before
-        return f"health {LEVEL_NAMES[known]} -> {LEVEL_NAMES[health.level]}{what}"
-
-    def _filter_new_levels(self) -> str:
-        """Take the levels that were unknown so far; return the change of that of health."""
-        if self._level.level is None:
-            return self._filter_levels(1)
-        health = self.outlook.health
-        for item in (*health.faults, *health.requirements):
-            if item.level != STALE and item.name not in self._levels:
-                self._levels[item.name] = LevelFilter()
-                self._levels[item.name].add(item.level, 1)
-        return ""
+        shown = STALE if before is None else before
+        return f"health {LEVEL_NAMES[shown]} -> {LEVEL_NAMES[health.level]}{what}"
 
     def reset_health(self, now_ns: int) -> None:
         """Reset the health, as another unit is mounted."""
@@ -244,12 +245,7 @@ class Actuator:
         self._assessed: ActuatorDescription | None = None
         self.outlook = _NOTHING_KNOWN
 
-    def resume(
-        self,
-        description: ActuatorDescription,
-        outlook: Outlook,
-        now_ns: int,
-    ) -> str | None:
+    def resume(self, description: ActuatorDescription, outlook: Outlook, now_ns: int) -> str | None:
         """Publish the health after the newest test in the history, unless that was done already.
 
         It is published again when the requirements have become known. Return the change of the
@@ -266,8 +262,7 @@ class Actuator:
         ):
             return None
         self._assessed, self.outlook = description, outlook.at(now_ns)
-        # The same test again confirms nothing; only what was unknown is known now.
-        change = self._filter_new_levels()
+        change = self._filter_levels(None)
         self._is_withdrawn = False
         self._publish_health()
         return change
@@ -300,8 +295,8 @@ class Actuator:
 
     def level_of(self, item: FaultHealth) -> int:
         """Return the confirmed level of a fault or requirement; OK as long as it is not known."""
-        level = self._levels[item.name].level if item.name in self._levels else None
-        return OK if level is None else level
+        known = self._levels.get(item.name)
+        return OK if known is None or known.level is None else known.level
 
     def silent_s(self, now_ns: int) -> float:
         """Return how long no telemetry was received [s], at a time of the node's clock [ns]."""

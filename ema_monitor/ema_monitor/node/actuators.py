@@ -1,91 +1,76 @@
-"""The actuators that a monitor follows."""
+"""The actuators that a monitor follows, and what it receives of them."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
-from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import Health as HealthMessage
+from ema_core.description import ActuatorDescription, check_name
+from ema_interfaces.msg import Health
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import Tally
+from ema_monitor.model.measurements import MeasurementLog
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
-from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.windows.trigger import Defect, TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_ros.messages import description_from_message, measured_from_message, telemetry_from_message
+from ema_ros.stamps import stamp_from_message
 from ema_ros.status import Task
 
-_MOST_NAMED = 10
-_MOST_DESCRIBED = 1000
+if TYPE_CHECKING:
+    from ema_monitor.node.monitor_node import MonitorNode
+
+_MOST_NAMED: Final = 10
+_MOST_DESCRIBED: Final = 1000
+_MOST_MEASUREMENTS: Final = 10_000
 
 
 class Actuators(dict[str, Actuator]):
     """Actuators by name: those that are listed, then in the order of their first message.
 
+    What is received may be impossible: then it is reported as a defect of its actuator, or of
+    nobody.
+
     Parameters
     ----------
+    node
+        Is given the windows that are found.
     admission
         Decides which actuators are followed.
     trigger
         When a window begins and how long it is.
-    now_ns
-        Gives the time of the node's clock [ns].
-    add_publisher
-        Gives the publisher of the health of an actuator, by its name; called at its first message.
-    describe
-        Called with the description of an actuator that is followed again.
-    warn
-        Called with the name of an actuator, empty when there is none, what is wrong, and whether
-        its status has to be published at once.
-    inform
-        Called with what is worth a line in the log.
-    forget
-        Called with the name of an actuator that is to be forgotten in favour of another one.
-    namespace
-        Namespace of the node, for the status.
 
     Attributes
     ----------
-    admission
-        Which actuators are followed.
-    trigger
-        When a window of a new one begins and how long it is.
+    duties
+        Duty that telemetry tells.
     lock
         Held while units are changed, and while health is published: nothing older may follow the
         health after a test.
     """
 
-    def __init__(
-        self,
-        admission: Admission,
-        trigger: TriggerSettings,
-        now_ns: Callable[[], int],
-        add_publisher: Callable[[str], Callable[[HealthMessage], None]],
-        describe: Callable[[ActuatorDescription], None],
-        warn: Callable[[str, str, bool], None],
-        inform: Callable[[str], object],
-        forget: Callable[[str], None],
-        namespace: str,
-    ) -> None:
+    def __init__(self, node: "MonitorNode", admission: Admission, trigger: TriggerSettings) -> None:
         super().__init__()
         self.lock = threading.RLock()
         self.admission = admission
-        self.trigger = trigger
-        self.now_ns = now_ns
-        self.note_description = describe
-        self.warn = warn
-        self.inform = inform
-        self._add_publisher = add_publisher
-        self._forget = forget
+        self.duties = DutyLog()
+        self._node = node
+        self._trigger = trigger
+        self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
         # Latched topics describe an actuator once: it is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
-        self._namespace = namespace
 
     def clear(self) -> None:
-        """Remove all."""
+        """Remove all, and forget what was received."""
         super().clear()
         self.admission.clear()
         self._described.clear()
+        self._measurements.clear()
 
     def expect_listed(self) -> None:
         """Add the actuators that are listed, so that one that says nothing is seen.
@@ -99,19 +84,8 @@ class Actuators(dict[str, Actuator]):
         for actuator_id in self.admission.listed:
             self.get_or_add(actuator_id)
 
-    def forget_health(self) -> None:
-        """Forget what is known of the health of all."""
-        with self.lock:
-            for unit in self.values():
-                unit.reset_health(self.now_ns())
-
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator.
-
-        Parameters
-        ----------
-        actuator_id
-            Which; its name as it was received, possible or not.
+        """Forget an actuator, whose name is as it was received, possible or not.
 
         Raises
         ------
@@ -126,6 +100,125 @@ class Actuators(dict[str, Actuator]):
             if unit.description is not None:
                 self._remember(unit.description)
             del self[actuator_id]
+            self._measurements.forget(actuator_id)
+            self.duties.forget(actuator_id)
+
+    def receive_description(self, message: Any) -> None:
+        """Apply ``ema_interfaces/msg/ActuatorDescription``."""
+        if self.admission.ignores(message.actuator_id):
+            return
+        try:
+            self.describe(description_from_message(message))
+        except ValueError as error:
+            reason = f"the description is impossible: {error}"
+            self.add_defect(message.actuator_id, reason, is_known=_is_name(message.actuator_id))
+
+    def describe(self, description: ActuatorDescription) -> None:
+        """Apply the description of an actuator, if it is followed."""
+        with self.lock:
+            unit = self.get_or_add(description.actuator_id, description)
+            if unit is None:
+                return
+            before = unit.description
+            self._handle(unit, unit.finder.describe(description))
+            if before is not None and before.serial_number != description.serial_number:
+                unit.reset_health(self._node.now_ns())
+                if unit.exchange(before.serial_number, description.serial_number):
+                    self._node.warn(unit.actuator_id, unit.alternation, is_first=True)
+        if before != description:
+            self._node.note_description(description)
+
+    def receive_telemetry(self, message: Any) -> None:
+        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``."""
+        actuator_id = message.actuator_id
+        if actuator_id not in self and not self._takes(message, "telemetry"):
+            return
+        if actuator_id not in self and not _is_name(actuator_id):
+            reason = "telemetry with an impossible actuator_id"
+            self.add_defect(actuator_id, reason, is_known=False)
+            return
+        with self.lock:
+            unit = self.get_or_add(actuator_id)
+            if unit is None:
+                return
+            unit.hear(self._node.now_ns())
+            try:
+                block = telemetry_from_message(message)
+            except ValueError as error:
+                stamp_ns = stamp_from_message(message.header.stamp)
+                events = unit.finder.reject(stamp_ns, str(error))
+            else:
+                if (described := unit.description) is not None:
+                    max_age_s = self._node.operation.value.measured_max_age_s
+                    rise = self._measurements.winding_rise(actuator_id, block.stamp_ns, max_age_s)
+                    self.duties.add(described.unit_key, block, described.parameters, rise)
+                events = unit.finder.feed(block)
+            if unit.finder.blocks == 1:
+                self._node.get_logger().info(f"{actuator_id}: first telemetry")
+            self._handle(unit, events)
+
+    def receive_measured(self, message: Any) -> None:
+        """Keep ``ema_interfaces/msg/MeasuredCauses``."""
+        if not self._takes(message, "measured causes"):
+            return
+        actuator_id = message.actuator_id
+        try:
+            stamp_ns, measured = measured_from_message(message)
+            with self.lock:
+                self._measurements.add(actuator_id, stamp_ns, measured)
+        except ValueError as error:
+            # A measurement alone does not make an actuator known.
+            self.add_defect(actuator_id, str(error), is_known=actuator_id in self)
+
+    def receive_usage(self, message: Any) -> None:
+        """Record counted use from ``ema_interfaces/msg/Usage``."""
+        if not self._takes(message, "usage"):
+            return
+        actuator_id = message.actuator_id
+        unit = self.get(actuator_id)
+        described = unit.description if unit else None
+        try:
+            self._node.prognosis.count(message, described.serial_number if described else "")
+        except ValueError as error:
+            # A count alone does not make an actuator known.
+            reason = f"usage is impossible: {error}"
+            self.add_defect(actuator_id, reason, is_known=unit is not None)
+
+    def _takes(self, message: Any, what: str) -> bool:
+        """Return whether a message is of an actuator that is to be followed; note if not."""
+        if not message.actuator_id:
+            self.add_defect("", f"{what} without actuator_id")
+            return False
+        return not self.admission.ignores(message.actuator_id)
+
+    def restart(self, settings: TriggerSettings) -> None:
+        """Look for windows with other settings from now on; a window that is open is refused."""
+        with self.lock:
+            self._trigger = settings
+            for unit in self.values():
+                events = unit.finder.restart(settings, "the settings of the window changed")
+                # Nothing is wrong where no window is cut off.
+                self._handle(unit, [event for event in events if isinstance(event, Segment)])
+
+    def finish(self) -> list[Segment]:
+        """End the telemetry of all; return the refusals of the windows that are cut off."""
+        with self.lock:
+            events = [event for unit in self.values() for event in unit.finder.finish()]
+        return [event for event in events if isinstance(event, Segment)]
+
+    def _handle(self, unit: Actuator, events: Iterable[Segment | Defect]) -> None:
+        """Queue windows for identification, and report defects."""
+        for event in events:
+            if isinstance(event, Defect):
+                self.add_defect(unit.actuator_id, event.reason)
+                continue
+            self.duties.cut(event.description.unit_key, event.window.end_ns)
+            if isinstance(event.window, Window):
+                max_age_s = self._node.operation.value.measured_max_age_s
+                measured = self._measurements.at(unit.actuator_id, event.window.start_ns, max_age_s)
+                event = replace(event, window=replace(event.window, measured=measured))
+                unit.latest = event
+            self._node.queue_window(event)
 
     def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
         """Record and report a defect.
@@ -145,15 +238,10 @@ class Actuators(dict[str, Actuator]):
                 is_first = unit.add_defect(reason)
             else:
                 is_first = self.admission.note_wrong(actuator_id, reason)
-        self.warn(actuator_id, reason, is_first)
+        self._node.warn(actuator_id, reason, is_first=is_first)
 
     def find(self, actuator_id: str) -> tuple[Actuator, ActuatorDescription]:
-        """Return a unit that is described, and its description.
-
-        Parameters
-        ----------
-        actuator_id
-            Which; empty for the only one.
+        """Return a unit that is described, and its description; the only one for an empty name.
 
         Raises
         ------
@@ -172,23 +260,17 @@ class Actuators(dict[str, Actuator]):
             raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
         return unit, unit.description
 
-    def record(
-        self,
-        segment: Segment,
-        estimate: Estimate,
-        outlook: Outlook | None,
-        now_ns: int,
-        confirmations: int,
-    ) -> None:
+    def record(self, segment: Segment, estimate: Estimate, outlook: Outlook | None) -> None:
         """Record an estimate as ``Actuator.record`` does; nothing when that is forgotten."""
         actuator_id = segment.description.actuator_id
+        confirmations = self._node.operation.value.level_confirmations
         with self.lock:
             unit = self.get(actuator_id)
             if unit is None:
                 return
-            change = unit.record(segment, estimate, outlook, now_ns, confirmations)
+            change = unit.record(segment, estimate, outlook, self._node.now_ns(), confirmations)
         if change:
-            self.inform(f"{actuator_id}: {change}")
+            self._node.get_logger().info(f"{actuator_id}: {change}")
 
     def report_tally(self, actuator_id: str, tally: Tally) -> None:
         """Record what became of the stretches of an actuator's motion so far."""
@@ -196,12 +278,21 @@ class Actuators(dict[str, Actuator]):
             if actuator_id in self:
                 self[actuator_id].tally = tally
 
-    def publish_stale(self, good_for_s: float) -> list[HealthMessage]:
+    def publish_stale(self) -> list[Health]:
         """Publish, and return, the health of the units whose health has just become stale."""
+        good_for_s = self._node.operation.value.good_for_s
         with self.lock:
-            now_ns = self.now_ns()
+            now_ns = self._node.now_ns()
             published = [unit.publish_if_stale(good_for_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
+
+    def gives_way(self) -> str:
+        """Return which actuator is to be forgotten for another one; empty when none is."""
+        with self.lock:
+            now_ns = self._node.now_ns()
+            return self.admission.gives_way(
+                {name: unit.silent_s(now_ns) for name, unit in self.items()}
+            )
 
     def tasks(self, waiting: int, dropped: Mapping[str, int], only: str = "") -> list[Task]:
         """Return the status of each, or of one alone.
@@ -223,49 +314,25 @@ class Actuators(dict[str, Actuator]):
                 for task in unit_tasks(unit, waiting, dropped.get(name, 0))
             ]
 
-    def input_task(self, hardware_id: str, counts: Mapping[str, int]) -> Task:
-        """Return the status of what is received of all.
-
-        Parameters
-        ----------
-        hardware_id
-            What it is about.
-        counts
-            What became of the windows of all actuators.
-        """
-        with self.lock:
-            level, message = self.admission.status(self)
-            figures = {**counts, **self.admission.figures(self)}
-        return Task("input", level, message, hardware_id, figures)
-
     def get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
     ) -> Actuator | None:
-        """Return an actuator; None when there is no room for it.
-
-        It takes the place of one that is silent for long. Where there is none it is refused, and
-        its description kept for later.
-        """
+        """Return an actuator; None when there is no room: its description is kept for later."""
         if (unit := self.get(actuator_id)) is not None:
             return unit
-        if not self.admission.has_room(self):
-            now_ns = self.now_ns()
-            silent_s = {name: one.silent_s(now_ns) for name, one in self.items()}
-            longest = self.admission.silent_for_long(silent_s)
-            if not longest:
-                if description is not None:
-                    self._remember(description)
-                if reason := self.admission.refuse(actuator_id):
-                    self.warn(actuator_id, reason, True)
-                return None
-            self._forget(longest)
-        publish, now_ns = self._add_publisher(actuator_id), self.now_ns()
-        unit = Actuator(actuator_id, self.trigger, publish, now_ns, self._namespace)
+        if (reason := self.admission.refuse(actuator_id, self)) is not None:
+            if description is not None:
+                self._remember(description)
+            if reason:
+                self._node.warn(actuator_id, reason, is_first=True)
+            return None
+        publish, namespace = self._node.add_publishers(actuator_id), self._node.get_namespace()
+        unit = Actuator(actuator_id, self._trigger, publish, self._node.now_ns(), namespace)
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit
         if (known := self._described.pop(actuator_id, None)) is not None and description is None:
             unit.finder.describe(known)
-            self.note_description(known)
+            self._node.note_description(known)
         return unit
 
     def _remember(self, description: ActuatorDescription) -> None:
@@ -283,3 +350,11 @@ class Actuators(dict[str, Actuator]):
     def _not_monitored(self, actuator_id: str) -> str:
         reason = self.admission.why_not(actuator_id) or f"monitored: {self._in_words()}"
         return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
+
+
+def _is_name(actuator_id: str) -> bool:
+    try:
+        check_name("actuator_id", actuator_id)
+    except ValueError:
+        return False
+    return True

@@ -1,16 +1,18 @@
-"""Which messages a monitor takes, and what becomes of the others: counted, and bounded."""
+"""Which messages a monitor takes: a list, a share, a limit; the others are counted, and bounded."""
 
+import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
+from ema_core.description import check_name
 from ema_core.levels import OK, WARN
+from ema_core.quantity import check_quantities, quantity, texts
 from ema_core.wording import counted
-from ema_monitor.node.selection import Selection, Shard, shard_of
 from ema_monitor.node.settings import Operation
 from ema_ros.settings import LiveSettings
 
-_MOST_REMEMBERED: Final = 100
 _UNNAMED: Final = "messages without actuator_id"
 _UNKNOWN: Final = "wrong messages of actuators that are not monitored"
 _OTHER_SHARDS: Final = "messages of other shards"
@@ -18,54 +20,106 @@ _NOT_LISTED: Final = "messages of actuators not listed"
 _REFUSED: Final = "messages of actuators beyond the limit"
 
 
+def shard_of(actuator_id: str, count: int, listed: Collection[str] = ()) -> int:
+    """Return the shard of an actuator among ``count``: the same in every process, for ever.
+
+    It is the BLAKE2b digest of 8 bytes of its name in UTF-8, as a big-endian number, modulo
+    ``count``. Actuators that are listed are dealt out in the order of their numbers instead, so
+    that shards differ by one at most.
+    """
+    if actuator_id in listed:
+        return sorted(listed, key=lambda name: (_number_of(name), name)).index(actuator_id) % count
+    return _number_of(actuator_id) % count
+
+
+def _number_of(actuator_id: str) -> int:
+    name = actuator_id.encode("utf-8", "surrogatepass")
+    return int.from_bytes(hashlib.blake2b(name, digest_size=8).digest(), "big")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The share of all actuators that one of several monitors follows.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range, or there is no such shard; the message names it.
+    """
+
+    index: int = quantity(0, "-", 0, 255, "which share of the actuators is followed, from 0")
+    count: int = quantity(1, "-", 1, 256, "number of monitors that share the actuators")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.index >= self.count:
+            raise ValueError(
+                f"index = {self.index}: expected at most {self.count - 1}, as count = {self.count} "
+                "monitors share the actuators and the first one is 0"
+            )
+
+    def has(self, actuator_id: str, listed: Collection[str] = ()) -> bool:
+        """Return whether an actuator is of this share, as of ``shard_of``."""
+        return self.count == 1 or shard_of(actuator_id, self.count, listed) == self.index
+
+    def __str__(self) -> str:
+        return f"shard {self.index} of {self.count}"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The actuators that are followed.
+
+    Raises
+    ------
+    ValueError
+        When a name is impossible or given twice; the message names it.
+    """
+
+    actuators: tuple[str, ...] = texts(
+        "actuators that are followed, each by its actuator_id; empty: all that are heard"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        for number, name in enumerate(self.actuators):
+            check_name(f"actuators[{number}]", name)
+        twice = [name for name in dict.fromkeys(self.actuators) if self.actuators.count(name) > 1]
+        if twice:
+            raise ValueError(f"actuators = {list(self.actuators)}: {twice[0]!r} is given twice")
+
+    def of(self, shard: Shard) -> tuple[str, ...]:
+        """Return those that are listed and of a share."""
+        return tuple(name for name in self.actuators if shard.has(name, self.actuators))
+
+
 class Admission:
     """Decides which actuators are followed; what it keeps of the others is bounded.
 
     An actuator is followed if it is of this shard and listed, where there is a list, as long as
-    there are not ``most_actuators`` of them. Beyond these it takes the place of the one that is
-    silent longest, if that is not listed and its silence lasts, or is refused.
-
-    Parameters
-    ----------
-    selection, shard
-        What is to be followed.
-    operation
-        How many actuators are followed at most, and how long one is silent before it gives way.
-
-    Attributes
-    ----------
-    listed
-        Those of the list that are of this shard.
+    there are not ``most_actuators`` of them. ``listed`` are those of the list and this shard.
     """
 
     def __init__(
-        self,
-        selection: Selection,
-        shard: Shard,
-        operation: LiveSettings[Operation],
+        self, selection: Selection, shard: Shard, operation: LiveSettings[Operation]
     ) -> None:
         self.listed = selection.of(shard)
         self._all_listed = selection.actuators
         self._shard = shard
         self._operation = operation
-        self._counts: Counter[str] = Counter()
-        # Of wrong messages of nobody, and of refused ones, the latest.
-        self._latest: dict[str, str] = {}
-        self._forgotten = 0
-
-    @property
-    def _most_actuators(self) -> int:
-        return self._operation.value.most_actuators
+        self.clear()
 
     def clear(self) -> None:
         """Forget what was received."""
-        self._counts.clear()
-        self._latest.clear()
+        self._counts: Counter[str] = Counter()
+        # Of wrong messages of nobody, and of refused ones, the latest.
+        self._latest: dict[str, str] = {}
+        self._is_room_wanted = False
         self._forgotten = 0
 
     def check(self) -> None:
         """Raise ValueError when more are listed than may be followed."""
-        most = self._most_actuators
+        most = self._operation.value.most_actuators
         if len(self.listed) > most:
             raise ValueError(
                 f"actuators lists {len(self.listed)} of {self._shard}: expected at most "
@@ -97,39 +151,44 @@ class Admission:
 
     def _kind(self, actuator_id: str) -> str:
         """Return what messages of an actuator are counted as; empty where it is to be followed."""
+        if actuator_id in self._all_listed:
+            return "" if actuator_id in self.listed else _OTHER_SHARDS
         if self._all_listed:
-            if actuator_id in self.listed:
-                return ""
-            return _OTHER_SHARDS if actuator_id in self._all_listed else _NOT_LISTED
+            return _NOT_LISTED
         return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
-    def has_room(self, followed: Collection[str]) -> bool:
-        """Return whether one more can be followed."""
-        return len(followed) < self._most_actuators
+    def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
+        """Return None where there is room for one more; else its reason, empty but for the first.
 
-    def refuse(self, actuator_id: str) -> str:
-        """Refuse an actuator for which there is no room; return why, if it is the first one."""
+        Room is then made, where it can be, by ``gives_way``.
+        """
+        most = self._operation.value.most_actuators
+        if len(followed) < most:
+            return None
         self._count(_REFUSED, repr(actuator_id))
-        if self._counts[_REFUSED] > 1:
-            return ""
-        return f"not followed, as most_actuators = {self._most_actuators} are"
+        self._is_room_wanted = True
+        is_first = self._counts[_REFUSED] == 1
+        return f"not followed, as most_actuators = {most} are" if is_first else ""
 
-    def silent_for_long(self, silent_s: Mapping[str, float]) -> str:
-        """Return which actuator gives way to another one; empty when none does.
+    def gives_way(self, silent_s: Mapping[str, float]) -> str:
+        """Return which actuator is to be forgotten for one that was refused; empty when none.
+
+        That is the one that is silent longest, if it is not listed and its silence lasts.
 
         Parameters
         ----------
         silent_s
             For how long each followed one is silent [s].
         """
+        wanted, self._is_room_wanted = self._is_room_wanted, False
         after_s = self._operation.value.forget_after_s
-        silent = {
-            name: silence_s
+        silent = [
+            (silence_s, name)
             for name, silence_s in silent_s.items()
-            if silence_s > after_s and name not in self.listed
-        }
+            if wanted and silence_s > after_s and name not in self.listed
+        ]
         self._forgotten += bool(silent)
-        return max(silent, key=silent.__getitem__) if silent else ""
+        return max(silent)[1] if silent else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
         """Record a wrong message of nobody that is followed; return whether it is the first."""
@@ -137,11 +196,10 @@ class Admission:
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1
 
-    def status(self, followed: Iterable[str]) -> tuple[int, str]:
+    def status(self, followed: Collection[str]) -> tuple[int, str]:
         """Return level and message on what is received of all."""
-        number = len(list(followed))
         remarks = []
-        if not number and not self._counts[_OTHER_SHARDS]:
+        if not followed and not self._counts[_OTHER_SHARDS]:
             remarks.append("no message of an actuator so far")
         remarks += [
             f"ignored: {self._counts[kind]} {kind}, the latest of {self._latest[kind]}"
@@ -150,14 +208,14 @@ class Admission:
         ]
         if remarks:
             return WARN, "; ".join(remarks)
-        return OK, f"{counted(number, 'actuator')} monitored"
+        return OK, f"{counted(len(followed), 'actuator')} monitored"
 
     def figures(self, followed: Collection[str]) -> dict[str, Any]:
         """Return the figures of the status."""
         return {
             "shard": f"{self._shard.index} of {self._shard.count}",
             "actuators": len(followed),
-            "most actuators": self._most_actuators,
+            "most actuators": self._operation.value.most_actuators,
             "actuators forgotten": self._forgotten,
             **{kind: self._counts[kind] for kind in (_REFUSED, _NOT_LISTED, _OTHER_SHARDS)},
         }

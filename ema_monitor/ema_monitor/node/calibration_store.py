@@ -38,18 +38,9 @@ class CalibrationStore:
         self._set_path(ActuatorDescription())
 
     def of(self, description: ActuatorDescription) -> AnyCalibration | str:
-        """Return the calibration of an actuator, or why there is none.
-
-        Parameters
-        ----------
-        description
-            The actuator.
-        """
+        """Return the calibration of an actuator, or why there is none."""
         key = description.unit_key
-        if key not in self._in_use:
-            if not self._file:
-                self._in_use[key] = Calibration.builtin()
-                return self._in_use[key]
+        if key not in self._in_use and self._file:
             path = self._set_path(description)
             try:
                 self._in_use[key] = load_calibration(path)
@@ -59,22 +50,12 @@ class CalibrationStore:
                 )
             except (ValueError, OSError) as error:
                 return f"the calibration cannot be used: {error}"
-        return self._in_use[key]
+        return self._in_use.get(key) or Calibration.builtin()
 
     def load(self, description: ActuatorDescription, file: str) -> tuple[AnyCalibration, Path]:
-        """Use a calibration from a file from now on.
+        """Use a calibration from a file from now on; return it, and where it came from.
 
-        Parameters
-        ----------
-        description
-            The actuator.
-        file
-            The file, in the own folder; empty for the usual place.
-
-        Returns
-        -------
-        Calibration, Path
-            The calibration, and where it came from.
+        The file is in the own folder; empty, it is the usual place.
 
         Raises
         ------
@@ -91,14 +72,7 @@ class CalibrationStore:
         return calibration, path
 
     def prepare(self, description: ActuatorDescription, file: str) -> Path:
-        """Return where a calibration is to be stored, and make the folder.
-
-        Parameters
-        ----------
-        description
-            The actuator.
-        file
-            Where to store it, in the own folder; empty for the usual place.
+        """Return where a calibration is to be stored, and make the folder; the file as of ``load``.
 
         Raises
         ------
@@ -112,30 +86,17 @@ class CalibrationStore:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ValueError(
-                f"the calibration cannot be stored in {path}: {error.strerror}"
-            ) from error
+            raise _not_stored(path, error) from error
         return path
 
     def is_used_again(self, description: ActuatorDescription, path: Path) -> bool:
         """Return whether a file is that which an actuator's calibration is read from at a start."""
-        if not self._file:
-            return False
-        return path.resolve() == self._set_path(description).resolve()
+        return bool(self._file) and path.resolve() == self._set_path(description).resolve()
 
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
         """Store a calibration and use it from now on.
-
-        Parameters
-        ----------
-        description
-            The actuator.
-        calibration
-            Its new calibration.
-        path
-            Where to store it.
 
         Raises
         ------
@@ -145,9 +106,7 @@ class CalibrationStore:
         try:
             calibration.save(path)
         except OSError as error:
-            raise ValueError(
-                f"the calibration cannot be stored in {path}: {error.strerror}"
-            ) from error
+            raise _not_stored(path, error) from error
         self._in_use[description.unit_key] = calibration
 
     def _place(self, description: ActuatorDescription, file: str) -> Path:
@@ -178,6 +137,10 @@ class CalibrationStore:
                 f"{self._own_folder} (parameter calibration_folder)"
             )
         return path
+
+
+def _not_stored(path: Path, error: OSError) -> ValueError:
+    return ValueError(f"the calibration cannot be stored in {path}: {error.strerror}")
 
 
 def _filled(path: str, description: ActuatorDescription) -> str:

@@ -1,18 +1,16 @@
-"""Service and action of the monitor: calibrate, and identify with an algorithm of choice."""
+"""What others ask of a monitor: calibrate, forget, identify with an algorithm of choice."""
 
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from queue import Empty, SimpleQueue
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
 
-from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate, ForgetActuator
@@ -21,75 +19,46 @@ from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.calibration_store import CalibrationStore
-from ema_monitor.node.messages import estimate_to_message
-from ema_monitor.node.settings import Operation
-from ema_monitor.node.summary import unknown_estimate
+from ema_monitor.node.messages import estimate_to_message, unknown_estimate
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
 from ema_ros.executor import SeparateCallbackGroup
 from ema_ros.messages import faults_to_message
-from ema_ros.settings import LiveSettings
 
-_POLL_S = 0.1
-_MOST_GOALS = 2
+if TYPE_CHECKING:
+    from ema_monitor.node.monitor_node import MonitorNode
 
-
+_POLL_S: Final = 0.1
+_MOST_GOALS: Final = 2
 _MOST_WINDOWS: Final = 200
 
 
 class MonitorCalls:
-    """The service ``~/calibrate`` and the action ``~/identify_faults`` of a monitor.
+    """The services ``~/calibrate`` and ``~/forget_actuator`` and the action ``~/identify_faults``.
 
-    Both may last long, in threads that receive no telemetry.
+    Calibration and identification may last long, in threads that receive no telemetry.
 
     Parameters
     ----------
-    node, store, units
-        Node of the service and the action, calibrations of the actuators, and the actuators.
-    search, operation
-        Settings of a search where a goal gives none, and timeout for a window.
-    is_active
-        Gives whether the monitor looks for windows.
-    calibrated
-        Called with an actuator when its calibration has changed.
-    forget
-        Called with the name of an actuator that is to be forgotten; ValueError when there is none.
+    node, store
+        The monitor, and the calibrations of its actuators.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        store: CalibrationStore,
-        units: Actuators,
-        search: LiveSettings[SearchSettings],
-        operation: LiveSettings[Operation],
-        is_active: Callable[[], bool],
-        calibrated: Callable[[ActuatorDescription], None],
-        forget: Callable[[str], None],
-    ) -> None:
+    def __init__(self, node: "MonitorNode", store: CalibrationStore) -> None:
         self._node = node
         self._store = store
-        self._units = units
-        self._search = search
-        self._operation = operation
-        self._is_active = is_active
-        self._calibrated = calibrated
-        self._forget = forget
         self._log = node.get_logger()
         self._queues: list[SimpleQueue[Segment]] = []
         self._queues_lock = threading.Lock()
         self._free_goals = threading.Semaphore(_MOST_GOALS)
-        self._service = node.create_service(
+        node.create_service(
             Calibrate, "~/calibrate", self._calibrate, callback_group=SeparateCallbackGroup()
         )
         # In the thread that receives telemetry: nothing is received in the middle of it.
-        self._forget_service = node.create_service(
-            ForgetActuator, "~/forget_actuator", self._forget_one
-        )
-        self._action = ActionServer(
+        node.create_service(ForgetActuator, "~/forget_actuator", self._forget)
+        ActionServer(
             node,
             IdentifyFaults,
             "~/identify_faults",
@@ -100,16 +69,6 @@ class MonitorCalls:
             result_service_qos_profile=topics.SERVICE,
             cancel_service_qos_profile=topics.SERVICE,
         )
-
-    @property
-    def _timeout_s(self) -> float:
-        return self._operation.value.calibration_timeout_s
-
-    def destroy(self) -> None:
-        """End service and action."""
-        self._node.destroy_service(self._service)
-        self._node.destroy_service(self._forget_service)
-        self._action.destroy()
 
     def add(self, segment: Segment) -> None:
         """Give a new window to the calls that wait for one."""
@@ -132,78 +91,72 @@ class MonitorCalls:
     def _calibrate(
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
-        try:
-            _, description = self._units.find(request.actuator_id)
-            self._log.info(f"{description.actuator_id}: calibration is requested")
-            if request.load:
-                calibration, path = self._store.load(description, request.file)
-                response.message = f"loaded from {path}"
-            else:
-                path = self._store.prepare(description, request.file)
-                windows = list(self._healthy_windows(description.actuator_id, request.windows))
-                calibration = calibrate(windows, description)
-                self._store.keep(description, calibration, path)
-                taken = taken_for_known(window.measured for window in windows)
-                known = "; taken for known: " if taken else ""
-                response.message = (
-                    f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path}"
-                )
-                if not self._store.is_used_again(description, path):
-                    response.message += (
-                        "; calibration_file has to name it for it to be used after a restart"
-                    )
-            if calibration.not_learned:
-                words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
-                response.message += f"; not learned from the healthy windows: {words}"
-            self._calibrated(description)
-            response.success, response.calibration_id = True, calibration.calibration_id
-        except (ValueError, OSError) as error:
-            response.message = str(error)
-        self._log.info(f"calibration: {response.message}")
+        _, description = self._node.units.find(request.actuator_id)
+        self._log.info(f"{description.actuator_id}: calibration is requested")
+        if request.load:
+            calibration, path = self._store.load(description, request.file)
+            message = f"loaded from {path}"
+        else:
+            path = self._store.prepare(description, request.file)
+            windows = list(self._healthy_windows(description.actuator_id, request.windows))
+            calibration = calibrate(windows, description)
+            self._store.keep(description, calibration, path)
+            known = "; taken for known: " if (taken := taken_for_known(w.measured for w in windows)) else ""
+            message = (
+                f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path}"
+            )
+            if not self._store.is_used_again(description, path):
+                message += "; calibration_file has to name it for it to be used after a restart"
+        if calibration.not_learned:
+            words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
+            message += f"; not learned from the healthy windows: {words}"
+        self._node.prognosis.refresh(description)
+        self._log.info(f"calibration: {message}")
+        response.success, response.message = True, message
+        response.calibration_id = calibration.calibration_id
         return response
 
-    def _forget_one(
+    def _forget(
         self, request: ForgetActuator.Request, response: ForgetActuator.Response
     ) -> ForgetActuator.Response:
-        try:
-            self._forget(request.actuator_id)
-        except ValueError as error:
-            response.message = str(error)
-        else:
-            response.success = True
-            response.message = (
-                f"{request.actuator_id!r} is forgotten; it is monitored again with its next message"
-            )
-            self._log.info(f"{request.actuator_id}: forgotten")
+        self._node.forget(request.actuator_id)
+        self._log.info(f"{request.actuator_id}: forgotten")
+        response.success = True
+        response.message = (
+            f"{request.actuator_id!r} is forgotten; it is monitored again with its next message"
+        )
         return response
 
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
         """Yield the next windows of an actuator without those that cannot be used."""
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
-        unit = self._units.find(actuator_id)[0]
+        unit, timeout_s = self._node.units.find(actuator_id)[0], self._timeout_s
         with self._windows() as windows, unit.calibrating():
             for made in range(number):
-                deadline = time.monotonic() + self._timeout_s
+                deadline_s = time.monotonic() + timeout_s
                 refused = ""
-                while segment := self._next(windows, actuator_id, deadline):
+                while segment := self._next(windows, actuator_id, deadline_s):
                     if isinstance(segment.window, Window):
                         yield segment.window
                         break
                     refused = f"; the latest was refused: {segment.window.reason}"
                 else:
                     raise ValueError(
-                        f"no healthy window came for {self._timeout_s:g} s after {made} of "
+                        f"no healthy window came for {timeout_s:g} s after {made} of "
                         f"{number}{refused}"
                     )
 
+    @property
+    def _timeout_s(self) -> float:
+        return self._node.operation.value.calibration_timeout_s
+
     def _next(
-        self, windows: SimpleQueue[Segment], actuator_id: str, deadline: float, goal: Any = None
+        self, windows: SimpleQueue[Segment], actuator_id: str, deadline_s: float, goal: Any = None
     ) -> Segment | None:
         """Wait for the next window of an actuator; None at the deadline, or on cancelling."""
-        while time.monotonic() < deadline and not (goal and goal.is_cancel_requested):
-            if not self._is_active():
-                raise ValueError("the monitor is not active")
+        while time.monotonic() < deadline_s and not (goal and goal.is_cancel_requested):
+            self._require_active()
             try:
                 segment = windows.get(timeout=_POLL_S)
             except Empty:
@@ -212,26 +165,24 @@ class MonitorCalls:
                 return segment
         return None
 
+    def _require_active(self) -> None:
+        if not self._node.is_active or self._node.stopping.is_set():
+            raise ValueError("the monitor is not active")
+
     def _accept_or_reject(self, request: IdentifyFaults.Goal) -> GoalResponse:
         """Reject impossible goals, and those that would take the processor from the telemetry."""
         try:
-            self._check_goal(request)
+            self._require_active()
+            unit, _ = self._node.units.find(request.actuator_id)
+            self._search_for(request)
+            if not request.next_window:
+                _latest(unit)
+            if not self._free_goals.acquire(blocking=False):
+                raise ValueError(f"{_MOST_GOALS} run already")
         except ValueError as error:
             self._log.warning(f"a goal of identify_faults is rejected: {error}")
             return GoalResponse.REJECT
-        if self._free_goals.acquire(blocking=False):
-            return GoalResponse.ACCEPT
-        self._log.warning(f"a goal of identify_faults is rejected: {_MOST_GOALS} run already")
-        return GoalResponse.REJECT
-
-    def _check_goal(self, request: IdentifyFaults.Goal) -> None:
-        """Raise ValueError unless there is something to identify, and a way to."""
-        if not self._is_active():
-            raise ValueError("the monitor is not active")
-        unit, _ = self._units.find(request.actuator_id)
-        self._search_for(request)
-        if not request.next_window and unit.latest is None:
-            raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
+        return GoalResponse.ACCEPT
 
     def _identify(self, goal: Any) -> IdentifyFaults.Result:
         result = IdentifyFaults.Result()
@@ -257,7 +208,7 @@ class MonitorCalls:
 
     def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
         """Identify the window that a goal asks for, unless it is cancelled."""
-        unit, _ = self._units.find(goal.request.actuator_id)
+        unit, _ = self._node.units.find(goal.request.actuator_id)
         search = self._search_for(goal.request)
         segment = self._window(unit, goal)
         if segment is None:
@@ -275,8 +226,7 @@ class MonitorCalls:
         for generation in run:
             if goal.is_cancel_requested:
                 return
-            if not self._is_active():
-                raise ValueError("the monitor is not active")
+            self._require_active()
             goal.publish_feedback(
                 IdentifyFaults.Feedback(
                     generation=generation.generation,
@@ -290,7 +240,7 @@ class MonitorCalls:
             result.success, result.message = run.estimate.valid, run.estimate.reason
 
     def _search_for(self, request: IdentifyFaults.Goal) -> SearchSettings:
-        default = self._search.value
+        default = self._node.search.value
         return replace(
             default,
             seed=request.seed,
@@ -301,12 +251,16 @@ class MonitorCalls:
     def _window(self, unit: Actuator, goal: Any) -> Segment | None:
         """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
-            if unit.latest is None:
-                raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
-            return unit.latest
+            return _latest(unit)
+        timeout_s = self._timeout_s
         with self._windows() as windows:
-            deadline = time.monotonic() + self._timeout_s
-            segment = self._next(windows, unit.actuator_id, deadline, goal)
+            segment = self._next(windows, unit.actuator_id, time.monotonic() + timeout_s, goal)
         if segment is None and not goal.is_cancel_requested:
-            raise ValueError(f"no window came for {self._timeout_s:g} s")
+            raise ValueError(f"no window came for {timeout_s:g} s")
         return segment
+
+
+def _latest(unit: Actuator) -> Segment:
+    if unit.latest is None:
+        raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
+    return unit.latest

@@ -15,7 +15,6 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
 
 _FOLLOWED: Final = 3
-_QUIET_S: Final = 1.0
 _TELL_S: Final = 1.0
 
 
@@ -43,9 +42,7 @@ Requirements are fitted in a thread of their own, with kernels that nothing else
 """
 
 
-def compile_monitor_kernels(
-    tell: Callable[[str], object], is_ending: Callable[[], bool], most_s: float = 600.0
-) -> None:
+def compile_monitor_kernels(tell: Callable[[str], object], is_ending: Callable[[], bool]) -> None:
     """Compile the kernels, or load them from the cache, and wait for it.
 
     They are compiled in a thread of their own, which cannot be interrupted: it is left alone where
@@ -57,37 +54,33 @@ def compile_monitor_kernels(
         Called with what is compiled, once a second, if it takes longer than that.
     is_ending
         Says whether to wait no longer.
-    most_s
-        How long to wait at most [s].
 
     Raises
     ------
     ValueError
-        When they cannot be compiled, not in time, or the node ends.
+        When they cannot be compiled, or the node ends.
     """
-    begun_s, done = time.monotonic(), threading.Event()
-    current, failures = [""], list[BaseException]()
+    told_s = begun_s = time.monotonic()
+    failures: list[BaseException] = []
+    for number, (name, step) in enumerate(STEPS.items(), 1):
+        words = f"{name}, {number} of {len(STEPS)}"
 
-    def compile_all() -> None:
-        try:
-            for number, (name, step) in enumerate(STEPS.items()):
-                current[0] = f"{name}, {number + 1} of {len(STEPS)}"
+        def compile_it(step: Callable[[], object] = step) -> None:
+            try:
                 step()
-        except BaseException as error:
-            failures.append(error)
-        finally:
-            done.set()
+            except BaseException as error:
+                failures.append(error)
 
-    threading.Thread(target=compile_all, name="compilation", daemon=True).start()
-    told_s = begun_s + _QUIET_S - _TELL_S
-    while not done.wait(0.1):
-        now_s = time.monotonic()
-        if is_ending():
-            raise ValueError("the node ends while its kernels are compiled")
-        if now_s - begun_s > most_s:
-            raise ValueError(f"kernels are not compiled within {most_s:g} s: {current[0]}")
-        if now_s - told_s >= _TELL_S:
-            tell(f"compiling kernels, once for this version: {current[0]}, {now_s - begun_s:.0f} s")
-            told_s = now_s
-    if failures:
-        raise ValueError(f"kernels cannot be compiled: {current[0]}: {failures[0]!r}")
+        thread = threading.Thread(target=compile_it, name="compilation", daemon=True)
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.1)
+            now_s = time.monotonic()
+            if is_ending():
+                raise ValueError("the node ends while its kernels are compiled")
+            if now_s - told_s >= _TELL_S:
+                took = f"{now_s - begun_s:.0f} s"
+                tell(f"compiling kernels, once for this version: {words}, {took}")
+                told_s = now_s
+        if failures:
+            raise ValueError(f"kernels cannot be compiled: {words}: {failures[0]!r}")

@@ -1,7 +1,8 @@
-"""Estimates and health as messages."""
+"""What a monitor publishes and answers, as messages; a stamp out of range is a ValueError."""
 
 import math
 from array import array
+from collections.abc import Sequence
 from dataclasses import is_dataclass
 from importlib import import_module
 from typing import Any
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_core.levels import STALE
+from ema_core.levels import LEVEL_NAMES, STALE
 from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
     FaultEstimate,
     FaultForecast,
     HealthForecast,
+    HealthSummary,
     HiddenCause,
     UnitHistory,
     UnitTest,
@@ -27,6 +29,7 @@ from ema_interfaces.msg import WindowFit as WindowFitMessage
 from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
+from ema_monitor.prognosis.duty.scenario import MOST_SCENARIOS, Scenario, check_scenarios
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.reports import EventReport, health_report
@@ -38,24 +41,14 @@ from ema_ros.stamps import check_stamp, stamp_to_message
 _PLAIN = {"double": float, "boolean": bool, "string": str}
 """What sets a field of these kinds; others are whole numbers."""
 
-_ACTIONS = {
-    "unknown": AdviceMessage.UNKNOWN,
-    "continue": AdviceMessage.CONTINUE,
-    "inspect": AdviceMessage.INSPECT,
-    "remove": AdviceMessage.REMOVE,
-}
+_ALL = 255
+"""Each fault has its bit."""
 
 
 def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
 ) -> FaultEstimate:
-    """Return the estimate of a window of a running number as a message.
-
-    Raises
-    ------
-    ValueError
-        When a stamp is out of range.
-    """
+    """Return the estimate of a window of a running number as a message."""
     message = FaultEstimate(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -107,13 +100,7 @@ def _bits(components: NDArray[np.bool_]) -> int:
 
 
 def health_to_message(outlook: Outlook, description: ActuatorDescription) -> HealthMessage:
-    """Return health and remaining life as a message.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
-    """
+    """Return health and remaining life as a message."""
     check_stamp(outlook.stamp_ns)
     return message_of(HealthMessage, health_report(outlook, description))
 
@@ -139,13 +126,7 @@ def _field(kind: str, value: Any) -> Any:
 
 
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
-    """Return the forecast of the faults as a message; without faults when hours are unknown.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
-    """
+    """Return the forecast of the faults as a message; without faults when hours are unknown."""
     outlook, fan = forecaster.outlook, forecaster.fan()
     message = HealthForecast(
         actuator_id=description.actuator_id,
@@ -171,17 +152,11 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
 def advice_to_message(
     advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
 ) -> AdviceMessage:
-    """Return an advice as a message; ``outlook`` is what it rests on.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
-    """
+    """Return an advice as a message; ``outlook`` is what it rests on."""
     message = AdviceMessage(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
-        action=_ACTIONS[advice.action],
+        action=getattr(AdviceMessage, advice.action.upper()),
         flight_hours=float(advice.hours),
         from_now=float(advice.from_now),
         probability_of_failure=float(advice.probability),
@@ -197,13 +172,7 @@ def advice_to_message(
 def window_fit_to_message(
     fit: WindowFit, estimate: Estimate, window: int, description: ActuatorDescription
 ) -> WindowFitMessage:
-    """Return a window beside the model's response as a message.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
-    """
+    """Return a window beside the model's response as a message."""
     message = WindowFitMessage(
         actuator_id=description.actuator_id,
         window=int(window),
@@ -224,13 +193,7 @@ def window_fit_to_message(
 def history_to_message(
     tests: list[KnownTest], omitted: int, description: ActuatorDescription
 ) -> UnitHistory:
-    """Return the latest tests of a unit as a message; ``omitted`` earlier ones are known.
-
-    Raises
-    ------
-    ValueError
-        When a stamp is out of range.
-    """
+    """Return the latest tests of a unit as a message; ``omitted`` earlier ones are known."""
     message = UnitHistory(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -267,3 +230,98 @@ def _unit_test(test: KnownTest) -> UnitTest:
         rul_50=float(life[1]),
         rul_95=float(life[2]),
     )
+
+
+def summary_of(health: HealthMessage) -> HealthSummary:
+    """Return a health in a few lines."""
+    life = health.rul.hours_50 if health.rul.known else math.nan
+    words = LEVEL_NAMES[health.level]
+    if health.dominant_fault:
+        words += f": {health.dominant_fault.replace('_', ' ')}"
+    parts = [words]
+    if math.isfinite(life):
+        parts.append(f"remaining life {life:.4g} flight hours")
+    if health.reason:
+        parts.append(health.reason)
+    return HealthSummary(
+        header=health.header,
+        actuator_id=health.actuator_id,
+        serial_number=health.serial_number,
+        level=health.level,
+        last_level=health.last_level,
+        good_until=health.good_until,
+        author=health.author,
+        health_index=health.health_index,
+        dominant_fault=health.dominant_fault,
+        rul_50=life,
+        text="; ".join(parts),
+    )
+
+
+def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
+    """Return the estimate of an answer that has none: every figure is NaN."""
+    message = _without_figures(FaultEstimate())
+    message.actuator_id, message.reason = actuator_id, reason
+    message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL
+    return message
+
+
+def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
+    """Return the health of an answer that has none: every figure is NaN."""
+    message = _without_figures(HealthMessage())
+    message.actuator_id, message.reason = actuator_id, reason
+    message.level = HealthMessage.STALE
+    for life in (message.rul, message.rul_faults, message.rul_requirements):
+        life.reason = reason
+    return message
+
+
+def _without_figures(message: Any) -> Any:
+    """Return a message with NaN in each floating-point field, those of its parts included."""
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if isinstance(value, float):
+            setattr(message, name, math.nan)
+        elif hasattr(value, "dtype"):
+            value[:] = math.nan
+        elif isinstance(value, array) and value.typecode == "d":
+            setattr(message, name, array("d", [math.nan] * len(value)))
+        elif hasattr(value, "get_fields_and_field_types"):
+            _without_figures(value)
+    return message
+
+
+def scenarios_from_messages(messages: Sequence[Any]) -> tuple[Scenario, ...]:
+    """Return the scenarios of ``ema_interfaces/msg/DutyScenario`` messages.
+
+    Raises
+    ------
+    ValueError
+        When there are too many, or one is impossible; the message names it, its key and value.
+    """
+    if len(messages) > MOST_SCENARIOS:
+        raise ValueError(f"{len(messages)} scenarios: expected at most {MOST_SCENARIOS}")
+    return check_scenarios(tuple(_scenario(*one) for one in enumerate(messages, 1)))
+
+
+def _scenario(number: int, message: Any) -> Scenario:
+    try:
+        return Scenario(
+            message.name,
+            message.duty,
+            message.travel_per_hour,
+            _shares("loads", message.loads, message.load_shares),
+            _shares("winding", message.winding_temperatures, message.winding_shares),
+            message.hours_per_cycle,
+            message.hours_per_day,
+        )
+    except ValueError as error:
+        raise ValueError(f"scenario {number}: {error}") from error
+
+
+def _shares(name: str, values: Sequence[float], shares: Sequence[float]) -> dict[float, float]:
+    if len(values) != len(shares):
+        raise ValueError(f"{name}: {len(shares)} shares of {len(values)} values: expected as many")
+    if len(set(values)) < len(values):
+        raise ValueError(f"{name} = {list(values)[:10]}: expected each value once")
+    return dict(zip(values, shares, strict=True))

@@ -1,16 +1,12 @@
-"""Settings of the monitor node beside those of trigger, identification and health."""
+"""Settings of the monitor node beside those of the library."""
 
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from ema_core.quantity import check_quantities, quantity, text
-from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.measurements import MAX_AGE_S
-from ema_monitor.prognosis.advice import Costs
-from ema_monitor.prognosis.settings import PrognosisSettings
 
 _PERIODS: Final = 3.0
 
@@ -48,31 +44,8 @@ class Files:
 
 
 @dataclass(frozen=True)
-class HistoryRules:
-    """Which tests enter the histories on disk.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
-
-    history_max_offset_s: float = quantity(
-        3600.0,
-        "s",
-        1.0,
-        1e10,
-        "most that the stamp of a test may be before or after the clock of the node for the test "
-        "to enter a history in history_folder",
-    )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-
-@dataclass(frozen=True)
 class Operation:
-    """Number of actuators, window queue, staleness, calibration and measured causes of the monitor.
+    """Actuators, window queue, staleness, calibration, measured causes and histories of a monitor.
 
     Raises
     ------
@@ -117,6 +90,14 @@ class Operation:
         1e7,
         "age at the start of a window up to which a measured cause holds for it",
     )
+    history_max_offset_s: float = quantity(
+        3600.0,
+        "s",
+        1.0,
+        1e10,
+        "most that the stamp of a test may be before or after the clock of the node for the test "
+        "to enter a history in history_folder",
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -125,16 +106,6 @@ class Operation:
     def good_for_s(self) -> float:
         """How long a level holds after its test [s]."""
         return _PERIODS * self.expected_period_s
-
-
-class WindowSettings(NamedTuple):
-    """Settings with which a window is identified, or a stretch combined, and then judged."""
-
-    search: SearchSettings
-    combining: CombinationSettings
-    prognosis: PrognosisSettings
-    costs: Costs
-    level_confirmations: int
 
 
 def folder_of(text: str) -> Path:

@@ -2,7 +2,7 @@
 
 import threading
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
@@ -48,7 +48,7 @@ class WindowQueue:
         self._changed = threading.Condition()
         self._closed = False
         self._current: Segment | None = None
-        self._is_publishing = False
+        self._publishing = threading.Lock()
 
     def __len__(self) -> int:
         with self._changed:
@@ -60,7 +60,7 @@ class WindowQueue:
         return self._closed
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
-        """Add a window, or the refusal of one, behind those of its actuator.
+        """Add a window, or the refusal of one; return the windows that were dropped for it.
 
         Parameters
         ----------
@@ -69,11 +69,6 @@ class WindowQueue:
         most_waiting
             How many windows of its kind and actuator may wait; None for any number, of refusals
             as well.
-
-        Returns
-        -------
-        list of Segment
-            The windows that were dropped for it.
 
         Raises
         ------
@@ -126,15 +121,11 @@ class WindowQueue:
 
         It is, in this context alone, unless the window was abandoned.
         """
-        with self._changed:
-            self._is_publishing = self._current is segment
-        try:
-            yield self._is_publishing
-        finally:
-            with self._changed:
-                self._is_publishing = False
+        with self._publishing:
+            try:
+                yield self._current is segment
+            finally:
                 self._current = None
-                self._changed.notify_all()
 
     def close(self) -> list[Segment]:
         """Accept no more windows; return those that wait, in order for each actuator."""
@@ -150,41 +141,38 @@ class WindowQueue:
 
         If its estimate is being published, wait until it is, and return None.
         """
-        with self._changed:
-            self._changed.wait_for(lambda: not self._is_publishing)
+        with self._publishing:
             current, self._current = self._current, None
-        return current
+            return current
 
 
 def _is_window(segment: Segment) -> bool:
     return isinstance(segment.window, Window)
 
 
+def _surplus(queue: deque[Segment], most: int, counts: Callable[[Segment], bool]) -> list[int]:
+    """Return the places of the oldest of some items beyond a number of them."""
+    places = [place for place, item in enumerate(queue) if counts(item)]
+    return places[: max(0, len(places) - most)]
+
+
 def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
     """Replace the oldest windows of a kind beyond a number by refusals, and return them."""
-    places = [
-        place
-        for place, item in enumerate(queue)
-        if item.is_stretch == is_stretch and _is_window(item)
-    ]
     reason = f"dropped: more than {counted(most, 'stretch' if is_stretch else 'window')} waited"
     dropped = []
-    for place in places[: max(0, len(places) - most)]:
+    for place in _surplus(
+        queue, most, lambda item: item.is_stretch == is_stretch and _is_window(item)
+    ):
         dropped.append(oldest := queue[place])
-        refusal = Refusal(
-            oldest.window.start_ns,
-            oldest.window.end_ns,
-            f"{reason} for identification",
-            is_dropped=True,
-        )
+        span = oldest.window.start_ns, oldest.window.end_ns
+        refusal = Refusal(*span, f"{reason} for identification", is_dropped=True)
         queue[place] = replace(oldest, window=refusal)
     return dropped
 
 
 def _thin(queue: deque[Segment]) -> int:
     """Remove the oldest refusals beyond those that may wait; return how many."""
-    places = [place for place, item in enumerate(queue) if not _is_window(item)]
-    surplus = places[: max(0, len(places) - MOST_REFUSALS)]
+    surplus = _surplus(queue, MOST_REFUSALS, lambda item: not _is_window(item))
     for place in reversed(surplus):
         del queue[place]
     return len(surplus)

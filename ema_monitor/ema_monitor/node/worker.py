@@ -1,26 +1,24 @@
 """Identification in its own thread: windows in, estimates out in the same order."""
 
 import traceback
-from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.steady_thread import SteadyThread
 from ema_core.wording import counted
-from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
-from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.tally import Tally
-from ema_monitor.node.settings import WindowSettings
+from ema_monitor.identification.estimate import refusal
 from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
+if TYPE_CHECKING:
+    from ema_monitor.node.monitor_node import MonitorNode
+
 _JOIN_S = 1.0
-_STOPPED_DURING = "the monitor was stopped during the identification"
 
 
 class IdentificationWorker:
@@ -33,81 +31,40 @@ class IdentificationWorker:
 
     Parameters
     ----------
-    calibration_of
-        Gives the calibration of an actuator, or why there is none.
-    latest_estimate
-        Gives the latest valid estimate in the history of an actuator, if any: its first search
-        begins there.
-    settings
-        Gives the settings of searches and combinations.
-    publish
-        Called with each window and its estimate; of stretches of ordinary motion, with the one
-        that completes an estimate, and that.
-    report_tally
-        Called with the name of an actuator, and what became of its stretches so far.
-    log_error
-        Called with the traceback of a failure.
+    node
+        Has calibrations and settings, and publishes each window with its estimate: of stretches of
+        ordinary motion, the one that completes an estimate.
 
+    Attributes
+    ----------
+    queue
+        The windows that wait.
     """
 
-    def __init__(
-        self,
-        calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
-        latest_estimate: Callable[[ActuatorDescription], Estimate | None],
-        settings: Callable[[], WindowSettings],
-        publish: Callable[[Segment, Estimate], None],
-        report_tally: Callable[[str, Tally], None],
-        log_error: Callable[[str], object],
-    ) -> None:
-        self._calibration_of = calibration_of
-        self._latest_estimate = latest_estimate
-        self._settings = settings
-        self._publish = publish
-        self._report_tally = report_tally
-        self._log_error = log_error
+    def __init__(self, node: "MonitorNode") -> None:
+        self._node = node
         self._diagnoses: dict[str, Diagnosis] = {}
         self._thread: SteadyThread | None = None
-        self._queue = WindowQueue()
-        self._queue.close()
-
-    @property
-    def is_running(self) -> bool:
-        """Whether the thread runs and is not to stop."""
-        thread = self._thread
-        return thread is not None and thread.is_alive and not self._queue.is_closed
+        self.queue = WindowQueue()
+        self.queue.close()
 
     @property
     def ends(self) -> int:
         """Number of times that the thread has ended by itself since the start."""
         return self._thread.ends if self._thread is not None else 0
 
-    @property
-    def waiting(self) -> int:
-        """Number of windows that wait."""
-        return len(self._queue)
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """Number of windows dropped since the start, by actuator."""
-        return self._queue.dropped
-
-    @property
-    def unanswered(self) -> Mapping[str, int]:
-        """Number of refusals that were never published since the start, by actuator."""
-        return self._queue.unanswered
-
     def status(self) -> tuple[int, str]:
         """Return level and message for ``/diagnostics``."""
-        if self._thread is not None and self._thread.failure:
-            return ERROR, self._thread.failure
-        if not self.is_running:
+        if self._thread is None:
             return WARN, "not active"
-        return OK, f"waiting: {counted(self.waiting, 'window')}"
+        if self._thread.failure:
+            return ERROR, self._thread.failure
+        return OK, f"waiting: {counted(len(self.queue), 'window')}"
 
     def start(self) -> None:
         """Begin to identify, with a new thread and queue."""
         # The previous thread may still be in a search.
-        self._queue = queue = WindowQueue()
+        self.queue = queue = WindowQueue()
         self._thread = SteadyThread(
             "identification",
             lambda: self._run(queue),
@@ -115,19 +72,19 @@ class IdentificationWorker:
         )
         self._thread.start()
 
-    def forget(self) -> None:
+    def forget(self, actuator_id: str) -> None:
+        """Begin the later searches of an actuator anew, and drop its windows that wait."""
+        self._diagnoses.pop(actuator_id, None)
+        self.queue.forget(actuator_id)
+
+    def clear(self) -> None:
         """Begin later searches anew."""
         self._diagnoses.clear()
-
-    def forget_actuator(self, actuator_id: str) -> None:
-        """Begin the later searches of one actuator anew, and drop its windows that wait."""
-        self._diagnoses.pop(actuator_id, None)
-        self._queue.forget(actuator_id)
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Queue a window as ``WindowQueue.add`` does; refuse it if the thread does not run."""
         try:
-            return self._queue.add(segment, most_waiting)
+            return self.queue.add(segment, most_waiting)
         except QueueClosedError:
             self.refuse(segment, "the monitor is not active", is_dropped=True)
             return []
@@ -142,11 +99,12 @@ class IdentificationWorker:
         if thread is None:
             return
         thread.ending.set()
-        waiting = self._queue.close()
+        waiting = self.queue.close()
         thread.end(_JOIN_S)
-        current = self._queue.abandon()
+        current = self.queue.abandon()
         if current is not None:
-            self.refuse(current, _STOPPED_DURING, is_dropped=True)
+            reason = "the monitor was stopped during the identification"
+            self.refuse(current, reason, is_dropped=True)
         for segment in waiting:
             reason = "the monitor was stopped before the window was identified"
             self.refuse(segment, reason, is_dropped=True)
@@ -155,15 +113,21 @@ class IdentificationWorker:
         self._diagnoses = {name: one.stopped() for name, one in diagnoses.items()}
         for one in diagnoses.values():
             for found in one.finish():
-                self._publish(_completed(found), found.estimate)
+                self._node.publish_estimate(_completed(found), found.estimate)
 
     def refuse(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> None:
         """Publish why a window is not identified; its own refusal when the reason is empty.
 
         A stretch of ordinary motion is one of many: that it is not identified is no news.
         """
-        if not segment.is_stretch:
-            self._publish(segment, self._refusal(segment, reason, is_dropped=is_dropped))
+        if segment.is_stretch:
+            return
+        window = segment.window
+        if reason or isinstance(window, Window):
+            window = Refusal(window.start_ns, window.end_ns, reason, is_dropped)
+        calibration = self._node.calibration_of(segment.description)
+        estimate = refusal(window, calibration, self._node.search.value, window.reason)
+        self._node.publish_estimate(segment, estimate)
 
     def _run(self, queue: WindowQueue) -> None:
         while (segment := queue.next()) is not None:
@@ -171,57 +135,53 @@ class IdentificationWorker:
 
     def _note_end(self, queue: WindowQueue, failure: str, trace: str) -> None:
         """Refuse the window at which the thread has ended; those that wait have to wait longer."""
-        self._log_error(f"{failure}\n{trace}")
+        self._node.log_error(f"{failure}\n{trace}")
         current = queue.abandon()
         if current is not None:
             self.refuse(current, failure)
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         # A failure in one window must not end the identification of the others.
+        found, reason = [], ""
         try:
             found = self._diagnosed(segment, queue)
         except Exception as error:
+            reason = str(error)
             # Settings that cannot be used are no failure: the estimate names them.
-            is_refusal = isinstance(error, ValueError) and not isinstance(
-                error, np.linalg.LinAlgError
-            )
-            reason = str(error) if is_refusal else self._log_failure(segment, error)
-            with queue.publishing(segment) as may_publish:
-                if may_publish:
-                    self._report_failure(segment, reason)
+            if not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError):
+                reason = self._log_failure(segment, error)
+        if found is None:
             return
+        actuator_id = segment.description.actuator_id
         with queue.publishing(segment) as may_publish:
             if not may_publish:
                 return
-            for one in found:
-                of = _completed(one) if segment.is_stretch else segment
-                try:
-                    self._publish(of, one.estimate)
-                except Exception as error:
-                    self._report_failure(segment, self._log_failure(segment, error))
+            try:
+                for one in found:
+                    of = _completed(one) if segment.is_stretch else segment
+                    self._node.publish_estimate(of, one.estimate)
+                if reason:
+                    self.refuse(segment, reason)
+            except Exception as error:
+                reason = self._log_failure(segment, error)
             if segment.is_stretch:
-                actuator_id = segment.description.actuator_id
-                self._report_tally(actuator_id, self._diagnosis(segment).tally)
+                tally = self._diagnosis(segment).tally
+                tally = tally._replace(reason=reason) if reason else tally
+                self._node.units.report_tally(actuator_id, tally)
 
-    def _diagnosed(self, segment: Segment, queue: WindowQueue) -> list[Diagnosed]:
-        """Return the estimates of a window; those that a stretch completes may be none."""
-        settings = self._settings()
+    def _diagnosed(self, segment: Segment, queue: WindowQueue) -> list[Diagnosed] | None:
+        """Return the estimates of a window, of a stretch perhaps none; None if that was stopped."""
         found: list[Diagnosed] = []
         for one in self._diagnosis(segment).add(
             segment,
-            self._calibration_of(segment.description),
-            settings.search,
-            settings.combining if segment.is_stretch else None,
+            self._node.calibration_of(segment.description),
+            self._node.search.value,
+            self._node.combining.value if segment.is_stretch else None,
         ):
-            if queue.is_closed:
-                if not segment.is_stretch:
-                    refused = self._refusal(segment, _STOPPED_DURING, is_dropped=True)
-                    found = [
-                        Diagnosed(segment.number, segment.number, segment.description, refused)
-                    ]
-                break
             if isinstance(one, Diagnosed):
                 found.append(one)
+            elif queue.is_closed:
+                return None
         return found
 
     def _diagnosis(self, segment: Segment) -> Diagnosis:
@@ -230,32 +190,15 @@ class IdentificationWorker:
         diagnosis = self._diagnoses.get(actuator_id)
         if diagnosis is None:
             diagnosis = self._diagnoses[actuator_id] = Diagnosis()
-            if (latest := self._latest_estimate(segment.description)) is not None:
+            latest = self._node.prognosis.latest(segment.description)
+            if latest is not None:
                 diagnosis.begin_at(segment.description, latest)
         return diagnosis
 
-    def _report_failure(self, segment: Segment, reason: str) -> None:
-        """Refuse a window that failed; of a stretch, the status names the reason."""
-        try:
-            if segment.is_stretch:
-                tally = self._diagnosis(segment).tally._replace(reason=reason)
-                self._report_tally(segment.description.actuator_id, tally)
-            else:
-                self.refuse(segment, reason)
-        except Exception as error:
-            self._log_failure(segment, error)
-
     def _log_failure(self, segment: Segment, error: Exception) -> str:
         reason = f"the identification failed: {error!r}"
-        self._log_error(f"window {segment.number}: {reason}\n{traceback.format_exc()}")
+        self._node.log_error(f"window {segment.number}: {reason}\n{traceback.format_exc()}")
         return reason
-
-    def _refusal(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> Estimate:
-        window = segment.window
-        if reason or isinstance(window, Window):
-            window = Refusal(window.start_ns, window.end_ns, reason, is_dropped)
-        calibration = self._calibration_of(segment.description)
-        return refusal(window, calibration, self._settings().search, window.reason)
 
 
 def _completed(found: Diagnosed) -> Segment:

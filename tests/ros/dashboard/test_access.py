@@ -5,7 +5,6 @@ import json
 import os
 import socket
 import ssl
-import struct
 import subprocess
 import time
 from contextlib import suppress
@@ -19,7 +18,7 @@ from rclpy.serialization import serialize_message
 
 from ema_dashboard import web_server
 from ema_dashboard.client import Client
-from ema_interfaces.msg import Health, TelemetryBlock, UnitHistory
+from ema_interfaces.msg import Health, UnitHistory
 from ema_ros import topics
 from ema_ros.status import ERROR
 
@@ -108,10 +107,6 @@ def test_foreign_pages_and_names_are_refused(session, web, headers, status):
     node = session.dashboard()
     assert refused_handshake(web, node.address, **headers) == status
     assert values(node)["refused requests"] == (status != 101)
-
-
-def test_other_protocols_are_refused(session, web):
-    assert refused_handshake(web, session.dashboard().address, "foxglove.websocket.v1") == 400
 
 
 def test_own_origin_and_those_of_the_parameter_may_connect(session, web):
@@ -218,48 +213,6 @@ def test_clients_beyond_the_limit_are_told_so_and_places_become_free(session, we
     assert refused_handshake(web, node.address) == 101
 
 
-def slow_client(address: str, channel: int) -> socket.socket:
-    """Return a connection that has subscribed to a channel and never reads."""
-    host, _, port = address.rstrip("/").rpartition("/")[2].rpartition(":")
-    connection = socket.socket()
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    connection.connect((host, int(port)))
-    connection.sendall(
-        f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
-        f"Sec-WebSocket-Protocol: {SUBPROTOCOL}\r\n\r\n".encode()
-    )
-    assert connection.recv(12) == b"HTTP/1.1 101"
-    request = {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channel}]}
-    data = json.dumps(request).encode()
-    connection.sendall(struct.pack("!BBI", 0x81, 0x80 | len(data), 0) + data)
-    return connection
-
-
-def test_a_slow_client_loses_the_oldest_and_another_gets_everything(session):
-    output = session.source.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
-    node = session.dashboard(buffer_mb=1.0)
-    viewer = session.view(node, "/ema/telemetry")
-    wait_for(output.get_subscription_count, "a subscription")
-    with slow_client(node.address, viewer.channels["/ema/telemetry"]["id"]):
-        wait_for_value(node, "clients", 2)
-        block = TelemetryBlock(actuator_id="flap")
-        block.position = block.speed = block.current = block.command = [0.5] * 3000
-        count = 150  # 96 kB each: more than the kernel's buffers and the dashboard's together
-        for number in range(count):
-            block.first_index = number
-            output.publish(block)
-            viewer.wait_for("/ema/telemetry", number + 1)
-        heard = [message.first_index for _, message in viewer.heard["/ema/telemetry"]]
-        assert heard == list(range(count))
-        wait_for(lambda: values(node)["dropped messages"] > 20, f"drops: {values(node)}")
-        assert values(node)["waiting [B]"] <= 1_000_000
-        (task,) = node.tasks()
-        assert "dropped for slow clients" in task.message
-    wait_for_value(node, "clients", 1)
-    assert values(node)["dropped messages"] > 20  # it is remembered
-
-
 async def hostile(web: Web, url: str, frames: list[str | bytes]) -> int | None:
     """Send frames to a dashboard without ever reading; return how it closed."""
     with suppress(ConnectionError, ClientError):
@@ -277,25 +230,18 @@ async def hostile(web: Web, url: str, frames: list[str | bytes]) -> int | None:
 
 
 SUBSCRIBE = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]})
-FLOOD = json.dumps(
-    {"op": "subscribe", "subscriptions": [{"id": n, "channelId": n} for n in range(1500)]}
-)
 
 
 @pytest.mark.parametrize(
     "frames",
     [
         [SUBSCRIBE] * 5000,
-        [FLOOD] * 500,
         [os.urandom(60) for _ in range(500)],
         ["[" * 60_000] * 300,
-        ['{"op": "subscribe", "subscriptions": 3}', '{"op":"subscribe","subscriptions":[{}]}']
-        * 200,
-        ['{"op": "advertise", "channels": []}', '{"op": "setParameters"}'] * 200,
         [b"x" * 1_000_000],
         ["y" * 10_000_000],
     ],
-    ids=["flood", "subscriptions", "garbage", "nesting", "lists", "commands", "huge", "huger"],
+    ids=["flood", "garbage", "nesting", "huge", "huger"],
 )
 def test_a_hostile_client_is_disconnected_and_the_others_are_served(session, web, frames):
     output = session.source.create_publisher(Health, "health", topics.LATCHED)
@@ -363,16 +309,6 @@ def deaf_client(address: str) -> socket.socket:
     with suppress(BlockingIOError):  # more than the kernel's buffers hold of the answers
         connection.send(f"GET /main.js HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode() * 200)
     return connection
-
-
-def test_clients_that_do_not_read_the_page_lose_their_places(session, web, monkeypatch):
-    monkeypatch.setattr(web_server, "_ANSWER_S", 0.5)
-    node = session.dashboard()
-    places = node._web._http
-    with deaf_client(node.address), deaf_client(node.address):
-        wait_for(lambda: len(places.connections) == 2, "the connections")
-        wait_for(lambda: not places.connections, "their end")
-    assert web.get(node.address)[0] == 200
 
 
 def test_a_client_that_does_not_read_the_page_does_not_hold_up_the_end(session):

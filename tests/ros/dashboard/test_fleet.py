@@ -51,18 +51,3 @@ def test_an_archive_that_is_gone_or_damaged_is_named(archive, tmp_path):
         made = FleetDocument(str(folder))({}, "")
         assert made.status == 503
         assert json.loads(made.content)["reason"]
-
-
-def test_a_summary_is_made_once_for_each_state_of_the_tables(archive, monkeypatch):
-    from ema_archive import fleet
-
-    calls = []
-    real = fleet.fleet_summary
-    monkeypatch.setattr(fleet, "fleet_summary", lambda *given: calls.append(given) or real(*given))
-    document = FleetDocument(str(archive))
-    answers = [document({"most": most}, "").content for most in ("5", "5", "6", "5")]
-    assert len(calls) == 2
-    assert len(set(answers)) == 1
-    write(archive, [])
-    document({"most": "5"}, "")
-    assert len(calls) == 3

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from ema_dashboard.unit_history import MOST_EVENTS, MOST_TESTS, ActuatorHistory
+from ema_dashboard import unit_history
+from ema_dashboard.unit_history import ActuatorHistory
 from ema_interfaces.msg import (
     ActuatorDescription,
     FaultEstimate,
@@ -181,16 +182,18 @@ def test_without_a_monitor_that_has_histories_the_tests_since_are_shown(session)
     assert stamps(message) == [4]
 
 
-def test_a_history_is_bounded():
+def test_a_history_is_bounded(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(unit_history, "MOST_TESTS", 20)
+    monkeypatch.setattr(unit_history, "MOST_EVENTS", 5)
     history = ActuatorHistory("flap", "1")
-    for sec in range(MOST_TESTS + 10):
+    for sec in range(30):
         history.note_estimate(estimate(sec, sec))
         history.note_health(health(sec, (event(sec, "outlier", f"number {sec}"),)))
     message: Any = history.message()
-    assert len(message.tests) == MOST_TESTS
+    assert len(message.tests) == 20
     assert message.omitted == 10
-    assert message.tests[-1].stamp.sec == MOST_TESTS + 9
-    assert len(message.events) == MOST_EVENTS
+    assert message.tests[-1].stamp.sec == 29
+    assert len(message.events) == 5
 
 
 def test_an_event_that_comes_again_is_one():

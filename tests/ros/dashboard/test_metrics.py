@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from itertools import cycle, pairwise
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.openmetrics import parser as open_metrics
 from rosgraph_msgs.msg import Clock
 
-from ema_dashboard.metrics import COMPUTING_BOUNDS_S, MOST_KEPT, Metrics, OwnFigures
+from ema_dashboard.metrics import MOST_KEPT, Metrics, OwnFigures
 from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
 from ema_ros import topics
 
@@ -166,18 +166,6 @@ def test_figures_are_those_of_the_messages_in_base_units(metrics):
     assert own == [2, 30, 4000, 50]
     assert found["ema_dashboard_messages_dropped_total",] == 6
     assert found["process_resident_memory_bytes",] > 1e6
-
-
-def test_computing_times_are_counted_up_to_each_bound(metrics):
-    found = values(exposed(metrics))
-    name, flap = "ema_estimate_computing_seconds", ("/ema", "flap")
-    bounds = [*map(str, COMPUTING_BOUNDS_S), "+Inf"]
-    counts = [found[f"{name}_bucket", *flap, bound] for bound in bounds]
-    assert all(one <= other for one, other in pairwise(counts))
-    assert (counts[0], counts[bounds.index("0.1")], counts[-2], counts[-1]) == (1, 3, 3, 4)
-    # One of them was no time.
-    assert found[f"{name}_count", *flap] == 4
-    assert found[f"{name}_sum", *flap] == pytest.approx(0.01 + 0.07 + 0.09 + 99.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("accept", [OPEN_METRICS, "text/plain"])

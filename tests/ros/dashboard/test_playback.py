@@ -106,22 +106,6 @@ def position_s(state: PlaybackState) -> float:
     return (stamp_from_message(state.position) - START_NS) / 1e9
 
 
-def test_a_paused_playback_stands_still_and_resumes_where_it_was(session, bag):
-    replay = Replay(session, bag, rate=2.0)
-    state = replay.wait_for_state(lambda state: position_s(state) > 0.0)
-    assert (state.bag, state.status, state.rate) == (str(bag), PlaybackState.PLAYING, 2.0)
-    assert (state.start, state.end) == (at(0.0), at(LAST * 0.01))
-    assert replay.call(Trigger, "pause", Trigger.Request()).success
-    state = replay.wait_for_state(lambda state: state.status == PlaybackState.PAUSED)
-    played = replay.player._playback.played
-    assert replay.call(Trigger, "pause", Trigger.Request()).success  # again: nothing changes
-    assert replay.player._playback.played == played
-    assert replay.player._playback.reached_ns == stamp_from_message(state.position)
-    assert replay.call(Trigger, "resume", Trigger.Request()).success
-    wait_for(lambda: len(replay.indices) > played + 10, "it to play on")
-    assert replay.indices == list(range(len(replay.indices)))  # none lost, none twice
-
-
 def test_a_seek_publishes_what_is_latched_there_and_then_goes_on(session, bag):
     replay = Replay(session, bag)
     assert replay.call(Trigger, "pause", Trigger.Request()).success
@@ -238,17 +222,6 @@ def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
     viewer.control(play=True, speed=1e6, request="fast")
     assert told(viewer, "fast")["speed"] == 1.0
     assert replay.player._playback.rate == 1.0
-
-
-def test_where_there_is_no_player_its_control_is_not_offered(session, bag):
-    node = session.dashboard()
-    replay = Replay(session, bag)
-    viewer = reconnected(session, node)
-    replay.player.trigger_shutdown()
-    wait_for(lambda: viewer.socket.closed, "the server to start anew")
-    again = session.view(node)
-    wait_for(lambda: again.told, "the information of the server")
-    assert again.told[0]["capabilities"] == []
 
 
 def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, monkeypatch):

@@ -116,8 +116,6 @@ class DashboardNode(ManagedNode):
     def deactivate(self) -> None:
         """Receive nothing any more; clients stay connected."""
         self._discovery.cancel()
-        for subscription in self._inputs.values():
-            self.destroy_subscription(subscription)
         self._inputs.clear()
 
     def clean_up(self) -> None:

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from typing import Any, Final, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action.server import ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
@@ -17,6 +17,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.guard_condition import GuardCondition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
@@ -36,6 +37,7 @@ from ema_ros.throttle import Throttle
 
 _REPORT_S: Final = 1.0
 _LOG_PERIOD_S: Final = 30.0
+_SUCCESS: Final = TransitionCallbackReturn.SUCCESS
 _AUTOSTART: Final = "autostart"
 _AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
     description="configure and activate at the start; false: a lifecycle manager does that",
@@ -49,7 +51,8 @@ class ManagedNode(LifecycleNode):
     What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
     may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``: the
     state is then the one before. After any other exception, and one in ``deactivate`` or
-    ``clean_up``, the node lets go of all that it has and is unconfigured.
+    ``clean_up``, the node lets go of all that it has and is unconfigured. Subscriptions that it
+    makes while it is active end with that, and all that it makes while it is configured with that.
 
     Attributes
     ----------
@@ -76,11 +79,14 @@ class ManagedNode(LifecycleNode):
         self._refused = ""
         self._progress = ""
         self._configured = False
+        # What the node has beside what ``configure`` made, and what ``activate`` made.
         self._kept: list[Any] = []
+        self._kept_inactive: list[Any] = []
         self._peers = Peers()
         self.declare_parameter(_AUTOSTART, True, _AUTOSTART_DESCRIPTOR)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         wrap_change_state(self, self._refuse_impossible)
+        self.add_on_set_parameters_callback(self._refuse_other_clock)
         self._report_timer = self.create_timer(
             _REPORT_S,
             self._report_regularly,
@@ -131,8 +137,7 @@ class ManagedNode(LifecycleNode):
         if not self.get_parameter(_AUTOSTART).value:
             self.get_logger().info("unconfigured: waiting for a lifecycle manager")
             return True
-        success = TransitionCallbackReturn.SUCCESS
-        return self.trigger_configure() == success and self.trigger_activate() == success
+        return self.trigger_configure() == _SUCCESS and self.trigger_activate() == _SUCCESS
 
     def destroy_node(self) -> None:
         """Destroy the node and its state machine."""
@@ -144,12 +149,8 @@ class ManagedNode(LifecycleNode):
     ) -> Any:
         """Return a new service that answers every request, with the reason where it fails.
 
-        Parameters
-        ----------
-        srv_type, srv_name, kwargs
-            As of ``rclpy.node.Node.create_service``.
-        callback
-            As there; whatever it raises becomes ``message`` of a response without success.
+        As of ``rclpy.node.Node.create_service``; whatever the callback raises becomes ``message``
+        of a response without success, in its own words where the request was impossible.
         """
 
         def answer(request: Any, response: Any) -> Any:
@@ -158,8 +159,11 @@ class ManagedNode(LifecycleNode):
             except Exception as error:
                 if not hasattr(response, "message"):
                     raise  # a service of rclpy itself
-                self.get_logger().error(f"{srv_name} failed: {error!r}\n{traceback.format_exc()}")
-                return srv_type.Response(message=f"failed: {error!r}")
+                reason = str(error)
+                if not isinstance(error, ValueError | OSError):
+                    reason = f"failed: {error!r}"
+                    self.get_logger().error(f"{srv_name} {reason}\n{traceback.format_exc()}")
+                return srv_type.Response(message=reason)
 
         kwargs = {"qos_profile": topics.SERVICE, **kwargs}
         return super().create_service(srv_type, srv_name, answer, **kwargs)
@@ -169,13 +173,8 @@ class ManagedNode(LifecycleNode):
     ) -> LifecyclePublisher:
         """Return a new publisher that publishes while the node is active.
 
-        Parameters
-        ----------
-        message_class, topic, qos
-            As of ``rclpy.node.Node.create_publisher``.
-        quiet
-            Whether to say nothing of subscriptions that want another quality of service; where
-            there are many publishers, listening for these takes long.
+        A quiet one says nothing of subscriptions that want another quality of service; where there
+        are many publishers, listening for these takes long.
         """
         events = PublisherEventCallbacks(use_default_callbacks=not quiet)
         publisher = cast(
@@ -224,8 +223,8 @@ class ManagedNode(LifecycleNode):
         """Configure, and be unconfigured still when that is refused."""
         self._kept = entities_of(self)
         result = self._attempt("configure", self.configure)
-        if result == TransitionCallbackReturn.SUCCESS:
-            self._configured = True
+        self._configured = result == _SUCCESS
+        if result == _SUCCESS:
             return self._done("configured", super().on_configure(state))
         if result == TransitionCallbackReturn.FAILURE:
             destroy_entities(self, self._kept)
@@ -233,42 +232,33 @@ class ManagedNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, and be inactive still when that is refused."""
-        kept = entities_of(self)
+        self._kept_inactive = entities_of(self)
         super().on_activate(state)
         result = self._attempt("activate", self.activate)
-        if result == TransitionCallbackReturn.SUCCESS:
+        if result == _SUCCESS:
             return self._done("active", result)
         if result == TransitionCallbackReturn.FAILURE:
             super().on_deactivate(state)
-            destroy_entities(self, kept)
+            destroy_entities(self, self._kept_inactive)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate while the publishers still publish."""
-        result = self._attempt("deactivate", self.deactivate)
-        super().on_deactivate(state)
-        if result != TransitionCallbackReturn.SUCCESS:
-            return TransitionCallbackReturn.ERROR
-        return self._done("inactive", result)
+        """Deactivate while the publishers still publish; nothing is received any more."""
+        return self._done("inactive", self._end_activity(state))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of what was configured."""
-        self._configured = False
-        result = self._attempt("clean up", self.clean_up)
-        if result != TransitionCallbackReturn.SUCCESS:
-            return TransitionCallbackReturn.ERROR
-        return self._done("unconfigured", super().on_cleanup(state))
+        return self._done("unconfigured", self._end_configuration(state))
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop whatever is going on, and end the process."""
-        success, steps = TransitionCallbackReturn.SUCCESS, []
+        steps = []
         if state.label == "active":
-            steps.append(self._attempt("deactivate", self.deactivate))
+            steps.append(self._end_activity(state))
         if state.label in ("active", "inactive"):
-            self._configured = False
-            steps.append(self._attempt("clean up", self.clean_up))
+            steps.append(self._end_configuration(state))
         self.finished.set()
-        if any(step != success for step in steps):
+        if any(step != _SUCCESS for step in steps):
             return TransitionCallbackReturn.ERROR
         return self._done("finalized", super().on_shutdown(state))
 
@@ -283,7 +273,22 @@ class ManagedNode(LifecycleNode):
                 self.get_logger().debug(f"after an error: {error!r}")
         super().on_deactivate(state)
         destroy_entities(self, self._kept)
-        return self._done("unconfigured after an error", TransitionCallbackReturn.SUCCESS)
+        return self._done("unconfigured after an error", _SUCCESS)
+
+    def _end_activity(self, state: LifecycleState) -> TransitionCallbackReturn:
+        for item in set(self.subscriptions) - set(self._kept_inactive):
+            self.destroy_subscription(item)
+        result = self._attempt("deactivate", self.deactivate)
+        super().on_deactivate(state)
+        return result if result == _SUCCESS else TransitionCallbackReturn.ERROR
+
+    def _end_configuration(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._configured = False
+        result = self._attempt("clean up", self.clean_up)
+        if result != _SUCCESS:
+            return TransitionCallbackReturn.ERROR
+        destroy_entities(self, self._kept)
+        return super().on_cleanup(state)
 
     def _attempt(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
         """Take a step of the lifecycle; rclpy would keep quiet about what goes wrong in it."""
@@ -300,10 +305,11 @@ class ManagedNode(LifecycleNode):
         finally:
             self._progress = ""
         self._refused = ""
-        return TransitionCallbackReturn.SUCCESS
+        return _SUCCESS
 
     def _done(self, state: str, result: TransitionCallbackReturn) -> TransitionCallbackReturn:
-        self.get_logger().info(state)
+        if result == _SUCCESS:
+            self.get_logger().info(state)
         return result
 
     def _lifecycle_task(self) -> Task:
@@ -351,6 +357,13 @@ class ManagedNode(LifecycleNode):
                 return response
 
         return change_if_possible
+
+    def _refuse_other_clock(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse another clock while the node is configured: what it has is of the one it had."""
+        if self._configured and any(item.name == "use_sim_time" for item in parameters):
+            reason = "use_sim_time can be changed while the node is unconfigured"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
 
 
 def entities_of(node: LifecycleNode) -> list[Any]:
