@@ -1,19 +1,10 @@
 """Units that are mounted in the place of an actuator, and what is counted of them."""
 
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import Usage
-from ema_ros import topics
-from ema_ros.stamps import stamp_to_message
 
 from ..waiting import wait_for
 from .monitor_session import MonitorSession
 from .worn_actuator import use
-
-
-def count_of(session: MonitorSession, serial_number: str, hours: float, stamp_ns: int) -> None:
-    message = Usage(actuator_id="flap", serial_number=serial_number, flight_hours=hours)
-    message.header.stamp = stamp_to_message(stamp_ns)
-    session.send(topics.USAGE, message)
 
 
 def mount(session: MonitorSession, description: ActuatorDescription) -> None:

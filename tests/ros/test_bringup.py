@@ -16,7 +16,6 @@ from ema_bags.player_node import PlayerNode
 from ema_bags.recorder_node import RecorderNode
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
-from ema_cli.processes.shards import file_for
 from ema_core.description import ActuatorDescription
 from ema_dashboard.dashboard_node import DashboardNode
 from ema_monitor.calibration.calibration import Calibration
@@ -266,16 +265,6 @@ ema:
   ros__parameters:
     seed: 1
 """
-
-
-def test_file_without_a_section_of_the_monitor_is_given_as_it_is(tmp_path):
-    file = tmp_path / "own.yaml"
-    file.write_text("/**:\n  ros__parameters:\n    budget: 700\n")
-    assert file_for("monitor_1", file, tmp_path) == file
-    assert file_for("monitor", parameter_file("monitor"), tmp_path) == parameter_file("monitor")
-    file.write_text("/**/monitor: {ros__parameters: [")
-    with pytest.raises(ValueError, match=r"own\.yaml: expected a parameter file"):
-        file_for("monitor_1", file, tmp_path)
 
 
 def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):

@@ -163,10 +163,7 @@ def test_bag_gives_the_estimates_of_the_monitor(live, offline):
 
 
 WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
-    "name": (lambda: measurement(S, name="cogging"), "unknown measured cause 'cogging'"),
     "value": (lambda: measurement(S, 11.0), "load_torque = 11.0: expected a number in [-10, 10]"),
-    "not finite": (lambda: measurement(S, float("nan")), "load_torque = nan: expected a number"),
-    "sigma": (lambda: measurement(S, sigma=-1.0), "sigma = -1.0: expected a positive"),
     "unit": (lambda: measurement(S, unit="mN.m"), "unit = 'mN.m': expected 'N.m'"),
     "stamp": (lambda: measurement(0), "stamp = 0 ns: expected the time of the measurement"),
 }

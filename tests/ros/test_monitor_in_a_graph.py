@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 
@@ -158,19 +157,6 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     assert [health.level for health in session.healths()] == [STALE, ERROR]
     assert session.healths()[-1].health_index == 0.0
     assert session.received(topics.ADVICE)[0].cost_unit == "guineas"
-
-
-def test_log_tells_of_the_first_telemetry_and_what_is_refused(session, capfd):
-    session.describe()
-    blocks = Source().cycle()
-    session.feed([*blocks[: in_window(blocks)], *blocks[in_window(blocks) + 1 :]])
-    assert not session.next_estimate().valid
-    # Read once, after the thread that logs: reading loses what is written meanwhile.
-    assert session.change_state(Transition.TRANSITION_DEACTIVATE)
-    said = capfd.readouterr().err
-    assert "flap: window 0 has no valid estimate: gap of" in said
-    assert "flap: first telemetry" in said
-    assert "[INFO]" in said
 
 
 def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path, capfd):

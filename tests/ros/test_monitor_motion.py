@@ -63,28 +63,6 @@ def test_motion_gives_the_estimates_that_it_gives_offline(moves: list[Telemetry]
 
 
 @pytest.mark.slow
-def test_rest_gives_no_estimate_and_stretches_are_counted(moves: list[Telemetry]):
-    """At rest, and in a motion of less than a milliradian, nothing is published."""
-    h = FLAP.sample_period
-    t = h * np.arange(1, 20_001)
-    small = 2e-4 * np.sin(2 * np.pi * 2.0 * t)
-    with monitor(MOTION) as session:
-        session.describe()
-        session.feed(blocks(np.concatenate([np.zeros(5000), small, np.zeros(5000)])))
-
-        def counted() -> dict[str, str]:
-            for status in reversed(session.statuses("flap telemetry")):
-                values = {item.key: item.value for item in status.values}
-                if int(values.get("stretches with too little travel", 0)) >= 3:
-                    return values
-            return {}
-
-        values = session.until(counted)
-        assert values["windows"] == "0"
-        assert session.estimates() == []
-
-
-@pytest.mark.slow
 def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
     with monitor(MOTION) as session:
         session.describe()

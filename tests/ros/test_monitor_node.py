@@ -18,7 +18,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import LATCHED_BY_MANY
 
-from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, Source, monitor
+from .monitor_session import CYCLE, FLAP, MonitorSession, Source, monitor
 from .spinning import figures
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -48,16 +48,6 @@ def health(session: MonitorSession) -> Health:
 
 def vector(estimate: FaultEstimate) -> np.ndarray:
     return np.array([getattr(estimate.faults, name) for name in FAULT_NAMES])
-
-
-def test_estimate_is_stamped_with_its_window(estimate: FaultEstimate):
-    # From the last sample before the command has moved by the threshold of 1e-6 rad.
-    rest = np.argmax(np.abs(CYCLE.samples[CYCLE.start :]) > 1e-6) - 1
-    start_ns = START_NS + PERIOD_NS * int(CYCLE.start + rest + 1)
-    assert stamp_from_message(estimate.window_start) == start_ns
-    assert stamp_from_message(estimate.window_end) == start_ns + 500_000_000
-    assert estimate.header.stamp == estimate.window_end
-    assert estimate.window == 0
 
 
 def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
@@ -130,29 +120,6 @@ def test_settings_take_effect_with_the_next_window(session: MonitorSession):
     length = stamp_from_message(estimate.window_end) - stamp_from_message(estimate.window_start)
     assert (length, estimate.valid) == (300_000_000, True)
     assert estimate.verdict in (FaultEstimate.VALID, FaultEstimate.DEGRADED)
-
-
-def test_actuators_are_told_apart():
-    rudder = replace(FLAP, actuator_id="rudder", serial_number="SIM-0002")
-    with monitor() as session:
-        session.describe()
-        session.until_status("flap telemetry", "no telemetry so far")
-        session.describe(rudder)
-        cycles = zip(Source(friction=0.3).cycle(), Source(gain=0.6).cycle(), strict=True)
-        for flap, other in cycles:
-            session.feed([flap])
-            session.feed([other], "rudder")
-        assert session.next_estimate().valid
-        # The shipped calibration belongs to another unit.
-        refused = session.until(lambda: session.estimates("rudder"))[0]
-        assert (refused.window, refused.serial_number) == (0, "SIM-0002")
-        assert not refused.valid
-        assert "SIM-0002" in refused.reason
-        assert (
-            session.until_status("rudder telemetry", "SIM-0002").hardware_id
-            == "/ema/rudder/SIM-0002"
-        )
-        assert session.until_status("input", "2 actuators monitored")
 
 
 def test_latched_descriptions_of_all_actuators_are_received():

@@ -17,7 +17,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
-from ema_bags import played_bag
 from ema_bags.player_node import PlayerNode
 from ema_bags.reader import Bag, Recorded
 from ema_bags.recorder_node import RecorderNode
@@ -136,30 +135,6 @@ def test_only_what_an_actuator_sends_is_played_on_demand(graph: Graph, tmp_path:
     everything = graph.player(tmp_path / "b")
     assert everything.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert set(everything._outputs.publishers) == set(actuator | monitor)
-
-
-def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypatch: Any):
-    def check(name: str, *_: str) -> None:
-        if name == "std_msgs/msg/Header":
-            raise ValueError(f"the recorded {name} is not the installed one: old there, new here")
-
-    monkeypatch.setattr(played_bag, "to_installed", check)
-    other = bag.with_name("other.mcap")
-    with BagWriter(other) as writer:
-        writer.add_topic("/ema/text", String, STREAM)
-        writer.add_topic("/ema/header", Header, STREAM)
-        writer.write("/ema/header", Header(), 0)
-    player = graph.player(other)
-    assert player.trigger_configure() == TransitionCallbackReturn.FAILURE
-    assert "/ema/header: not played, the recorded std_msgs/msg/Header" in player._refused
-    with BagWriter(other, overwrite=True) as writer:
-        writer.add_topic("/ema/text", String, STREAM)
-        writer.add_topic("/ema/header", Header, STREAM)
-        writer.write("/ema/header", Header(), 0)
-        writer.write("/ema/text", String(), 0)
-    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    assert set(player._outputs.publishers) == {"/ema/text"}
-    assert "/ema/header: not played, the recorded" in task(player).message
 
 
 def test_failure_while_playing_ends_the_player(graph: Graph, bag: Path, monkeypatch: Any):

@@ -24,7 +24,7 @@ from ema_bags import recorded_topic
 from ema_bags.qos import offered_qos, recorded_qos
 from ema_bags.reader import Bag
 from ema_bags.recorder_node import RecorderNode
-from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health, TelemetryBlock
+from ema_interfaces.msg import TelemetryBlock
 from ema_ros.status import OK, WARN, Task
 
 from ..bags.recorded_messages import ros_messages
@@ -335,33 +335,6 @@ def test_lost_telemetry_of_several_publishers_is_counted(
         lambda: task(recorder).values["lost messages"] == 102 - task(recorder).values["messages"],
         "all that is missing to be counted",
     )
-
-
-def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
-    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-):
-    source = graph.node()
-    kinds = {
-        "actuator_description": ActuatorDescription,
-        "fault_estimate": FaultEstimate,
-        "health": Health,
-    }
-    publishers = [source.create_publisher(kind, name, LATCHED) for name, kind in kinds.items()]
-    names = [item.topic_name for item in publishers]
-    recorder = graph.recorder(tmp_path / "flight", topics=names)
-    assert recorder.bring_up()
-    wait_for_match(recorder, *publishers)
-    for publisher, kind in zip(publishers, kinds.values(), strict=True):
-        publisher.publish(b"\x00\x01\x00\x00\x07\xff")
-        publisher.publish(kind())
-    recorded(recorder, 6)
-    assert task(recorder).level == OK
-    recorder.trigger_shutdown()
-    bag = Bag(tmp_path / "flight")
-    assert len(list(bag.messages())) == 3
-    for name in names:
-        assert f"topic {name}: 1 malformed message skipped" in bag.damage
-    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 def recorder_process(path: Path) -> subprocess.Popen[str]:

@@ -87,18 +87,12 @@ def test_live_and_offline_answers_are_equal_to_the_last_digit(session, record):
 @pytest.mark.parametrize(
     ("scenarios", "texts"),
     [
-        ([DutyScenario()], ["scenario 1", "name = ''"]),
         ([DutyScenario(name="a", duty=0.0)], ["scenario 1", "duty = 0", "[0.001, 1000]"]),
         ([DutyScenario(name="a", loads=[0.1])], ["loads", "0 shares of 1 values"]),
         (
             [DutyScenario(name="a", loads=[0.1, 0.1], load_shares=[0.5, 0.5])],
             ["loads = [0.1, 0.1]", "each value once"],
         ),
-        (
-            [DutyScenario(name="a", winding_temperatures=[1e3], winding_shares=[1.0])],
-            ["winding", "1000.0", "[-60, 300] degC"],
-        ),
-        ([DutyScenario(name="a"), DutyScenario(name="a")], ["name = 'a'", "expected once"]),
         ([DutyScenario(name=str(n)) for n in range(21)], ["21 scenarios", "at most 20"]),
     ],
 )

@@ -45,20 +45,7 @@ class LevelFilter:
 
 
 class Actuator:
-    """One actuator that is monitored.
-
-    Parameters
-    ----------
-    actuator_id
-        Name of the actuator.
-    settings
-        When a window begins and how long it is.
-    publish
-        Publishes its health.
-    now_ns
-        Time of the node's clock [ns].
-    namespace
-        Namespace of the node, for the status.
+    """One actuator that is monitored: its windows, defects and health.
 
     Attributes
     ----------
@@ -68,19 +55,12 @@ class Actuator:
         Its latest complete window; None when there was none.
     tally
         What became of the stretches of its motion.
-    is_calibrating
-        Whether its calibration is being measured.
-    is_listed
-        Whether it is followed as it is listed, heard or not.
-    is_silent
-        Whether no telemetry is received any more.
+    is_listed, is_silent
+        Whether it is followed as it is listed, and whether no telemetry is received any more.
     outlook
         Health and life after the latest valid estimate.
-    valid, invalid, latency_s
-        How many estimates were valid and not, and the age of the latest window's end when its
-        estimate came [s].
-    defect_count
-        How many defects there were.
+    latency_s
+        Age of the latest window's end when its estimate came [s].
     alternation
         Which units are described in turns under its name; empty when there is one.
     """

@@ -36,15 +36,6 @@ class Actuators(dict[str, Actuator]):
     What is received may be impossible: then it is reported as a defect of its actuator, or of
     nobody.
 
-    Parameters
-    ----------
-    node
-        Is given the windows that are found.
-    admission
-        Decides which actuators are followed.
-    trigger
-        When a window begins and how long it is.
-
     Attributes
     ----------
     duties
@@ -73,25 +64,13 @@ class Actuators(dict[str, Actuator]):
         self._measurements.clear()
 
     def expect_listed(self) -> None:
-        """Add the actuators that are listed, so that one that says nothing is seen.
-
-        Raises
-        ------
-        ValueError
-            When there are more than may be followed.
-        """
+        """Add the actuators that are listed, so that one that says nothing is seen."""
         self.admission.check()
         for actuator_id in self.admission.listed:
             self.get_or_add(actuator_id)
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator, whose name is as it was received, possible or not.
-
-        Raises
-        ------
-        ValueError
-            When it is not known.
-        """
+        """Forget an actuator, whose name is as it was received; ValueError if it is not known."""
         with self.lock:
             unit = self.get(actuator_id)
             if unit is None:
@@ -221,17 +200,7 @@ class Actuators(dict[str, Actuator]):
             self._node.queue_window(event)
 
     def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
-        """Record and report a defect.
-
-        Parameters
-        ----------
-        actuator_id
-            Of which actuator; empty when the message does not name one.
-        reason
-            What is wrong.
-        is_known
-            Whether the actuator is known, or is from now on.
-        """
+        """Record and report a defect, of nobody where no actuator is named or it is not known."""
         with self.lock:
             unit = self.get_or_add(actuator_id) if actuator_id and is_known else None
             if unit is not None:
@@ -243,10 +212,7 @@ class Actuators(dict[str, Actuator]):
     def find(self, actuator_id: str) -> tuple[Actuator, ActuatorDescription]:
         """Return a unit that is described, and its description; the only one for an empty name.
 
-        Raises
-        ------
-        ValueError
-            When it is not known, not described, or there is a choice.
+        One that is not known or not described, or a choice, is a ValueError.
         """
         with self.lock:
             if not actuator_id and len(self) != 1:
@@ -297,14 +263,7 @@ class Actuators(dict[str, Actuator]):
     def tasks(self, waiting: int, dropped: Mapping[str, int], only: str = "") -> list[Task]:
         """Return the status of each, or of one alone.
 
-        Parameters
-        ----------
-        waiting
-            How many windows of all actuators wait.
-        dropped
-            How many were dropped, by actuator.
-        only
-            Which one; empty for each.
+        So many windows of all actuators wait, and so many of each were dropped.
         """
         with self.lock:
             units = self if not only else {only: self[only]} if only in self else {}

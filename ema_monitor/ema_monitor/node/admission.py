@@ -39,13 +39,7 @@ def _number_of(actuator_id: str) -> int:
 
 @dataclass(frozen=True)
 class Shard:
-    """The share of all actuators that one of several monitors follows.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range, or there is no such shard; the message names it.
-    """
+    """The share of all actuators that one of several monitors follows."""
 
     index: int = quantity(0, "-", 0, 255, "which share of the actuators is followed, from 0")
     count: int = quantity(1, "-", 1, 256, "number of monitors that share the actuators")
@@ -68,13 +62,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class Selection:
-    """The actuators that are followed.
-
-    Raises
-    ------
-    ValueError
-        When a name is impossible or given twice; the message names it.
-    """
+    """The actuators that are followed."""
 
     actuators: tuple[str, ...] = texts(
         "actuators that are followed, each by its actuator_id; empty: all that are heard"
@@ -173,12 +161,7 @@ class Admission:
     def gives_way(self, silent_s: Mapping[str, float]) -> str:
         """Return which actuator is to be forgotten for one that was refused; empty when none.
 
-        That is the one that is silent longest, if it is not listed and its silence lasts.
-
-        Parameters
-        ----------
-        silent_s
-            For how long each followed one is silent [s].
+        That is the one that is silent longest [s], if it is not listed and its silence lasts.
         """
         wanted, self._is_room_wanted = self._is_room_wanted, False
         after_s = self._operation.value.forget_after_s

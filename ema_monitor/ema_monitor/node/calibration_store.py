@@ -16,19 +16,10 @@ _SUFFIXES: Final = (".yaml", ".yml")
 class CalibrationStore:
     """Gives each actuator its calibration, and stores new ones.
 
-    Parameters
-    ----------
-    file
-        Where calibrations are: ``{actuator_id}`` and ``{serial_number}`` in it stand for those of
-        the actuator. Empty: the shipped calibration of the built-in actuator is used.
-    own_folder
-        The folder in which a call may name a file, and where new ones are stored when neither
-        ``file`` nor the call says where.
-
-    Raises
-    ------
-    ValueError
-        When ``file`` holds other names in braces, or a home that does not exist.
+    They are in ``file``, in which ``{actuator_id}`` and ``{serial_number}`` stand for those of the
+    actuator; empty, the shipped calibration of the built-in actuator is used. Other names in
+    braces, or a home that does not exist, are a ValueError. In ``own_folder`` a call may name a
+    file, and new ones are stored there when neither ``file`` nor the call says where.
     """
 
     def __init__(self, file: str, own_folder: Path) -> None:
@@ -55,14 +46,9 @@ class CalibrationStore:
     def load(self, description: ActuatorDescription, file: str) -> tuple[AnyCalibration, Path]:
         """Use a calibration from a file from now on; return it, and where it came from.
 
-        The file is in the own folder; empty, it is the usual place.
-
-        Raises
-        ------
-        ValueError
-            When it is no calibration, not of this unit, or elsewhere; the one in use stays.
-        OSError
-            When it cannot be read.
+        The file is in the own folder; empty, it is the usual place. Where it cannot be read, is no
+        calibration, not of this unit, or elsewhere, ValueError or OSError say so, and the
+        calibration in use stays.
         """
         path = self._place(description, file)
         calibration = load_calibration(path)
@@ -74,11 +60,7 @@ class CalibrationStore:
     def prepare(self, description: ActuatorDescription, file: str) -> Path:
         """Return where a calibration is to be stored, and make the folder; the file as of ``load``.
 
-        Raises
-        ------
-        ValueError
-            When ``file`` is elsewhere or holds other names in braces than ``__init__`` allows,
-            when what is there is no calibration, or when the folder cannot be made.
+        What is there and no calibration, and a folder that cannot be made, are ValueErrors as well.
         """
         path = self._place(description, file)
         if path.exists() and not is_calibration_file(path):
@@ -96,13 +78,7 @@ class CalibrationStore:
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
-        """Store a calibration and use it from now on.
-
-        Raises
-        ------
-        ValueError
-            When it cannot be stored; the one in use stays.
-        """
+        """Store a calibration and use it from now on; ValueError if it cannot be stored."""
         try:
             calibration.save(path)
         except OSError as error:

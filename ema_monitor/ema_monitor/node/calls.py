@@ -39,11 +39,6 @@ class MonitorCalls:
     """The services ``~/calibrate`` and ``~/forget_actuator`` and the action ``~/identify_faults``.
 
     Calibration and identification may last long, in threads that receive no telemetry.
-
-    Parameters
-    ----------
-    node, store
-        The monitor, and the calibrations of its actuators.
     """
 
     def __init__(self, node: "MonitorNode", store: CalibrationStore) -> None:

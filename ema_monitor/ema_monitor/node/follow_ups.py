@@ -31,16 +31,7 @@ class FollowUps:
 
     Where it does not keep up, the oldest are dropped: each is soon replaced by that of a later
     test, and what is written to a history is written with the next.
-
-    Parameters
-    ----------
-    node
-        Has calibrations, costs and histories, and publishes.
-
-    Attributes
-    ----------
-    dropped
-        Number that were dropped.
+    The number of these is ``dropped``.
     """
 
     def __init__(self, node: "MonitorNode") -> None:

@@ -49,15 +49,6 @@ class MonitorNode(ManagedNode):
 
     Telemetry is received in one thread and windows are identified in another, in the order in
     which they end. ``docs/nodes.md`` describes topics, services and parameters.
-
-    Attributes
-    ----------
-    search, combining, costs, operation
-        Settings as they are now.
-    units, prognosis
-        The actuators, and what follows from their tests.
-    is_active
-        Whether telemetry is received.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -291,13 +282,7 @@ class MonitorNode(ManagedNode):
             self._follow_ups.follow_health(description, forecaster)
 
     def forget(self, actuator_id: str) -> None:
-        """Follow an actuator no more, and forget what is known of it; what is on disk stays.
-
-        Raises
-        ------
-        ValueError
-            When it is not followed.
-        """
+        """Follow an actuator no more; what is on disk stays. ValueError when it is not followed."""
         with self.units.lock:
             self.units.forget(actuator_id)
             for key in [key for key in self._latched if key[1] == actuator_id]:

@@ -55,11 +55,6 @@ class MonitorPrognosis:
 
     A history is opened at its first use. Those of a monitor in simulated time are in memory alone:
     a bag that is replayed must not mix with tests of the actuator itself.
-
-    Parameters
-    ----------
-    node
-        Has calibrations and duties, and publishes what a history says of a unit.
     """
 
     def __init__(self, node: "MonitorNode") -> None:
@@ -142,17 +137,9 @@ class MonitorPrognosis:
         self._refresh_soon.trigger()
 
     def count(self, message: Any, serial_number: str) -> None:
-        """Record counted use from ``ema_interfaces/msg/Usage``.
+        """Record counted use from ``ema_interfaces/msg/Usage``; ValueError where it is impossible.
 
-        Parameters
-        ----------
-        serial_number
-            Of the unit that is described, for a message without one.
-
-        Raises
-        ------
-        ValueError
-            When it is impossible.
+        One without a serial number is of the unit that is described.
         """
         # One that its sender did not stamp was read just now.
         stamp_ns = stamp_from_message(message.header.stamp) or self._node.now_ns()

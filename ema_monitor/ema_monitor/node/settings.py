@@ -13,13 +13,7 @@ _PERIODS: Final = 3.0
 
 @dataclass(frozen=True)
 class Files:
-    """Files that the monitor reads and writes.
-
-    Raises
-    ------
-    ValueError
-        When a value is not a text; the message names it.
-    """
+    """Files that the monitor reads and writes."""
 
     calibration_file: str = text(
         "",
@@ -45,13 +39,7 @@ class Files:
 
 @dataclass(frozen=True)
 class Operation:
-    """Actuators, window queue, staleness, calibration, measured causes and histories of a monitor.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
+    """Actuators, queue, staleness, calibration, measured causes and histories of a monitor."""
 
     most_actuators: int = quantity(
         100, "-", 1, 10_000, "actuators that are followed at most; others are refused and counted"

@@ -62,18 +62,8 @@ class WindowQueue:
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Add a window, or the refusal of one; return the windows that were dropped for it.
 
-        Parameters
-        ----------
-        segment
-            The window.
-        most_waiting
-            How many windows of its kind and actuator may wait; None for any number, of refusals
-            as well.
-
-        Raises
-        ------
-        QueueClosedError
-            When the queue is closed.
+        So many of its kind and actuator may wait; None for any number, of refusals as well. A queue
+        that is closed raises QueueClosedError.
         """
         actuator_id, dropped = segment.description.actuator_id, []
         with self._changed:

@@ -29,16 +29,8 @@ class IdentificationWorker:
 
     Once ``stop`` has returned, the thread publishes nothing any more, even if it still computes.
 
-    Parameters
-    ----------
-    node
-        Has calibrations and settings, and publishes each window with its estimate: of stretches of
-        ordinary motion, the one that completes an estimate.
-
-    Attributes
-    ----------
-    queue
-        The windows that wait.
+    The node has calibrations and settings, and publishes each window with its estimate: of
+    stretches of ordinary motion, the one that completes an estimate.
     """
 
     def __init__(self, node: "MonitorNode") -> None:

@@ -27,7 +27,6 @@ from .client import SUBPROTOCOL, Web
 from .session import DashboardSession, values, wait_for_value
 
 TOKEN = "0123456789abcdef-token"
-BIG = 500_000  # samples in a column: 16 MB a message
 
 
 @pytest.fixture(scope="module")

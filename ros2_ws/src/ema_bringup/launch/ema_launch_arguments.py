@@ -19,9 +19,6 @@ from launch import LaunchContext, LaunchDescription
 AS_CONFIGURED = "of the parameter file"
 """Value of an argument that leaves the parameter as it is in the parameter file."""
 
-CONFIG = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
-
-
 _COMMON = {
     "namespace": ("/ema", "namespace of the nodes and of the telemetry"),
     "use_sim_time": ("false", "true: the nodes follow /clock"),
@@ -50,21 +47,14 @@ def launch(
     """Return what a launch file starts, with its arguments.
 
     What is given and not declared is refused; launch would ignore it. Included by another launch
-    file, what is given may be for that one, and is not checked.
-
-    Parameters
-    ----------
-    file
-        The launch file.
-    nodes
-        Nodes with an argument for their parameter files.
-    arguments
-        Default and description of each argument beside, or instead of, the common ones; without a
-        default it has to be given.
+    file, what is given may be for that one, and is not checked. Each of the nodes has an argument
+    for its parameter file. Of other arguments default and description are given; without a default
+    one is required.
     """
+    config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
     files = {
         f"{name}_params": (
-            PathJoinSubstitution([CONFIG, f"{name}.yaml"]),
+            PathJoinSubstitution([config, f"{name}.yaml"]),
             f"parameter file of the {name}",
         )
         for name in nodes
@@ -122,22 +112,10 @@ def node(
     respawns: bool = True,
     **options: Any,
 ) -> Node:
-    """Return a node of this package's by the common arguments.
+    """Return a node by the common arguments; namespace, name and file may be others.
 
-    Parameters
-    ----------
-    namespace
-        Namespace instead of that of the argument.
-    node_name
-        Name of the node instead of that of its program.
-    file
-        Parameter file instead of that of the argument.
-    parameters
-        Parameters that override those of its parameter file.
-    ends_all
-        Whether everything ends with it; it is never started again then.
-    respawns
-        Whether it is started again if the argument says so.
+    Its parameters override those of its parameter file. If everything ends with it, or it does not
+    respawn, it is never started again.
     """
     own = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
     if flag_of(context, "use_sim_time"):

@@ -18,14 +18,8 @@ class Access:
     the rule of the same origin: so the origin is checked. A host name that is made to point here
     would give a foreign page the origin of the dashboard: so the host is checked.
 
-    Parameters
-    ----------
-    hosts
-        Names by which it may be addressed, beside those of loopback.
-    origins
-        Origins of other pages that may connect, as ``https://example.org``.
-    token
-        What clients have to show; empty when nothing.
+    It may be addressed by the names of some hosts beside loopback, and pages of some other origins,
+    as ``https://example.org``, may connect. Clients have to show the token, if there is one.
     """
 
     def __init__(self, hosts: Iterable[str], origins: Iterable[str], token: str) -> None:
@@ -46,16 +40,8 @@ class Access:
     def refuses(self, host: str, reached: str, scheme: str, origin: str | None) -> str:
         """Return why a request is refused, in words; empty when it is not.
 
-        Parameters
-        ----------
-        host
-            Its header ``Host``.
-        reached
-            Address at which it arrived.
-        scheme
-            ``http`` or ``https``.
-        origin
-            Its header ``Origin``; None when it has none, as of programs that are no browsers.
+        It has the headers ``Host`` and ``Origin``, which programs that are no browsers leave out,
+        and reached an address of this machine.
         """
         name = host_name(host)
         if not _HOST.fullmatch(host):

@@ -31,23 +31,9 @@ class Client:
     new subscriber alone: one at a time, as the client takes it, in turn with what waits. It is
     looked up when its turn comes, so that nothing of it waits here.
 
-    Parameters
-    ----------
-    socket
-        Connection to the client.
-    control
-        Called with what a client asks of a playback; raises ValueError for what is no such request.
-    most_bytes
-        How much may wait [B].
-
-    Attributes
-    ----------
-    subscriptions
-        Number of its subscription, by channel.
-    dropped
-        Number of messages that were dropped because it is slow.
-    waiting_bytes
-        How much waits for it [B].
+    ``control`` is called with what it asks of a playback, and raises ValueError for what is no such
+    request. ``subscriptions`` are their numbers by channel, ``waiting_bytes`` wait for it, and
+    ``dropped`` messages were lost because it is slow.
     """
 
     def __init__(

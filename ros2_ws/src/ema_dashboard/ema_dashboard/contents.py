@@ -29,7 +29,6 @@ _NOT_BUILT: Final = b"""<!doctype html>
 _LIMIT_S: Final = 5.0
 _MOST_WORST: Final = 100
 _NUMBERS: Final = frozenset(map(str, range(1, _MOST_WORST + 1)))
-_MOST_SUMMARIES: Final = 8
 
 
 class Made(NamedTuple):
@@ -102,17 +101,14 @@ class Documents:
 
 
 class FleetDocument:
-    """Answers with the summary of an archive's fleet; of each state of its tables it is made once.
+    """Answers with the summary of an archive's fleet; the latest one is made once.
 
-    Parameters
-    ----------
-    archive
-        Folder of the archive; empty when there is none.
+    The folder of the archive is empty when there is none.
     """
 
     def __init__(self, archive: str) -> None:
         self._archive = Path(archive).expanduser() if archive else None
-        self._made: dict[object, bytes] = {}
+        self._made: tuple[object, bytes] = None, b""
 
     def __call__(self, query: Mapping[str, str], _: str) -> Made:
         """Return the summary, or the reason why there is none; ``most`` in the query limits it."""
@@ -130,10 +126,8 @@ class FleetDocument:
         from ema_archive.fleet import fleet_summary, state_of_tables
 
         key = state_of_tables(self._archive), int(most)
-        if key not in self._made:
+        if self._made[0] != key:
             summary = asdict(fleet_summary(self._archive, int(most), _LIMIT_S))
             content = {"archive": self._archive.name, **summary}
-            if len(self._made) >= _MOST_SUMMARIES:
-                self._made.clear()
-            self._made[key] = json.dumps(content, allow_nan=False).encode()
-        return self._made[key]
+            self._made = key, json.dumps(content, allow_nan=False).encode()
+        return self._made[1]

@@ -23,20 +23,11 @@ _KNOWN: Final = {
 
 
 class KnownTopic(NamedTuple):
-    """A topic that is shown.
+    """A topic that is shown, by its full name and, in a namespace, its name there.
 
-    Attributes
-    ----------
-    name
-        Full name.
-    namespace, relative
-        The namespace and the name in it; both empty outside of namespaces.
-    request
-        Quality of service of the subscription; None for what the dashboard makes itself.
-    followed
-        Whether it is received all the time; else only while a client looks at it.
-    kept
-        Whether a client that comes later gets the latest message of each actuator.
+    ``request`` is the quality of service of the subscription, None for what the dashboard makes
+    itself. A topic that is followed is received all the time, others only while a client looks at
+    them; of one that is kept, later clients get the latest message of each actuator.
     """
 
     name: str

@@ -42,43 +42,43 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 
-class _OfNode(NamedTuple):
-    """A counter of nodes, and the task and key of the status that has it."""
-
-    name: str
-    documentation: str
-    task: str
-    key: str
-
-
 _OF_NODES: Final = (
-    _OfNode(
-        "ema_monitor_windows_dropped",
-        "Windows of all actuators of a monitor that had to give way.",
-        *("input", "windows dropped"),
-    ),
-    _OfNode(
-        "ema_monitor_refusals_dropped",
-        "Refused windows of a monitor that nobody was told of.",
-        *("input", "refusals dropped"),
-    ),
-    _OfNode(
-        "ema_monitor_follow_ups_dropped",
-        "Forecasts and the like that a monitor left out.",
-        *("identification", "follow-ups dropped"),
-    ),
-    _OfNode(
-        "ema_recorder_messages_lost",
-        "Messages that did not reach a recorder.",
-        *("recording", "lost messages"),
-    ),
-    _OfNode(
-        "ema_recorder_messages_without_room",
-        "Messages that a recorder could not write.",
-        *("recording", "messages without room"),
-    ),
-    _OfNode("ema_bridge_samples_lost", "Samples missing at a bridge's input.", "input", "lost"),
-)
+    ("ema_monitor_windows_dropped", "Windows of all actuators of a monitor that had to give way.",
+     "input", "windows dropped"),
+    ("ema_monitor_refusals_dropped", "Refused windows of a monitor that nobody was told of.",
+     "input", "refusals dropped"),
+    ("ema_monitor_follow_ups_dropped", "Forecasts and the like that a monitor left out.",
+     "identification", "follow-ups dropped"),
+    ("ema_recorder_messages_lost", "Messages that did not reach a recorder.",
+     "recording", "lost messages"),
+    ("ema_recorder_messages_without_room", "Messages that a recorder could not write.",
+     "recording", "messages without room"),
+    ("ema_bridge_samples_lost", "Samples missing at a bridge's input.", "input", "lost"),
+)  # fmt: skip
+"""Counters of nodes: name, documentation, and task and key of the status that has it."""
+
+_OF_HEALTH: Final = (
+    ("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio",
+     lambda health: health.health_index),
+    ("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", "",
+     lambda health: health.level),
+    ("ema_health_confidence", "Confidence in the health.", "ratio",
+     lambda health: health.confidence),
+    ("ema_service_time", "Time of service so far.", "seconds",
+     lambda health: _HOUR_S * health.flight_hours),
+    ("ema_health_timestamp", "End of the latest test.", "seconds",
+     lambda health: stamp_from_message(health.header.stamp) * 1e-9),
+)  # fmt: skip
+"""Gauges of actuators: name, documentation, unit, and value of a health."""
+
+_OF_STATUS: Final = (
+    ("ema_samples_lost", "Samples of telemetry that are missing.", {(): "samples lost"}),
+    ("ema_windows_dropped", "Windows that had to give way to later ones.",
+     {(): "windows dropped"}),
+    ("ema_estimates", "Estimates by their verdict.",
+     {("valid",): "estimates valid", ("refused",): "estimates invalid"}),
+)  # fmt: skip
+"""Counters of actuators: name, documentation, and keys of the status of telemetry by verdict."""
 
 
 class OwnFigures(NamedTuple):
@@ -192,10 +192,11 @@ class Metrics(Collector):
 
 
 def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
-    for counted in _OF_NODES:
-        family = CounterMetricFamily(counted.name, counted.documentation, labels=["node"])
+    for name, documentation, task, key in _OF_NODES:
+        family = CounterMetricFamily(name, documentation, labels=["node"])
         for node, known in nodes.items():
-            _add(family, (node,), known.tasks.get(counted.task, {}).get(counted.key))
+            if (value := known.tasks.get(task, {}).get(key)) is not None:
+                family.add_metric((node,), value)
         yield family
     heard = _gauge("ema_node_heard_timestamp", "When a node told.", "seconds", "node")
     for node, known in nodes.items():
@@ -204,56 +205,56 @@ def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
 
 
 def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Metric]:
+    named = [(tuple(map(_text, names)), known) for names, known in actuators.items()]
+    healths = [(labels, known.health) for labels, known in named if known.health is not None]
     about = InfoMetricFamily("ema_actuator", "The unit that is installed.", labels=_ACTUATOR)
-    computing = HistogramMetricFamily(
-        "ema_estimate_computing",
-        "Time that an estimate took, from its window.",
-        labels=_ACTUATOR,
-        unit="seconds",
-    )
-    latency = _gauge(
-        "ema_estimate_latency",
-        "Time from the end of the latest window to its estimate.",
-        "seconds",
-    )
-    estimates = _counter("ema_estimates", "Estimates by their verdict.", "verdict")
-    lost = _counter("ema_samples_lost", "Samples of telemetry that are missing.")
-    dropped = _counter("ema_windows_dropped", "Windows that had to give way to later ones.")
-    index = _gauge("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio")
-    level = _gauge("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", "")
-    confidence = _gauge("ema_health_confidence", "Confidence in the health.", "ratio")
+    for labels, known in named:
+        unit = {"serial_number": _text(known.serial_number), "model": _text(known.model)}
+        about.add_metric(labels, unit)
+    yield about
+    for name, documentation, unit, value in _OF_HEALTH:
+        family = _gauge(name, documentation, unit)
+        for labels, health in healths:
+            family.add_metric(labels, value(health))
+        yield family
     life = _gauge(
         "ema_remaining_useful_life",
         "Time of service that is left, by quantile; NaN when it is unknown.",
         "seconds",
         *(*_ACTUATOR, "quantile"),
     )
-    service = _gauge("ema_service_time", "Time of service so far.", "seconds")
-    tested = _gauge("ema_health_timestamp", "End of the latest test.", "seconds")
-    for names, known in actuators.items():
-        labels, health, status = tuple(map(_text, names)), known.health, known.status
-        unit = {"serial_number": _text(known.serial_number), "model": _text(known.model)}
-        about.add_metric(labels, unit)
+    for labels, health in healths:
+        rul = health.rul
+        quantiles = {"0.05": rul.hours_05, "0.5": rul.hours_50, "0.95": rul.hours_95}
+        for name, hours in quantiles.items():
+            life.add_metric((*labels, name), _HOUR_S * hours if rul.known else math.nan)
+    yield life
+    for name, documentation, keys in _OF_STATUS:
+        verdict = ["verdict"] if len(keys) > 1 else []
+        family = CounterMetricFamily(name, documentation, labels=[*_ACTUATOR, *verdict])
+        for labels, known in named:
+            for label, key in keys.items():
+                if key in known.status:
+                    family.add_metric((*labels, *label), known.status[key])
+        yield family
+    latency = _gauge(
+        "ema_estimate_latency",
+        "Time from the end of the latest window to its estimate.",
+        "seconds",
+    )
+    computing = HistogramMetricFamily(
+        "ema_estimate_computing",
+        "Time that an estimate took, from its window.",
+        labels=_ACTUATOR,
+        unit="seconds",
+    )
+    for labels, known in named:
+        if "latency [s]" in known.status:
+            latency.add_metric(labels, known.status["latency [s]"])
         if any(known.computing):
             counts = zip(_BOUNDS, accumulate(known.computing), strict=True)
             computing.add_metric(labels, list(counts), known.computing_s)
-        _add(latency, labels, status.get("latency [s]"))
-        _add(estimates, (*labels, "valid"), status.get("estimates valid"))
-        _add(estimates, (*labels, "refused"), status.get("estimates invalid"))
-        _add(lost, labels, status.get("samples lost"))
-        _add(dropped, labels, status.get("windows dropped"))
-        if health is not None:
-            rul = health.rul
-            index.add_metric(labels, health.health_index)
-            level.add_metric(labels, health.level)
-            confidence.add_metric(labels, health.confidence)
-            quantiles = {"0.05": rul.hours_05, "0.5": rul.hours_50, "0.95": rul.hours_95}
-            for name, hours in quantiles.items():
-                life.add_metric((*labels, name), _HOUR_S * hours if rul.known else math.nan)
-            service.add_metric(labels, _HOUR_S * health.flight_hours)
-            tested.add_metric(labels, stamp_from_message(health.header.stamp) * 1e-9)
-    yield from (about, index, level, confidence, life, service, tested)
-    yield from (latency, computing, estimates, lost, dropped)
+    yield from (latency, computing)
 
 
 def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
@@ -273,17 +274,6 @@ def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
 
 def _gauge(name: str, documentation: str, unit: str, *labels: str) -> GaugeMetricFamily:
     return GaugeMetricFamily(name, documentation, labels=labels or _ACTUATOR, unit=unit)
-
-
-def _counter(name: str, documentation: str, *labels: str) -> CounterMetricFamily:
-    return CounterMetricFamily(name, documentation, labels=[*_ACTUATOR, *labels])
-
-
-def _add(
-    family: CounterMetricFamily | GaugeMetricFamily, labels: tuple[str, ...], value: float | None
-) -> None:
-    if value is not None:
-        family.add_metric(labels, value)
 
 
 def _text(words: str) -> str:

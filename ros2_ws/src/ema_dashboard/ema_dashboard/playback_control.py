@@ -34,15 +34,7 @@ class Request(NamedTuple):
 
 
 class PlaybackControl:
-    """Does with a player what clients ask for, one request after the other, in the hub's loop.
-
-    Parameters
-    ----------
-    node
-        Whose clients call the services of the player.
-    hub
-        Its clients are told how the playback stands.
-    """
+    """Does with a player what clients ask for, one request after the other, in the hub's loop."""
 
     def __init__(self, node: Node, hub: Hub) -> None:
         self._node = node

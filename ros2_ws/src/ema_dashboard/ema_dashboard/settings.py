@@ -72,14 +72,9 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: str) -> str:
-    """Return the token in a file; empty when there is no file.
+    """Return the token in a file, empty when none is named; ValueError for what is no token.
 
     A parameter would not do for the token itself: every node of the graph can read parameters.
-
-    Raises
-    ------
-    ValueError
-        When the file cannot be read, or the token is too short or not one word of ASCII.
     """
     if not path:
         return ""
@@ -96,22 +91,12 @@ def read_token(path: str) -> str:
 
 
 def bound_socket(host: str, port: int, ports: int) -> socket.socket:
-    """Return a socket that is bound to the first port that is free.
+    """Return a socket that is bound to the first of some ports that is free; 0 takes any.
 
-    Parameters
-    ----------
-    port
-        First port; 0 takes any that is free.
-    ports
-        Number of ports to try.
-
-    Raises
-    ------
-    OSError
-        When none is free or the address is not one of this machine; the message names it.
+    Where there is none, or the address is not one of this machine, an OSError names it.
     """
     last = min(port + ports, 65536) if port else 1
-    failure: OSError | None = None
+    failure = OSError()
     for number in range(port, last):
         try:
             return _bound(host, number)
@@ -143,13 +128,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """Return what encrypts connections; None without a certificate.
-
-    Raises
-    ------
-    ValueError
-        When certificate or key cannot be read, or do not belong together.
-    """
+    """Return what encrypts connections, None without a certificate; ValueError if not usable."""
     if not certificate:
         return None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)

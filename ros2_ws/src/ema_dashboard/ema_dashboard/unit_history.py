@@ -173,9 +173,9 @@ class ActuatorHistory:
 class Histories:
     """Histories of the units of one namespace, on the topic ``unit_history`` of the hub.
 
-    That of a unit is asked of the monitors when the unit is first seen, and again when a monitor
+    Each monitor is asked for that of a unit when either is first seen, and again when a monitor
     has come or begun anew or the unit was replaced; then it is sent as a whole. In between it is
-    carried on with what is published. A monitor has one question at a time to answer.
+    carried on with what is published.
 
     Parameters
     ----------
@@ -195,9 +195,8 @@ class Histories:
         self._time_ns = time_ns
         self._lock = threading.RLock()  # answers come in threads of their own
         self._monitors: dict[str, Client] = {}
-        # Units of which a monitor that is ready is to be asked, those wanted for longest first.
-        self._due: dict[str, dict[str, None]] = {}
-        self._open: dict[str, tuple[Any, str, float]] = {}  # question, unit and time, by monitor
+        # When a monitor was asked for a unit [s]; infinite once it has answered.
+        self._asked: dict[tuple[str, str], float] = {}
         self._histories: dict[str, ActuatorHistory] = {}
         self._lost: dict[str, int] = {}  # samples, by actuator
 
@@ -209,9 +208,9 @@ class Histories:
             if history is None or history.serial_number != message.serial_number:
                 history = ActuatorHistory(actuator_id, message.serial_number)
                 self._histories[actuator_id] = history
-                self._want(actuator_id)
+                self._forget_asked(actuator_id)
             if isinstance(message, FaultEstimate) and history.note_estimate(message):
-                self._want(actuator_id)
+                self._forget_asked(actuator_id)
             elif isinstance(message, Health):
                 history.note_health(message)
             self._offer(actuator_id, history)
@@ -239,20 +238,16 @@ class Histories:
             is_new = _SERVICE_TYPE in types and name not in self._monitors
             if is_new and name.startswith(self._prefix):
                 self._monitors[name] = self._node.create_client(GetHistory, name)
+        now_s = time.monotonic()
         with self._lock:
             for name, client in self._monitors.items():
                 is_ready = client.service_is_ready()
-                future, actuator_id, asked_s = self._open.get(name, (None, "", 0.0))
-                is_overdue = time.monotonic() - asked_s >= _PATIENCE_S
-                if future is not None and (is_overdue or not is_ready):
-                    client.remove_pending_request(future)
-                    del self._open[name]
-                    self._due[name][actuator_id] = None
-                if not is_ready:
-                    self._due.pop(name, None)
-                elif name not in self._due:
-                    self._due[name] = dict.fromkeys(self._histories)
-                self._ask_next(name)
+                for actuator_id in self._histories:
+                    key = name, actuator_id
+                    if not is_ready:
+                        self._asked.pop(key, None)
+                    elif key not in self._asked or now_s - self._asked[key] > _PATIENCE_S:
+                        self._ask(key, client, now_s)
 
     def close(self) -> None:
         """Ask no more."""
@@ -260,12 +255,28 @@ class Histories:
             for client in self._monitors.values():
                 self._node.destroy_client(client)
             self._monitors.clear()
-            self._due.clear()
-            self._open.clear()
+            self._asked.clear()
 
-    def _want(self, actuator_id: str) -> None:
-        for due in self._due.values():
-            due[actuator_id] = None
+    def _forget_asked(self, actuator_id: str) -> None:
+        self._asked = {key: at_s for key, at_s in self._asked.items() if key[1] != actuator_id}
+
+    def _ask(self, key: tuple[str, str], client: Client, now_s: float) -> None:
+        self._asked[key] = now_s
+        request = GetHistory.Request(actuator_id=key[1], most=MOST_TESTS)
+        client.call_async(request).add_done_callback(partial(self._take, key, now_s))
+
+    def _take(self, key: tuple[str, str], asked_s: float, future: Any) -> None:
+        """Take the answer of a monitor; one that does not know the unit has none."""
+        response: Any = future.result()
+        with self._lock:
+            # Else it is asked for again: this says how it was before.
+            if response is None or self._asked.get(key) != asked_s:
+                return
+            self._asked[key] = math.inf
+            known, found = self._histories.get(key[1]), response.history
+            if known and response.success and found.serial_number == known.serial_number:
+                known.set_base(found)
+                self._offer(key[1], known, as_a_whole=True)
 
     def _offer(
         self, actuator_id: str, history: ActuatorHistory, *, as_a_whole: bool = False
@@ -273,37 +284,12 @@ class Histories:
         """Keep a history for clients that come, and send those present what is new to them."""
         log_time_ns, news = self._time_ns(), history.news()
         self._hub.keep(self._topic, actuator_id, history.serialised, log_time_ns)
-        if self._hub.has_clients(self._topic):
-            if as_a_whole:
-                self._hub.publish(self._topic, history.serialised(), log_time_ns)
-            elif news is not None:
-                self._hub.publish(self._topic, serialize_message(news), log_time_ns)
-
-    def _ask_next(self, name: str) -> None:
-        """Ask a monitor for the next unit, if it has no question open."""
-        due = self._due.get(name)
-        if name in self._open or not due:
+        if not self._hub.has_clients(self._topic):
             return
-        actuator_id = next(iter(due))
-        # Wanted again before the answer comes, it is asked for again: that says how it was then.
-        del due[actuator_id]
-        request = GetHistory.Request(actuator_id=actuator_id, most=MOST_TESTS)
-        future = self._monitors[name].call_async(request)
-        self._open[name] = future, actuator_id, time.monotonic()
-        future.add_done_callback(partial(self._take, name, actuator_id))
-
-    def _take(self, name: str, actuator_id: str, future: Any) -> None:
-        """Take the answer of a monitor; one that does not know the unit has none."""
-        with self._lock:
-            if self._open.get(name, (None,))[0] is future:
-                del self._open[name]
-            response: Any = future.result()
-            known = self._histories.get(actuator_id)
-            found = response.history if response and response.success else None
-            if known and found and found.serial_number == known.serial_number:
-                known.set_base(found)
-                self._offer(actuator_id, known, as_a_whole=True)
-            self._ask_next(name)
+        if as_a_whole:
+            self._hub.publish(self._topic, history.serialised(), log_time_ns)
+        elif news is not None:
+            self._hub.publish(self._topic, serialize_message(news), log_time_ns)
 
 
 def _drop_oldest(items: dict[Any, Any], most: int) -> int:

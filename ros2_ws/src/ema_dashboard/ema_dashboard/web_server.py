@@ -37,29 +37,10 @@ _HEADERS: Final = {
 
 
 class WebServer:
-    """Serves page and WebSocket in a thread of its own, in the event loop of the hub.
+    """Serves page, documents by their paths and WebSocket in a thread, in the hub's event loop.
 
-    Parameters
-    ----------
-    listener
-        Bound socket to listen on; it is closed with the server.
-    tls
-        Certificate and key; None to serve without encryption.
-    control
-        As of ``Client``.
-    most_bytes
-        How much may wait for a client [B].
-    documents
-        What is made when it is asked for, by its path.
-    on_failure
-        Called as by ``SteadyThread`` when the thread has ended by itself.
-
-    Attributes
-    ----------
-    thread
-        The thread.
-    admitted
-        Number of clients.
+    The listener, a bound socket, is closed with the server; ``control`` is as of ``Client``,
+    ``most_bytes`` may wait for each of ``most_clients``, of which there are ``admitted`` now.
     """
 
     def __init__(

@@ -17,20 +17,11 @@ _NAMES = (
 
 
 def load_description(path: Path) -> ActuatorDescription:
-    """Read a description.
+    """Read a description from a YAML file; a ValueError names the file and what is wrong.
 
-    Parameters
-    ----------
-    path
-        YAML file with ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s],
-        ``drive``, ``acquisition`` and ``parameters``, the last two mappings of names to values in
-        SI units. Missing entries have the values of the built-in actuator.
-
-    Raises
-    ------
-    ValueError
-        When the file cannot be read or is no such mapping, or a name is unknown or a value
-        impossible.
+    It has ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
+    ``acquisition`` and ``parameters``, the last two mappings of names to values in SI units.
+    Missing entries have the values of the built-in actuator.
     """
     try:
         content = load_yaml(path.expanduser())

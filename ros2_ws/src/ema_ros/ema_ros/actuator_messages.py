@@ -17,17 +17,7 @@ from ema_ros.stamps import stamp_to_message
 def messages_of_cycle(
     description: ActuatorDescription, stamp_ns: int, cycle: int, hours: float, faults: ArrayLike
 ) -> dict[str, Any]:
-    """Return service life and true faults at the start of a test cycle.
-
-    Parameters
-    ----------
-    cycle
-        Running number, from 0.
-    hours
-        Service hours since new [h].
-    faults
-        Fault vector, ``(8,)``.
-    """
+    """Return service life [h] and true faults, ``(8,)``, at the start of a test cycle, from 0."""
     truth = FaultVectorStamped(
         actuator_id=description.actuator_id, cycle=cycle, faults=faults_to_message(faults)
     )
@@ -41,13 +31,7 @@ def messages_of_cycle(
 def messages_of_block(
     description: ActuatorDescription, block: Telemetry, motor_torque: float | None
 ) -> dict[str, Any]:
-    """Return a block of telemetry and, where the torque is known, the joint state at its end.
-
-    Parameters
-    ----------
-    motor_torque
-        Torque of the motor at the block's end [N.m]; None when it is not known.
-    """
+    """Return a block of telemetry and, where the torque [N.m] is known, the joint state then."""
     messages: dict[str, Any] = {
         topics.TELEMETRY: telemetry_to_message(block, description.actuator_id)
     }
@@ -59,13 +43,7 @@ def messages_of_block(
 def usage_at_cycle(
     description: ActuatorDescription, stamp_ns: int, hours: float, cycle: int
 ) -> Usage:
-    """Return the service life at the start of a test cycle; the count includes the cycle.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
-    """
+    """Return the service life at the start of a test cycle; the count includes the cycle."""
     message = Usage(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -82,11 +60,6 @@ def joint_state_after(
     """Return the state of the user shaft at the end of a block, for tools that display joints.
 
     It has no velocity where the speed is not measured.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
     """
     tau = description.parameters.tau
     message = JointState(name=[description.actuator_id])

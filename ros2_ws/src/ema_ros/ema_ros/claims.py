@@ -17,14 +17,8 @@ Place = tuple[str, str]
 def worth(health: Any, now_ns: int, *, is_silent: bool = False) -> Any:
     """Return a health as it holds at a time: STALE, with the level before, once its claim ended.
 
-    Parameters
-    ----------
-    health
-        ``ema_interfaces/msg/Health`` or ``HealthSummary``; it is not changed.
-    now_ns
-        The time, of the clock of its stamps [ns].
-    is_silent
-        Whether its author is not heard any more.
+    ``ema_interfaces/msg/Health`` or ``HealthSummary`` is not changed; the time is of the clock of
+    its stamps [ns], and its author may be silent.
     """
     until_ns = stamp_from_message(health.good_until)
     if health.level == STALE or not (is_silent or 0 < until_ns < now_ns):
@@ -41,18 +35,17 @@ def worth(health: Any, now_ns: int, *, is_silent: bool = False) -> Any:
         held.text = f"{LEVEL_NAMES[STALE]}; {reason}"
         return held
     held.confidence, held.reason = 0.0, reason
-    held.faults, held.requirements = map(_without_ok, (health.faults, health.requirements))
+    held.faults, held.requirements = (
+        [_without_ok(item) for item in items] for items in (health.faults, health.requirements)
+    )
     return held
 
 
-def _without_ok(items: Any) -> list[Any]:
-    held = []
-    for item in items:
-        if item.level == OK:
-            item = copy.copy(item)
-            item.level = STALE
-        held.append(item)
-    return held
+def _without_ok(item: Any) -> Any:
+    if item.level == OK:
+        item = copy.copy(item)
+        item.level = STALE
+    return item
 
 
 class Claims:
@@ -85,12 +78,7 @@ class Claims:
     ) -> Iterator[tuple[Place, Any]]:
         """Yield the healths that are worth another level than was shown, as they are to be shown.
 
-        Parameters
-        ----------
-        now_ns
-            Time, of the clock of their stamps [ns].
-        is_live
-            Whether their authors are to be heard, which in a playback they are not.
+        In a playback, which is not live, their authors are not to be heard.
         """
         for key, health in list(self._healths.items()):
             heard_s = self._heard_s.get(health.author)

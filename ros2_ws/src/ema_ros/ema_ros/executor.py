@@ -33,12 +33,7 @@ class NodeExecutor(SingleThreadedExecutor):
     A subscription that has a message is given what else has come for it as well, up to a hundred
     messages: to wait anew, over all that the node serves, takes longer than a message does.
 
-    Parameters
-    ----------
-    on_failure
-        Called with what a callback raised.
-    kwargs
-        As of ``rclpy.executors.Executor``.
+    ``on_failure`` is called with what a callback raised.
     """
 
     def __init__(self, on_failure: Callable[[Exception], None], **kwargs: Any) -> None:
@@ -46,13 +41,7 @@ class NodeExecutor(SingleThreadedExecutor):
         self._on_failure = on_failure
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for a callback and run it.
-
-        Parameters
-        ----------
-        timeout_sec
-            How long to wait [s]; for ever when None.
-        """
+        """Wait so long [s] for a callback, for ever when None, and run it."""
         try:
             handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec)
         except (ShutdownException, TimeoutException):

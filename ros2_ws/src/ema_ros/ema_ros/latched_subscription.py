@@ -8,7 +8,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from ema_ros.topics import LATCHED_BY_MANY, STREAM
 
@@ -22,16 +21,14 @@ def subscribe_latched(
     topic: str,
     callback: Callable[[Any], None],
     callback_group: CallbackGroup,
-) -> list[Subscription]:
-    """Return subscriptions that together deliver each message once.
+) -> None:
+    """Make subscriptions that together deliver each message once.
 
     A transient local one alone would never hear a publisher of the default quality of service, a
     volatile one alone would miss what was latched before, and neither hears best effort.
 
-    Parameters
-    ----------
-    node, message_class, topic, callback, callback_group
-        As of ``rclpy.node.Node.create_subscription``; messages have an ``actuator_id``.
+    Parameters are as of ``rclpy.node.Node.create_subscription``; messages have an
+    ``actuator_id``.
     """
     heard: deque[tuple[Any, ...]] = deque(maxlen=_REMEMBERED)
 
@@ -45,7 +42,7 @@ def subscribe_latched(
 
     receive_each: Callable[..., None] = receive
     quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
-    return [
+    for qos in (LATCHED_BY_MANY, STREAM, _BEST_EFFORT):
         node.create_subscription(
             message_class,
             topic,
@@ -54,5 +51,3 @@ def subscribe_latched(
             callback_group=callback_group,
             event_callbacks=quiet,
         )
-        for qos in (LATCHED_BY_MANY, STREAM, _BEST_EFFORT)
-    ]

@@ -14,15 +14,10 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.guard_condition import GuardCondition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from rclpy.service import Service
-from rclpy.subscription import Subscription
-from rclpy.timer import Timer
 
 from ema_ros import topics
 from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
@@ -203,13 +198,7 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(f"a callback failed{held_back}:\n{trace}")
 
     def report(self, tasks: Sequence[Task] = ()) -> None:
-        """Publish the status of the node; any thread may call this.
-
-        Parameters
-        ----------
-        tasks
-            What has changed, where the rest can wait for the next second; all when empty.
-        """
+        """Publish the status of some tasks, of all when there are none; any thread may call."""
         if not tasks:
             tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, time.monotonic())]
             if self._configured:
@@ -368,25 +357,28 @@ class ManagedNode(LifecycleNode):
 
 def entities_of(node: LifecycleNode) -> list[Any]:
     """Return publishers, subscriptions, services, timers, guard conditions and actions."""
-    actions = [item for item in node.waitables if isinstance(item, ActionServer)]
-    others = (node.publishers, node.subscriptions, node.services, node.timers, node.guards)
-    return [*actions, *(item for items in others for item in items)]
+    return [item for items in _by_way(node).values() for item in items]
 
 
 def destroy_entities(node: LifecycleNode, kept: Collection[Any]) -> None:
-    """Destroy what a node has beside ``kept``."""
+    """Destroy what a node has beside ``kept``; with actions first, as services are part of them."""
     known = {id(item) for item in kept}
-    ways = {
-        LifecyclePublisher: node.destroy_lifecycle_publisher,
-        Publisher: node.destroy_publisher,
-        Subscription: node.destroy_subscription,
-        Service: node.destroy_service,
-        Timer: node.destroy_timer,
-        GuardCondition: node.destroy_guard_condition,
-        ActionServer: ActionServer.destroy,
+    for way in _by_way(node):
+        for item in list(_by_way(node)[way]):
+            if id(item) not in known:
+                way(item)
+
+
+def _by_way(node: LifecycleNode) -> dict[Callable[[Any], Any], list[Any]]:
+    """Return what a node has, by what destroys it."""
+    published = list(node.publishers)
+    managed = [item for item in published if isinstance(item, LifecyclePublisher)]
+    return {
+        ActionServer.destroy: [one for one in node.waitables if isinstance(one, ActionServer)],
+        node.destroy_lifecycle_publisher: managed,
+        node.destroy_publisher: [item for item in published if item not in managed],
+        node.destroy_subscription: list(node.subscriptions),
+        node.destroy_service: list(node.services),
+        node.destroy_timer: list(node.timers),
+        node.destroy_guard_condition: list(node.guards),
     }
-    # Asked anew each time: the services of an action are destroyed with it.
-    while left := [item for item in entities_of(node) if id(item) not in known]:
-        known.add(id(left[0]))
-        destroy = next(way for kind, way in ways.items() if isinstance(left[0], kind))
-        destroy(left[0])

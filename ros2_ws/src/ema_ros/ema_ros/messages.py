@@ -59,13 +59,7 @@ PARAMETER_FIELDS: Final = MappingProxyType(
 
 
 def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBlock":
-    """Return a block of telemetry as a message; its stamp is the END of the first sample.
-
-    Raises
-    ------
-    ValueError
-        When the block's stamp is out of range.
-    """
+    """Return a block of telemetry as a message; its stamp is the END of the first sample."""
     from ema_interfaces.msg import TelemetryBlock
 
     message = TelemetryBlock()
@@ -110,11 +104,6 @@ def description_to_message(
     ----------
     stamp_ns
         When the description was made [ns]; 0 when unknown.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
     """
     from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 
@@ -156,18 +145,7 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
 
 
 def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
-    """Return a fault vector as a message.
-
-    Parameters
-    ----------
-    faults
-        Normalised faults, ``(8,)``. Their range is not checked, as an estimate may be NaN.
-
-    Raises
-    ------
-    ValueError
-        When there are not eight of them.
-    """
+    """Return normalised faults, ``(8,)``, as a message; an estimate may be NaN."""
     from ema_interfaces.msg import FaultVector
 
     k = np.asarray(faults, dtype=np.float64)
@@ -177,30 +155,15 @@ def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
 
 
 def faults_from_message(message: "msg.FaultVector") -> NDArray[np.float64]:
-    """Return the fault vector in a message, ``(8,)``.
-
-    Raises
-    ------
-    ValueError
-        When a fault is not finite or outside its range.
-    """
+    """Return the fault vector in a message, ``(8,)``; ValueError where it is impossible."""
     return fault_vector([getattr(message, name) for name in FAULT_NAMES])
 
 
 @dataclass(frozen=True, eq=False)
 class StampedFaults:
-    """The true faults of an actuator in one test cycle.
+    """The true faults of an actuator, ``(8,)``, from the start of a test cycle [ns] on.
 
-    Attributes
-    ----------
-    stamp_ns
-        Start of the test cycle from which they hold [ns].
-    actuator_id
-        Which actuator.
-    cycle
-        Running number of the test cycle, from 0.
-    faults
-        Normalised faults, ``(8,)``.
+    Test cycles are numbered from 0.
     """
 
     stamp_ns: int
@@ -210,13 +173,7 @@ class StampedFaults:
 
 
 def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFaults:
-    """Return the stamped faults in a message.
-
-    Raises
-    ------
-    ValueError
-        When a fault is not finite or outside its range.
-    """
+    """Return the stamped faults in a message; ValueError where they are impossible."""
     return StampedFaults(
         stamp_from_message(message.header.stamp),
         message.actuator_id,

@@ -36,35 +36,21 @@ def declare(
 ) -> None:
     """Declare the fields of a dataclass as parameters of a node.
 
-    Parameters
-    ----------
-    definition
-        A dataclass whose fields were made by ``quantity``, ``text``, ``texts`` and ``flag``, or
-        an instance of one whose values are the defaults. Other fields are ignored.
-    read_only
-        Whether they cannot be changed while the node runs.
-    constraint
-        When they can be changed, for their descriptors.
-
-    Raises
-    ------
-    ValueError
-        When a given value is impossible.
+    The definition is a dataclass whose fields were made by ``quantity``, ``text``, ``texts`` and
+    ``flag``, or an instance of one whose values are the defaults; other fields are ignored. The
+    constraint says when they can be changed. A given value that is impossible is a ValueError.
     """
-    is_type = isinstance(definition, type)
     given = given_parameters(node)
     for parameter in parameters_of(definition, prefix):
         item = parameter.field
-        default = item.default if is_type else getattr(definition, item.name)
+        default = getattr(definition, item.name, item.default)
         descriptor = _descriptor(parameter, read_only, constraint)
-        value, is_text = parameter.to_node(default), False
-        if parameter.name in given:
-            value = parameter.number_of(given[parameter.name].value)
-            is_text = value is not given[parameter.name].value
-            if not is_text:
-                value = parameter.to_node(default)
+        text = given[parameter.name].value if parameter.name in given else None
+        number = parameter.number_of(text)
+        # What was given as a text, as YAML 1.1 reads 1e-06, is declared as the number it is.
+        is_text = number is not text
+        value = number if is_text else parameter.to_node(default)
         try:
-            # What was given as a text, as YAML 1.1 reads 1e-06, is declared as the number it is.
             node.declare_parameter(parameter.name, value, descriptor, ignore_override=is_text)
         except InvalidParameterValueException as error:
             reason = str(error).partition("Reason: ")[2].rpartition(":")[0]
@@ -74,17 +60,9 @@ def declare(
 
 
 def read(node: Node, definition: type[Definition], prefix: str = "") -> Definition:
-    """Return an instance of a dataclass with the values of a node's parameters.
+    """Return an instance of a dataclass with the values of parameters that were declared by it.
 
-    Parameters
-    ----------
-    node, definition, prefix
-        As given to ``declare``, which must have been called.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible; the message names the parameter.
+    A value that is impossible is a ValueError that names the parameter.
     """
     values = {
         item.field.name: item.from_node(node.get_parameter(item.name).value)
@@ -102,7 +80,7 @@ class LiveSettings(Generic[Definition]):
     Parameters
     ----------
     node, definition, prefix
-        As in ``declare``.
+        As in ``declare``; an initial value that is impossible is a ValueError.
     on_change
         Called with the new settings after a change.
     why_fixed
@@ -112,11 +90,6 @@ class LiveSettings(Generic[Definition]):
     ----------
     value
         The settings as they are now.
-
-    Raises
-    ------
-    ValueError
-        When an initial value is impossible.
     """
 
     def __init__(

@@ -59,15 +59,7 @@ class Task:
 
 
 def status_message(node_name: str, task: Task) -> DiagnosticStatus:
-    """Return a task as a message.
-
-    Parameters
-    ----------
-    node_name
-        Full name of the node, with its namespace.
-    task
-        What to report.
-    """
+    """Return a task of a node, by its full name, as a message."""
     name = f"{node_name}: {task.name}"
     values = {
         **task.values,
@@ -88,16 +80,8 @@ def fault_code(name: str) -> str:
 
     It does not depend on the level, so that who collects faults by their code sees them end.
 
-    Parameters
-    ----------
-    name
-        Name of the status, as in ``/ema/monitor: flap friction``.
-
-    Returns
-    -------
-    str
-        Capitals, digits and single underscores, at most 64 characters, as in
-        ``EMA_MONITOR_FLAP_FRICTION``. What is longer is cut, and ends in a digest of the name.
+    It is of capitals, digits and single underscores: ``EMA_MONITOR_FLAP_FRICTION`` is that of
+    ``/ema/monitor: flap friction``. What is longer is cut, and ends in a digest of the name.
     """
     code = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
     if len(code) <= LONGEST_CODE:
@@ -107,17 +91,7 @@ def fault_code(name: str) -> str:
 
 
 def hardware_name(namespace: str, actuator_id: str, serial_number: str = "") -> str:
-    """Return the name of a unit in the status: namespace, actuator and serial number.
-
-    Parameters
-    ----------
-    namespace
-        Namespace of the node that reports, as ``/ema``.
-    actuator_id
-        Which actuator.
-    serial_number
-        Serial number of the installed unit; empty as long as it is not known.
-    """
+    """Return the name of a unit in the status: namespace of the node, actuator, serial number."""
     parts = (namespace.rstrip("/"), actuator_id, serial_number)
     return "/".join(parts if serial_number else parts[:2])
 

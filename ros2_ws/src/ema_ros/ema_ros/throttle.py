@@ -8,13 +8,7 @@ _MOST_KINDS: Final = 1000
 
 
 class Throttle:
-    """Lets a line through once in a while; lines that differ in their numbers alone are the same.
-
-    Parameters
-    ----------
-    period_s
-        How long the same line is held back [s].
-    """
+    """Lets a line through once in a while [s]; numbers in it make no other line of it."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -22,15 +16,7 @@ class Throttle:
         self._said: dict[str, tuple[float, int]] = {}
 
     def passed(self, line: str, now_s: float) -> str | None:
-        """Return the line if it is to be logged, with how many were held back; else None.
-
-        Parameters
-        ----------
-        line
-            What is to be logged.
-        now_s
-            Time of a clock that never goes back [s].
-        """
+        """Return the line if it is to be logged now [s], with how many were held back, or None."""
         kind = _NUMBERS.sub("#", line)
         before = self._said.pop(kind, None)
         if before is not None and now_s - before[0] < self._period_s:
