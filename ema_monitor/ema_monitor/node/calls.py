@@ -96,10 +96,10 @@ class MonitorCalls:
             windows = list(self._healthy_windows(description.actuator_id, request.windows))
             calibration = calibrate(windows, description)
             self._store.keep(description, calibration, path)
-            known = "; taken for known: " if (taken := taken_for_known(w.measured for w in windows)) else ""
-            message = (
-                f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path}"
-            )
+            message = f"made of {counted(len(windows), 'window')}"
+            if taken := taken_for_known(window.measured for window in windows):
+                message += f"; taken for known: {taken}"
+            message += f" and stored in {path}"
             if not self._store.is_used_again(description, path):
                 message += "; calibration_file has to name it for it to be used after a restart"
         if calibration.not_learned:
