@@ -89,7 +89,9 @@ class WindowQueue:
         """Wait for the next window and return it; None when the queue is closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._queues or self._closed)
-            self._current = None if self._closed else self._take()
+            if self._closed:
+                return None  # what is being identified may still be abandoned
+            self._current = self._take()
             return self._current
 
     def _take(self) -> Segment:
