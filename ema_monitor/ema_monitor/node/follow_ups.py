@@ -82,7 +82,7 @@ class FollowUps:
         publish, costs = self._node.publish, self._node.costs.value
 
         def publish_advice() -> None:
-            advice, outlook = advise(forecaster, costs), forecaster.outlook
+            advice, outlook = advise(forecaster.outlook, costs), forecaster.outlook
             message = advice_to_message(advice, outlook, costs.unit, description)
             publish(topics.ADVICE, message)
 

@@ -327,10 +327,11 @@ class MonitorPrognosis:
         return response
 
     def write_assessment(self, description: ActuatorDescription) -> None:
-        """Keep in the history of a unit what was found after its latest test."""
-        unit = self._of(description)
-        unit.write()
-        self._log_problem(description, unit)
+        """Keep what was found after the latest test of a unit, unless that is forgotten."""
+        unit = self._histories.get(description.unit_key)
+        if unit is not None:
+            unit.write()
+            self._log_problem(description, unit)
 
     def report_failure(
         self, actuator_id: str, error: Exception, what: str = "the prognosis"
