@@ -17,7 +17,7 @@ from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
 from ema_interfaces.srv import BurstPlayback, GetPlaybackRate, IsPlaybackPaused
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import WARN
-from ema_ros.topics import LATCHED as STATE
+from ema_ros.topics import LATCHED_BY_MANY
 
 from ..waiting import DEADLINE_S, wait_for
 from .test_player_node import (
@@ -83,7 +83,7 @@ def test_part_that_is_not_there_is_refused(
 def test_a_loop_begins_again_as_after_a_seek(graph: Graph, bag: Path):  # noqa: F811
     heard = graph.listen(String, "t0", STREAM)
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
-    states = graph.listen(PlaybackState, "playback_state", STATE)
+    states = graph.listen(PlaybackState, "playback_state", LATCHED_BY_MANY)
     latched = graph.listen(String, "latched", LATCHED)
     player = graph.player(bag, rate=10.0, loop=True, start_offset=0.5)
     assert player.bring_up()
