@@ -186,17 +186,18 @@ def test_irregular_intervals_and_missing_tests_need_no_word():
 
 def test_restored_and_frozen_trackers_say_the_same_as_the_one_they_are_of():
     whole, rng = Tracker(), np.random.default_rng(9)
-    tests = [observed(10.0 * i, {"eccentricity": 4e-3 * i, "gain": 0.3}, rng) for i in range(60)]
-    # A jump: a test is held back when the state is taken.
-    tests[39:] = [replace(one, faults=one.faults + 0.1 * IS_FRICTION) for one in tests[39:]]
+    faults = [{"friction": 0.1, "eccentricity": 4e-3 * i} for i in range(60)]
+    tests = [observed(10.0 * i, one, rng) for i, one in enumerate(faults)]
+    # A jump: a test is held back when the state is taken, and confirmed by the next.
+    tests[39:] = [replace(one, faults=one.faults + 0.2 * IS_FRICTION) for one in tests[39:]]
     for test in tests[:40]:
         whole.update(test)
     again, frozen = Tracker(), whole.frozen()
     again.restore({name: np.array(one) for name, one in whole.state().items()})
     before = whole.predict().samples
-    told = [[*tracker.update(test)] for test in tests[40:] for tracker in (whole, again)]
+    told = [tracker.update(test) for test in tests[40:] for tracker in (whole, again)]
     assert told[::2] == told[1::2]
-    assert [event.kind for event in told[0]] == ["step"]
+    assert [event.kind for events in told[::2] for event in events] == ["step"]
     np.testing.assert_array_equal(whole.predict().samples, again.predict().samples)
     np.testing.assert_array_equal(frozen.predict().samples, before)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ema_core.faults import COMPONENTS
 from ema_core.growth_laws import increment
-from ema_monitor.prognosis.growth.cells import N_RATES, Cells
+from ema_monitor.prognosis.growth.cells import N_RATES, Cells, Owners
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
     Array,
@@ -46,6 +46,7 @@ class Bank(Kept):
 
     def __init__(self, cells: Cells, settings: TrackerSettings) -> None:
         self.cells, self._settings = cells, settings
+        self._sums = Owners(cells.component).sums
         self.mean = np.zeros_like(cells.prior)
         self.variance = np.ones_like(cells.prior)
         self._is_constant = np.zeros(cells.prior.size, dtype=bool)
@@ -63,10 +64,6 @@ class Bank(Kept):
         self.two_sided = self._sums((cells.side < 0.0).astype(float)) > 0.0
         self._before = self.mean, self.variance
         self._slope = np.ones_like(self.mean)
-
-    def _sums(self, values: Array) -> Array:
-        sums = np.bincount(self.cells.component, values, len(COMPONENTS))
-        return sums.astype(np.float64, copy=False)
 
     def rates(self) -> Array:
         """Return the signed growth of each cell in the next hour [1/h]."""

@@ -156,6 +156,19 @@ class Cells:
     place: NDArray[np.intp]  # N_RATES times the number of the curve, plus that of the rate; or -1
 
 
+class Owners:
+    """The components of cells, by which values are summed; cells of one lie in few runs."""
+
+    def __init__(self, component: NDArray[np.intp]) -> None:
+        self._starts = np.flatnonzero(np.diff(component, prepend=-1))
+        self._of_runs = component[self._starts]
+
+    def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sums of values over each component, ``(7,)``."""
+        sums = np.bincount(self._of_runs, np.add.reduceat(values, self._starts), len(COMPONENTS))
+        return sums.astype(np.float64, copy=False)
+
+
 _KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": np.bool_, "first": np.bool_}
 _ROW: Final = np.dtype(
     [(one.name, _KINDS.get(one.name, np.float64)) for one in fields(Cells) if one.name != "slices"]

@@ -107,7 +107,9 @@ def futures(
     steps = np.diff(hours, axis=0, prepend=0.0)
     wiener = np.cumsum(np.sqrt(steps) * rng.standard_normal(shape), axis=0)
     wanders, own_time = cells.wanders[cell], hours.copy()
-    own_time[:, wanders] = np.cumsum(followed(sample.pace[wanders], steps[:, wanders], rng), axis=0)
+    normal = rng.standard_normal((len(steps), int(wanders.sum())))
+    paced = followed(sample.pace[wanders], np.ascontiguousarray(steps[:, wanders]), normal)
+    own_time[:, wanders] = np.cumsum(paced, axis=0)
     # Times of growth, with their noise, do not run backwards.
     own_time = np.maximum(own_time + np.sqrt(sample.noise_hours) * wiener, 0.0)
     own_time = np.maximum.accumulate(own_time, axis=0)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
-from ema_monitor.prognosis.growth.cells import grid
+from ema_monitor.prognosis.growth.cells import Owners, grid
 from ema_monitor.prognosis.growth.errors import EstimateErrors
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, Array
 from ema_monitor.prognosis.growth.fleet import with_fleet
@@ -52,6 +52,7 @@ class Mixture(Kept):
         self.errors = EstimateErrors(settings)
         number = np.arange(_N)
         self.component = np.concatenate([cells.component, np.repeat(number, waves.omega.size)])
+        self._sums = Owners(self.component).sums
         self.members = [np.flatnonzero(self.component == one) for one in number]
         # With waves, growth is as probable as without.
         of_cells = cells.prior * (1.0 - waves.prior.sum(axis=1))[cells.component]
@@ -71,19 +72,15 @@ class Mixture(Kept):
         n = self.bank.mean.size
         return values[:n], values[n:].reshape(_N, -1)
 
-    def sums(self, values: Array) -> Array:
-        """Return the sums of values over each component, ``(7,)``."""
-        return np.bincount(self.component, values, _N).astype(np.float64, copy=False)
-
     def _of_kinds(self, values: Array) -> Array:
         """Return sums by kind of growth, ``(4, 7)``."""
         sums = np.bincount(self._kind, values, 4 * _N).astype(np.float64, copy=False)
         return sums.reshape(4, _N)
 
     def _moments_of(self, values: Array, variances: Array) -> tuple[Array, Array]:
-        mean = self.sums(self.weight * values)
+        mean = self._sums(self.weight * values)
         away = values - mean[self.component]
-        return mean, self.sums(self.weight * (variances + away**2))
+        return mean, self._sums(self.weight * (variances + away**2))
 
     def moments(self) -> tuple[Array, Array]:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
@@ -100,7 +97,7 @@ class Mixture(Kept):
 
     def constant(self) -> Array:
         """Return the probability that each component does not grow, ``(7,)``."""
-        return self.sums(self.weight * self._is_constant)
+        return self._sums(self.weight * self._is_constant)
 
     def diffusion(self, number: int) -> float:
         """Return the root mean square diffusion of a component, if by a cell [1/sqrt(h)]."""
@@ -166,11 +163,11 @@ class Mixture(Kept):
         log_p, below = (
             np.concatenate([cells, waves.ravel()]) for cells, waves in zip(*told, strict=True)
         )
-        pit = self.sums(self.weight * below)
+        pit = self._sums(self.weight * below)
         highest = np.full(_N, -np.inf)
         np.maximum.at(highest, self.component, np.where(self._prior > 0.0, log_p, -np.inf))
         weight = self.weight * np.exp(np.minimum(log_p - highest[self.component], 0.0))
-        weight /= self.sums(weight)[self.component]
+        weight /= self._sums(weight)[self.component]
         self.weight = np.where(self._prior > 0.0, np.maximum(weight, LEAST_PROBABILITY), 0.0)
         return pit
 

@@ -5,11 +5,13 @@ grid of paces: a birth and death process between neighbours with the same statio
 and, between them, the same diffusion. The mean of the factor is 1.
 """
 
+import math
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core._jit import kernel
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 
 SIGMA: Final = 0.5
@@ -80,22 +82,26 @@ def mix_paces(
     variance[at] = np.maximum(second[comes] / arriving - mean[at] ** 2, _LEAST_VARIANCE)
 
 
+@kernel()
 def followed(
-    pace: NDArray[np.float64], steps: NDArray[np.float64], rng: np.random.Generator
+    pace: NDArray[np.float64], steps: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the time of growth that passes in each of some steps, ``(m, n)`` [h].
 
-    ``pace`` is the logarithm of the pace now [-], ``(n,)``.
+    ``pace`` is the logarithm of the pace now [-], ``(n,)``; the standard normal numbers are
+    ``(m, n)``.
     """
     passed = np.empty(steps.shape)
-    factor = np.exp(pace - LOG_MEAN)
-    for number, step in enumerate(steps):
-        kept = np.exp(-step / WANDER_HOURS)
-        spread = SIGMA * np.sqrt(1.0 - kept**2)
-        pace = kept * pace + spread * rng.standard_normal(pace.size)
-        after = np.exp(pace - LOG_MEAN)
-        passed[number] = 0.5 * step * (factor + after)
-        factor = after
+    for i in range(pace.size):
+        z, factor, kept, before = pace[i], math.exp(pace[i] - LOG_MEAN), 1.0, 0.0
+        for k in range(steps.shape[0]):
+            step = steps[k, i]
+            if step != before:
+                kept, before = math.exp(-step / WANDER_HOURS), step
+            z = kept * z + SIGMA * math.sqrt(1.0 - kept * kept) * normal[k, i]
+            after = math.exp(z - LOG_MEAN)
+            passed[k, i] = 0.5 * step * (factor + after)
+            factor = after
     return passed
 
 
@@ -108,7 +114,8 @@ def hours_of(
     steps the rest passes at the mean pace: what is slow for so long comes back.
     """
     step = own * _STEP_SHARE
-    passed = followed(pace, np.broadcast_to(step, (STEPS, own.size)), rng)
+    normal = rng.standard_normal((STEPS, own.size))
+    passed = followed(pace, np.tile(step, (STEPS, 1)), normal)
     after = np.cumsum(passed, axis=0)
     over = np.count_nonzero(after < own, axis=0)
     last, each = np.minimum(over, STEPS - 1), np.arange(own.size)
