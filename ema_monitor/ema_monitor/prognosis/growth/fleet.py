@@ -69,7 +69,7 @@ def grown_faults(
         Which components are judged to grow, ``(7,)``.
     """
     found = {}
-    for number in np.flatnonzero(growing):
+    for number in np.flatnonzero(growing).tolist():
         before = _table(cells, number, cells.prior)
         with np.errstate(divide="ignore", invalid="ignore"):
             log = np.log(_table(cells, number, weight) / before)
