@@ -1,6 +1,6 @@
 """Random walks through the states of something, by hypothesis."""
 
-from typing import Any
+from typing import Any, cast
 
 import hypothesis
 from hypothesis.stateful import RuleBasedStateMachine, invariant, run_state_machine_as_test
@@ -27,7 +27,7 @@ def walk(kind: type[Walk], seed: int, walks: int, steps: int) -> None:
         deadline=None,
         database=None,
         print_blob=False,
-        suppress_health_check=list(hypothesis.HealthCheck),
+        suppress_health_check=cast(list[hypothesis.HealthCheck], list(hypothesis.HealthCheck)),
     )
     seeded: Any = hypothesis.seed(seed)(type(kind.__name__, (kind,), {}))
     run_state_machine_as_test(seeded, settings=settings)

@@ -321,13 +321,16 @@ class History:
             self.assessments[one.stamp_ns] = one
 
         try:
-            for row in db.execute("SELECT number, record, crc32 FROM test ORDER BY number"):
-                damage += _missing(self._written, row[0] - 1)
-                read(f"test {row[0]}", *row, lambda record: self._add(read_test(record)))
-                self._written = row[0]
+            tests = db.execute("SELECT number, record, crc32 FROM test ORDER BY number")
+            for number, record, crc32 in tests:
+                damage += _missing(self._written, number - 1)
+                read(f"test {number}", number, record, crc32, lambda one: self._add(read_test(one)))
+                self._written = number
         finally:
-            for row in db.execute("SELECT end_ns, record, crc32 FROM assessment"):
-                read(f"the assessment of the test at {row[0]} ns", *row, add_assessment)
+            found = db.execute("SELECT end_ns, record, crc32 FROM assessment")
+            for end_ns, record, crc32 in found:
+                what = f"the assessment of the test at {end_ns} ns"
+                read(what, end_ns, record, crc32, add_assessment)
         for (last,) in db.execute("SELECT seq FROM sqlite_sequence WHERE name = 'test'"):
             damage += _missing(self._written, last)
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
