@@ -100,7 +100,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
     maker = made_by(task.settings, identity_of(calibration))
     estimates, usage = _windows(task.estimates), _counts(task.usage)
     with TemporaryDirectory(prefix="ema_archive_") as folder:
-        known, history = _history_of(task, maker, estimates, usage, Path(folder))
+        path = Path(folder) / "history.sqlite"
+        known, history = _history_of(task, maker, estimates, usage, path)
         # Stamps of a table are dates when they are read.
         before = task.health.to_pylist() if known else []
         rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
@@ -115,10 +116,10 @@ def follow_unit(task: UnitTask) -> UnitResult:
         kept = None
         # Where hours by cycle take the place of counts, that is said once, at the first count.
         if settings.service.hours_per_cycle == 0.0 and history.entries:
-            path = Path(folder) / "after.sqlite"
             history.save(path, unit.growth.state())
-            digest = _digest_of(estimates, usage)
-            kept = KeptHistory(maker, len(estimates), digest, path.read_bytes())
+            if not history.problem:
+                digest = _digest_of(estimates, usage)
+                kept = KeptHistory(maker, len(estimates), digest, path.read_bytes())
     changed = changed_ns(task.source, key)
     latest = rows[-1] if rows else health_row(last, "") | shared
     return UnitResult(
@@ -137,7 +138,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
 
 
 def _history_of(
-    task: UnitTask, maker: str, estimates: Sequence[Row], usage: Sequence[Count], folder: Path
+    task: UnitTask, maker: str, estimates: Sequence[Row], usage: Sequence[Count], path: Path
 ) -> tuple[int, History]:
     """Return how many windows are known already, and the history that they left."""
     key, kept = (task.actuator_id, task.serial_number), task.kept
@@ -145,11 +146,13 @@ def _history_of(
         return 0, History(*key)
     if _digest_of(estimates[: kept.tests], usage) != kept.digest:
         return 0, History(*key)
-    path = folder / "before.sqlite"
     path.write_bytes(kept.content)
     history = History(*key, path)
+    if not history.problem:
+        return kept.tests, history
     history.close()
-    return (0, History(*key)) if history.problem else (kept.tests, history)
+    path.unlink(missing_ok=True)
+    return 0, History(*key)
 
 
 def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:

@@ -160,9 +160,13 @@ class History:
                 self._trouble = f"the history {self.path} cannot be written: {_reason_of(error)}"
 
     def save(self, path: Path, growth: bytes) -> None:
-        """Write all tests, what was found after them and what is known of growth to a new file."""
-        self.path = path
-        self._forget_written()
+        """Write tests, what was found after them and what is known of growth, and close the file.
+
+        It is a new file, or the one in use, to which only what is not in it is added.
+        """
+        if self.path != path:
+            self.path = path
+            self._forget_written()
         self._write()
         self.keep_growth(growth)
         self.close()
