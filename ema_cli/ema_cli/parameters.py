@@ -17,6 +17,10 @@ Settings = TypeVar("Settings")
 Command = Callable[..., None]
 
 _SECTION: Final = "ros__parameters"
+_OF_OTHER_NODES: Final = (
+    *("max_bag_size", "max_bag_duration", "snapshot_duration", "max_cache_size"),
+    *("start_offset", "playback_duration", "start_paused"),
+)
 _RENAMED: Final = {
     "command_set": "command",
     "cost_unit": "costs.unit",
@@ -149,7 +153,7 @@ def parameter_in_place_of(option: str) -> str:
 
     name = option.lstrip("-").replace("-", "_").removeprefix("no_")
     name = _RENAMED.get(name, name)
-    known = names_of((*Predicting.SECTIONS, *Bench.SECTIONS))
+    known = [*names_of((*Predicting.SECTIONS, *Bench.SECTIONS)), *_OF_OTHER_NODES]
     if any(one.startswith(f"{name}.") for one in known):
         found = [f"{name}.NAME"]
     else:

@@ -163,8 +163,11 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("record", "-o", "a.mcap", "--max-bag-size", "1000000"), "is one file: expected a folder"),
-        (("play", str(SAMPLE), "--start-offset", "1000"), "start_offset = 1000 s is beyond"),
+        (
+            ("record", "-o", "a.mcap", "-p", "max_bag_size=1000000"),
+            "is one file: expected a folder",
+        ),
+        (("play", str(SAMPLE), "-p", "start_offset=1000"), "start_offset = 1000 s is beyond"),
         (("play", str(SAMPLE), "--topic", "telemetri"), "did you mean '/ema/telemetry'"),
     ],
 )

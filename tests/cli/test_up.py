@@ -258,9 +258,9 @@ def test_failed_node_is_told_and_makes_exit_code_1(ema, tmp_path):
 
 def test_wrong_usage_is_refused_before_anything_starts(ema):
     assert ema("up", "actuators").exit_code == 2
-    result = ema("up", "-p", "rate=2")
+    result = ema("up", "-p", "rate")
     assert result.exit_code == 1
-    assert "-p 'rate=2': expected name:=value" in result.stderr
+    assert "-p 'rate': expected NAME=VALUE" in result.stderr
     for options, reason in (
         (("--actuators", "left", "monitor"), "--actuators left: expected the node actuator"),
         (("--actuators", "left,left"), "--actuators left,left: expected names that differ"),

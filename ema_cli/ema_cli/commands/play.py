@@ -7,19 +7,18 @@ import click
 
 from ema_cli.errors import one_clear_line
 from ema_cli.network_option import network_option
-from ema_cli.processes.bringup import assignments_of, ros_arguments
+from ema_cli.processes.bringup import (
+    assignments_of,
+    node_parameters_option,
+    ros_arguments,
+)
 from ema_cli.processes.reach import set_reach
 
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option("--rate", type=float, help="Seconds played in a second, 1 by default.")
-@click.option(
-    "--start-offset", type=float, metavar="SECONDS", help="Begin so long after the bag's start."
-)
-@click.option("--playback-duration", type=float, metavar="SECONDS", help="Play so much of the bag.")
 @click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
-@click.option("--start-paused", is_flag=True, help="Wait at the beginning to be resumed.")
 @click.option(
     "--topic",
     "topics",
@@ -36,34 +35,33 @@ from ema_cli.processes.reach import set_reach
     is_flag=True,
     help="Stay at the end, so that the dashboard can go back, until Ctrl-C.",
 )
+@node_parameters_option
 @network_option
 def play(
     bag: Path,
     rate: float | None,
-    start_offset: float | None,
-    playback_duration: float | None,
     topics: tuple[str, ...],
     only_actuator: bool,
+    assignments: list[str],
     network: bool,
     **flags: bool,
 ) -> None:
     """Play BAG, and the time on /clock.
 
     The dashboard (ema up dashboard) pauses it, goes to other times and changes the rate; services
-    of the player do so too, and play message by message.
+    of the player do so too, and play message by message. The parameters start_offset and
+    playback_duration choose a part of the bag; start_paused waits to be resumed.
     """
     parameters = {
         "bag": str(bag),
         "rate": rate,
-        "start_offset": start_offset,
-        "playback_duration": playback_duration,
         "topics": list(topics) or None,
         "actuator_only": only_actuator or None,
         **{name: value or None for name, value in flags.items()},
     }
     with one_clear_line():
         set_reach(network)
-        arguments = ros_arguments("player", assignments=assignments_of(parameters))
+        arguments = ros_arguments("player", assignments=[*assignments_of(parameters), *assignments])
     from ema_bags.player_node import main
 
     sys.exit(main(arguments))

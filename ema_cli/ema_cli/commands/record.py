@@ -7,7 +7,11 @@ import click
 
 from ema_cli.errors import one_clear_line
 from ema_cli.network_option import network_option
-from ema_cli.processes.bringup import assignments_of, ros_arguments
+from ema_cli.processes.bringup import (
+    assignments_of,
+    node_parameters_option,
+    ros_arguments,
+)
 from ema_cli.processes.reach import set_reach
 
 
@@ -27,44 +31,32 @@ from ema_cli.processes.reach import set_reach
     "/clock.",
 )
 @click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
-@click.option("--max-bag-size", type=int, metavar="BYTES", help="Begin the next file at this size.")
-@click.option(
-    "--max-bag-duration", type=float, metavar="SECONDS", help="Begin the next file after this time."
-)
-@click.option(
-    "--snapshot-duration",
-    type=float,
-    metavar="SECONDS",
-    help="Keep this much in memory, and write it when a level changes, or by service ~/snapshot.",
-)
-@click.option(
-    "--max-cache-size",
-    type=int,
-    metavar="BYTES",
-    help="Memory for a snapshot, 100 MiB by default.",
-)
+@node_parameters_option
 @network_option
 def record(
     output: Path | None,
     topics: tuple[str, ...],
     overwrite: bool,
+    assignments: list[str],
     network: bool,
-    **limits: float | None,
 ) -> None:
     """Record telemetry, estimates and health until Ctrl-C.
 
     A bag in several files is a folder. Each file begins with what is latched (descriptions, service
-    lives, health), so that it can be read alone.
+    lives, health), so that it can be read alone. The parameters max_bag_size and max_bag_duration
+    begin the next file; with snapshot_duration, so much is kept in memory, and written when a level
+    changes, or by service ~/snapshot.
     """
     parameters = {
         "output": None if output is None else str(output),
         "topics": list(topics) or None,
         "overwrite": overwrite or None,
-        **limits,
     }
     with one_clear_line():
         set_reach(network)
-        arguments = ros_arguments("recorder", assignments=assignments_of(parameters))
+        arguments = ros_arguments(
+            "recorder", assignments=[*assignments_of(parameters), *assignments]
+        )
     from ema_bags.recorder_node import main
 
     sys.exit(main(arguments))

@@ -9,7 +9,13 @@ import click
 
 from ema_cli.errors import UNUSABLE, one_clear_line
 from ema_cli.network_option import network_option
-from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_cli.processes.bringup import (
+    NODES,
+    node_parameters_option,
+    parameter_file,
+    program,
+    ros_arguments,
+)
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
@@ -30,14 +36,7 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Further ROS parameter file, for all nodes; it overrides those that are shipped.",
 )
-@click.option(
-    "-p",
-    "--param",
-    "assignments",
-    multiple=True,
-    metavar="NAME:=VALUE",
-    help="ROS parameter of all nodes that have it; it overrides the files.",
-)
+@node_parameters_option
 @click.option("--namespace", help="Namespace of the nodes instead of /ema.")
 @click.option(
     "--actuators",
@@ -54,7 +53,7 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
 def up(
     nodes: tuple[str, ...],
     parameter_files: tuple[Path, ...],
-    assignments: tuple[str, ...],
+    assignments: list[str],
     namespace: str | None,
     actuators: str | None,
     monitors: int,
@@ -72,9 +71,6 @@ def up(
         TemporaryDirectory(prefix="ema_up_") as folder,
         Supervisor(_report, "recorder") as processes,
     ):
-        for assignment in assignments:
-            if ":=" not in assignment:
-                raise ValueError(f"-p {assignment!r}: expected name:=value")
         set_reach(network)
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
         fleet = [name.strip() for name in actuators.split(",")] if actuators is not None else []

@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+import click
 from ament_index_python.packages import (
     PackageNotFoundError,
     get_package_prefix,
@@ -91,6 +92,25 @@ def ros_arguments(
         place = (namespace or topics.NAMESPACE).strip("/")
         arguments += ["--enclave", "/".join(("", *filter(None, (place, own_name))))]
     return arguments
+
+
+node_parameters_option: Final = click.option(
+    "-p",
+    "--param",
+    "assignments",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=lambda _, __, texts: [_assignment(text) for text in texts],
+    help="Parameter of all nodes that have it (docs/parameters.md); it overrides the files.",
+)
+
+
+def _assignment(text: str) -> str:
+    """Return ``NAME=VALUE``, or ROS's ``NAME:=VALUE``, as ROS has it."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise click.ClickException(f"-p {text!r}: expected NAME=VALUE")
+    return f"{name.removesuffix(':')}:={value}"
 
 
 def assignments_of(parameters: Mapping[str, Any]) -> list[str]:
