@@ -21,14 +21,9 @@ from ema_cli.simulated_lives import simulated_tests, write_test
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
-from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reports import health_report
 from ema_ros.actuator_messages import usage_at_cycle
@@ -158,19 +153,6 @@ def test_json_is_the_health_message_and_every_test(told):
     assert told["assumption"] == "future use as in the past"
 
 
-def test_figures_are_those_of_the_tracker_fed_by_hand():
-    estimates = growing(2e-3, 25, seed=1)
-    course = course_of(estimates)
-    tracker = Tracker(HealthLimits(), TrackerSettings())
-    for one in estimates:
-        tracker.update(Measurement.of(one, one.end_ns / NS_PER_HOUR))
-    prognosis, said = tracker.predict(), course.outlooks[-1]
-    assert said.rul_faults == prognosis.overall
-    assert dict(said.lives)["friction"] == prognosis.components["friction"]
-    assert prognosis.components["friction"].known
-    assert course.growth.tracker.predict().overall == prognosis.overall
-
-
 @pytest.mark.slow
 def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
     course = course_of(growing(8e-4, 50, seed=3))
@@ -186,18 +168,6 @@ def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
     assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line
 
 
-def test_known_law_and_limit_are_what_the_tracker_goes_by():
-    settings = PrognosisSettings(
-        HealthLimits(friction=0.3),
-        tracker=TrackerSettings(laws={"friction": NOMINAL_LAWS["friction"]}),
-    )
-    estimates = growing(2e-3, 12, seed=2)
-    tracker = Tracker(settings.limits, settings.tracker)
-    for one in estimates:
-        tracker.update(Measurement.of(one, one.end_ns / NS_PER_HOUR))
-    assert course_of(estimates, settings).outlooks[-1].rul_faults == tracker.predict().overall
-
-
 def counted_with(number: int, hours: float) -> Course:
     """Return twenty tests, 10 h apart; one has service hours that somebody mistook."""
     estimates = growing(2e-3, 20, seed=7)
@@ -205,19 +175,6 @@ def counted_with(number: int, hours: float) -> Course:
     counts[number] = Count(counts[number].stamp_ns, hours, 0)
     record = UnitRecord(ActuatorDescription(), [], counts, [], [])
     return follow(record, estimates, Calibration.builtin(), Predicting())
-
-
-def test_futures_leave_out_what_the_prognosis_leaves_out():
-    estimates = growing(2e-3, 20, seed=7)
-    # A count that went back, and a test that came twice.
-    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
-    counts[8] = Count(counts[8].stamp_ns, 30.0, 0)
-    estimates.insert(12, estimates[11])
-    record = UnitRecord(ActuatorDescription(), [], counts, [], [])
-    course = follow(record, estimates, Calibration.builtin(), Predicting())
-    # The test whose count went back is at interpolated hours.
-    assert course.growth.tracker.updates == 20
-    assert course.growth.tracker.predict().overall == course.outlooks[-1].rul_faults
 
 
 def test_count_that_was_not_confirmed_is_not_in_the_picture():
@@ -247,29 +204,6 @@ def test_future_begins_at_the_last_test_whose_hours_are_believed(mistaken):
     figure.draw_without_rendering()
     title = next(text for text in axes[0].findobj(Text) if "service hours" in text.get_text())
     assert title.get_window_extent().x1 < figure.bbox.x1
-
-
-def test_twice_the_duty_leaves_half_the_life_until_the_fault_limit():
-    estimates = growing(2e-3, 20, seed=3)
-    usual = course_of(estimates).outlooks[-1].rul_faults
-    twice = course_of(estimates, PrognosisSettings(service=Service(duty=2.0))).outlooks[-1]
-    assert twice.rul_faults.hours_50 == pytest.approx(0.5 * usual.hours_50, rel=1e-9)
-
-
-def test_without_service_hours_no_life_is_told_and_the_reason_is():
-    said = course_of(growing(2e-3, 12, seed=4), counted=False).outlooks[-1]
-    for life in (said.rul, said.rul_faults, said.rul_requirements):
-        assert not life.known
-        assert "service hours are unknown" in life.reason
-
-
-def test_hours_per_cycle_stand_in_for_counted_hours():
-    settings = PrognosisSettings(service=Service(hours_per_cycle=INTERVAL_H))
-    estimates = growing(2e-3, 20, seed=5)
-    assert (
-        course_of(estimates, settings, counted=False).outlooks[-1].rul_faults
-        == course_of(estimates).outlooks[-1].rul_faults
-    )
 
 
 def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
@@ -337,18 +271,6 @@ def test_planner_reads_by_when_to_remove_the_unit():
     )
     assert words.endswith(
         f"median end of life {last.hours + last.rul.hours_50:,.0f} h: {last.rul.criterion}"
-    )
-
-
-def test_planner_reads_since_when_a_unit_has_failed():
-    # Friction of 0.05 + 0.0031 u passes 0.5 at 145 h; its tests are ten hours apart.
-    course = course_of(growing(3.1e-3, 17))
-    assert removal(course) == ("Remove now: failed since 150 h (now 170 h): friction exceeds 0.5")
-
-
-def test_planner_reads_what_a_prognosis_waits_for():
-    assert "service hours are unknown" in removal(
-        course_of(growing(2e-3, 12, seed=4), counted=False)
     )
 
 
