@@ -60,11 +60,6 @@ def checked_causes(given: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ...]:
     return tuple(found[name] for name in HIDDEN_CAUSES if name in found)
 
 
-def describe_measurable() -> str:
-    """Return the names of the causes that may be measured, with their units."""
-    return ", ".join(f"{name} [{CAUSE_BY_NAME[name].unit}]" for name in HIDDEN_CAUSES)
-
-
 def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
     """Return the measured causes that texts of the form `GRAMMAR` stand for.
 
