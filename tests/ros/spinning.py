@@ -2,7 +2,7 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -63,6 +63,18 @@ def spinning(executor: Executor, *nodes: Node) -> Iterator[None]:
         ending.set()
         thread.join()
         executor.shutdown()
+
+
+def where_it_spins(node: Node, call: Callable[[], Any]) -> Any:
+    """Call something in the thread that serves a node, and return what it returned.
+
+    rclpy's client of an action sends a request before it notes that it waits for the answer: in
+    another thread, an answer that comes between is dropped, and never comes again.
+    """
+    assert node.executor is not None
+    task = node.executor.create_task(call)
+    wait_for(task.done, "the executor of the node")
+    return task.result()
 
 
 def wait_for_match(node: Node, *publishers: Publisher) -> None:

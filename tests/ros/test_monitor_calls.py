@@ -21,6 +21,7 @@ from ema_ros import topics
 from ..waiting import DEADLINE_S, wait_for
 from .goals import Goal
 from .monitor_session import FLAP, MonitorSession, Source, corrupted, in_window, monitor
+from .spinning import where_it_spins
 
 NAME = "/ema/monitor/calibrate"
 # At once: more than the node has threads, and than the usual depth of a service.
@@ -167,7 +168,9 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
         )
         wait_for(client.server_is_ready, "the action")
         goal = IdentifyFaults.Goal(next_window=True, budget=617)
-        sent = [client.send_goal_async(goal) for _ in range(_GOALS)]
+        sent = where_it_spins(
+            session.probe, lambda: [client.send_goal_async(goal) for _ in range(_GOALS)]
+        )
         wait_for(lambda sent=sent: all(item.done() for item in sent), "answers")
         answers = [item.result() for item in sent]
         assert [item is not None and item.accepted for item in answers].count(True) == 2

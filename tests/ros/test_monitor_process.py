@@ -4,6 +4,7 @@ import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, TELEMETRY
 
 from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, Source
+from .spinning import where_it_spins
 
 MONITOR = Path(get_package_prefix("ema_monitor")) / "lib" / "ema_monitor" / "monitor_node"
 
@@ -97,7 +99,9 @@ def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(bystander
         identify = ActionClient(bystander, IdentifyFaults, "/ema/monitor/identify_faults")
         wait_for(identify.server_is_ready, "the action")
         goals = [
-            identify.send_goal_async(IdentifyFaults.Goal(next_window=later))
+            where_it_spins(
+                bystander, partial(identify.send_goal_async, IdentifyFaults.Goal(next_window=later))
+            )
             for later in (False, True)
         ]
         wait_for(lambda: all(goal.done() for goal in goals), "both goals")

@@ -422,4 +422,3 @@ def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Graph, tmp_p
     information = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
     noted = information["rosbag2_bagfile_information"]["custom_data"]
     assert set(told_there) <= set(noted.values())
-
