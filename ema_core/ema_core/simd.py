@@ -32,8 +32,11 @@ from numba.extending import (
 _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
-LANES: Final = 16
-"""Lanes of a vector: with 8 the processor stalls on latency, with 32 it lacks registers."""
+LANES: Final = 8
+"""Lanes of a vector: most calls of a search have at most 8, and several vectors share the cores.
+
+Full vectors of 16 take 13 % less time a lane, vectors of 4 as long as those of 8.
+"""
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)
 _BITS: Final = ir.VectorType(ir.IntType(1), LANES)
@@ -41,6 +44,7 @@ _INDEX: Final = ir.IntType(32)
 # A product and a sum may be rounded once, a division may become a product with the reciprocal.
 _FLAGS: Final = ("arcp", "contract")
 _FLOAT64_BYTES: Final = 8
+_REGISTER_LANES: Final = 4
 
 
 class Vector(types.Type):
@@ -180,6 +184,26 @@ def select(typingctx, condition, a, b):
         return builder.select(*args)
 
     return kind(condition, kind, kind), lower
+
+
+@_kernel_function
+def any_lane(typingctx, condition):
+    """Return whether a condition is true in a lane, for a branch that all lanes take together."""
+
+    def lower(context, builder, sig, args):
+        # By halves down to a register, whose signs the processor reads in one instruction.
+        found, lanes = args[0], LANES
+        while lanes > _REGISTER_LANES:
+            lanes //= 2
+            halves = (
+                ir.Constant(ir.VectorType(_INDEX, lanes), list(range(start, start + lanes)))
+                for start in (0, lanes)
+            )
+            found = builder.or_(*(builder.shuffle_vector(found, found, half) for half in halves))
+        bits = builder.bitcast(found, ir.IntType(lanes))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(MASK), lower
 
 
 @_kernel_function

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from ema_core.simd import LANES, broadcast, load, select, store
+from ema_core.simd import LANES, any_lane, broadcast, load, select, store
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.7, -1e300, 5e-324, math.inf, -math.inf, math.nan]
 # Every special value meets every other; what is missing to full vectors comes from the front.
@@ -148,3 +148,13 @@ def test_store_writes_its_lanes_and_nothing_else(layout):
     np.testing.assert_array_equal(result, expected)
     if result.base is not None:
         assert np.sum(result.base) == np.sum(values)
+
+
+def test_any_lane_sees_each_lane_and_no_other():
+    @numba.njit
+    def any_above(values, limit):
+        return any_lane(load(values, 0) > limit)
+
+    assert not any_above(np.zeros(LANES), 0.5)
+    for lane in range(LANES):
+        assert any_above(np.eye(LANES)[lane], 0.5)

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from ema_core.parameters import ActuatorParameters, constants
@@ -17,9 +18,8 @@ def position(theta_e):
 
 def fast_drive(motor, I, I_ref, omega, theta_m, dt):
     drive = drives.fast_constants(motor, dt, 0.0)
-    return drives.fast_drive(
-        drive, position(motor.P * theta_m), math.cos(theta_m), math.sin(theta_m), I, I_ref, omega
-    )
+    pair = drives.pair_at(drive, theta_m)
+    return drives.fast_drive(drive, pair, math.cos(theta_m), math.sin(theta_m), I, I_ref, omega)
 
 
 def source_drive(motor, I, I_ref, omega, theta_m, dt):
@@ -42,6 +42,18 @@ def test_pair_is_that_of_equation_4_12(from_degrees, to_degrees, pair):
             assert drives.of_pair(position(theta_e), (BC, AB, AC)) == pair
 
 
+def test_pair_holds_up_to_where_the_next_one_begins():
+    motor = MOTOR._replace(N_a=0.9, N_b=0.7, N_c=0.4)
+    drive = drives.fast_constants(motor, 2e-5)
+    for theta_m in np.linspace(-7.0, 7.0, 1001):
+        pair = drives.pair_at(drive, theta_m)
+        assert pair.lowest <= theta_m < pair.highest
+        assert pair.highest - pair.lowest == pytest.approx(math.pi / 3.0 / motor.P)
+        for within in (pair.lowest + 1e-9, pair.highest - 1e-9):
+            assert drives.pair_at(drive, within)[2:] == pair[2:]
+        assert drives.pair_at(drive, pair.highest + 1e-9).R != pair.R
+
+
 # theta_e, phi and 1 - 0.42 (cos(theta_e + phi) + sawtooth sin(theta_e - pi)), to five digits; the
 # sawtooth is 1 at multiples of 60 degrees, 0.5 at 45, 1.5 at 75 degrees.
 EQUATION_4_24 = [
@@ -60,7 +72,8 @@ def test_delay_of_the_current_loop_lets_the_current_fall_and_the_ripple_rise():
     """By back-EMF and resistance, and by the supply, within the delay (M12)."""
     p, I, omega, delay, dt = ActuatorParameters(), 5.0, 200.0, 2e-5, 1e-5
     drive = drives.fast_constants(MOTOR, dt, 0.0, delay)
-    settled, torque, ripple = drives.fast_drive(drive, 0.5, 1.0, 0.0, I, I, omega)
+    pair = drives.pair_at(drive, 0.0)
+    settled, torque, ripple = drives.fast_drive(drive, pair, 1.0, 0.0, I, I, omega)
     assert I - settled == pytest.approx(delay / p.L_s * (p.R_s * I + p.k_e * omega), rel=1e-12)
     assert torque == pytest.approx(p.k_e * settled, rel=1e-12)
     assert ripple == pytest.approx(p.k_e * (p.h_b + delay / p.L_s * p.V_max), rel=1e-12)
@@ -135,7 +148,8 @@ def test_fast_torque_constant_is_that_of_the_driven_pair(theta_e, first, second)
 
 
 def lifted(motor, lift, theta_e, I):
-    return drives.lifted_current(drives.fast_constants(motor, 2e-5, lift), position(theta_e), I)
+    drive = drives.fast_constants(motor, 2e-5, lift)
+    return drives.lifted_current(drive, drives.pair_at(drive, theta_e / motor.P), I)
 
 
 def test_lift_follows_the_current_within_the_hysteresis_band_and_no_further():

@@ -14,6 +14,8 @@ from .trajectories import locked, run
 
 ACTUATOR = ActuatorParameters()
 PLANT = constants(ACTUATOR)
+
+
 def currents(x: np.recarray) -> np.ndarray:
     return np.stack([x.i_a, x.i_b, x.i_c], axis=1)
 

@@ -14,6 +14,8 @@ from .trajectories import run, unpowered
 # Enough damping to matter beside the dry friction: 0.1 against 0.08 N.m at the start.
 DAMPED = unpowered(constants(ActuatorParameters(C_m=0.01)))
 PLANT = unpowered(constants(ActuatorParameters()))
+
+
 def spinning(omega: float):
     return at_rest()._replace(omega=omega)
 

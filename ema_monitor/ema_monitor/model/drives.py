@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ema_core._jit import kernel
 from ema_core.dynamics import clip
 from ema_core.parameters import ActuatorParameters, MotorConstants
-from ema_core.simd import select
+from ema_core.simd import any_lane, select
 from ema_monitor.model.field_oriented import (
     FieldOrientedDrive,
     PerLane,
@@ -23,7 +23,7 @@ from ema_monitor.model.field_oriented import (
     axis_current,
     field_oriented_drive,
     memory_of_current,
-    no_position,
+    no_stage,
 )
 
 IDLE_CONTRAST: Final = 0.5
@@ -156,6 +156,26 @@ def lifts_of_pairs(
     return (pair == np.arange(3.0)[:, None]) * np.clip(current / parameters.h_b, -1.0, 1.0)
 
 
+class DrivenPair(NamedTuple):
+    """Constants of the fast form's driven pair, which hold for angles of the motor [rad].
+
+    They hold from ``lowest`` up to ``highest``. ``rise`` is what the supply lets the current rise
+    by in a step [A], ``band`` half the width of what the current then keeps within [A]; the others
+    are as in `FastDrive`.
+    """
+
+    lowest: Any
+    highest: Any
+    R: Any
+    slew: Any
+    K: Any
+    K_cos: Any
+    K_sin: Any
+    lift: Any
+    rise: Any
+    band: Any
+
+
 @kernel()
 def pair_position(half_turns):
     """Return the position of an electrical angle within the cycle of driven pairs, 0 to 1.
@@ -174,20 +194,50 @@ def of_pair(position, constants):
 
 
 @kernel()
-def fast_drive(drive: FastDrive, position, cos, sin, I, I_ref, omega):
+def pair_at(drive: FastDrive, theta_m):
+    """Return the pair that is driven at an angle of the motor."""
+    half_turns = drive.half_turns * theta_m
+    position = pair_position(half_turns)
+    start = half_turns - position + of_pair(position, (0.0, 1.0 / 3.0, 2.0 / 3.0))
+    slew = of_pair(position, drive.slew)
+    rise = slew * drive.V_max
+    return DrivenPair(
+        start / drive.half_turns,
+        (start + 1.0 / 3.0) / drive.half_turns,
+        of_pair(position, drive.R),
+        slew,
+        of_pair(position, drive.K),
+        of_pair(position, drive.K_cos),
+        of_pair(position, drive.K_sin),
+        of_pair(position, drive.lift),
+        rise,
+        drive.h_b + drive.delay * rise,
+    )
+
+
+@kernel()
+def pair_after(drive: FastDrive, pair, theta_m):
+    """Return the driven pairs of lanes, chosen anew where one has left the range of its pair.
+
+    That takes as long as all else in a step, and happens in one of ten or less.
+    """
+    if any_lane((theta_m < pair.lowest) | (theta_m >= pair.highest)):
+        return pair_at(drive, theta_m)
+    return pair
+
+
+@kernel()
+def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step.
 
     The current follows its reference at a rate limited by V_max, less what it falls by within the
     delay of its loop. Resistance, inductance and torque constant are those of the driven pair
     (M10); ``cos`` and ``sin`` are those of theta_m.
     """
-    K = of_pair(position, drive.K)
-    K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
-    slew = of_pair(position, drive.slew)
-    fall = slew * (of_pair(position, drive.R) * I + K * omega)
-    rise = slew * drive.V_max
-    I = min(max(I_ref - drive.delay * fall, I - fall - rise), I - fall + rise)
-    return I, clip(K * I, drive.T_max), K * (drive.h_b + drive.delay * rise)
+    K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
+    fall = pair.slew * (pair.R * I + K * omega)
+    I = min(max(I_ref - drive.delay * fall, I - fall - pair.rise), I - fall + pair.rise)
+    return I, clip(K * I, drive.T_max), K * pair.band
 
 
 @kernel()
@@ -208,15 +258,21 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
 
 @kernel()
-def lifted_current(drive: FastDrive, position, I):
+def lifted_current(drive: FastDrive, pair: DrivenPair, I):
     """Return the equivalent current: that of the pair plus the idle phase's ripple (M12) [A]."""
-    return I + of_pair(position, drive.lift) * clip(drive.ripples * I, 1.0)
+    return I + pair.lift * clip(drive.ripples * I, 1.0)
 
 
 @kernel()
-def place_in_cycle(drive: FastDrive | SourceDrive, theta_m):
+def place_in_cycle(drive: SourceDrive, theta_m):
     """Return where in the cycle of driven pairs a motor angle lies."""
     return pair_position(drive.half_turns * theta_m)
+
+
+@kernel()
+def place_after(drive: SourceDrive, position, theta_m):
+    """Return where in the cycle of driven pairs a motor angle lies, whatever it was before."""
+    return place_in_cycle(drive, theta_m)
 
 
 @kernel()
@@ -226,19 +282,17 @@ def only_current(drive: FastDrive | SourceDrive, I):
 
 
 @kernel()
-def bare_current(drive: FastDrive | SourceDrive, position, I):
+def bare_current(drive: FastDrive | SourceDrive, stage, I):
     """Return the current of the pair, or of the single phase [A]."""
     return I
 
 
 @kernel()
-def available_pair_current(drive: FastDrive, theta_m, cos, sin, omega, I):
+def available_pair_current(drive: FastDrive, pair: DrivenPair, cos, sin, omega, I):
     """Return the largest current in the direction of ``I`` that voltage and torque limit allow."""
-    position = pair_position(drive.half_turns * theta_m)
-    K = of_pair(position, drive.K)
-    K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
+    K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
     voltage = drive.V_max - math.copysign(K, I) * omega
-    of_voltage = max(voltage / of_pair(position, drive.R), 0.0)
+    of_voltage = max(voltage / pair.R, 0.0)
     return min(of_voltage, drive.T_max / abs(K))
 
 
@@ -260,7 +314,8 @@ def _by_form(fast: Any, source: Any, field_oriented: Any) -> Any:
 drive_current: Final = _by_form(fast_drive, source_drive, field_oriented_drive)
 equivalent_current: Final = _by_form(lifted_current, bare_current, axis_current)
 motor_current: Final = _by_form(bare_current, bare_current, axis_current)
-position_in_cycle: Final = _by_form(place_in_cycle, place_in_cycle, no_position)
+first_stage: Final = _by_form(pair_at, place_in_cycle, no_stage)
+next_stage: Final = _by_form(pair_after, place_after, no_stage)
 currents_at_rest: Final = _by_form(only_current, only_current, memory_of_current)
 available_current: Final = _by_form(
     available_pair_current, available_pair_current, available_axis_current

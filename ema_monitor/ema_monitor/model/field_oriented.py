@@ -130,7 +130,7 @@ def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
 
 
 @kernel()
-def field_oriented_drive(drive: FieldOrientedDrive, position, cos, sin, currents, I_ref, omega):
+def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I_ref, omega):
     """Return current and its loop's memory [A, V], torque and torque ripple [N.m] after one step.
 
     ``currents`` are current and memory before it, ``cos`` and ``sin`` those of theta_m. The ripple
@@ -157,13 +157,13 @@ def memory_of_current(drive: FieldOrientedDrive, I):
 
 
 @kernel()
-def axis_current(drive: FieldOrientedDrive, position, currents):
+def axis_current(drive: FieldOrientedDrive, stage, currents):
     """Return the current of the axis q [A]."""
     return currents[0]
 
 
 @kernel()
-def available_axis_current(drive: FieldOrientedDrive, theta_m, cos, sin, omega, I):
+def available_axis_current(drive: FieldOrientedDrive, stage, cos, sin, omega, I):
     """Return the largest current in the direction of ``I`` that voltage and torque limit allow."""
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
@@ -173,6 +173,6 @@ def available_axis_current(drive: FieldOrientedDrive, theta_m, cos, sin, omega, 
 
 
 @kernel()
-def no_position(drive: FieldOrientedDrive, theta_m):
+def no_stage(drive: FieldOrientedDrive, *angles):
     """Return that no pair of phases is driven."""
     return 0.0

@@ -24,7 +24,8 @@ from ema_monitor.model.drives import (
     currents_at_rest,
     drive_current,
     equivalent_current,
-    position_in_cycle,
+    first_stage,
+    next_stage,
 )
 from ema_monitor.model.field_oriented import FieldOrientedDrive
 
@@ -79,6 +80,7 @@ def advance(
     drive: FastDrive | SourceDrive | FieldOrientedDrive,
     mech: MechanicalConstants,
     x: ModelState,
+    stage,
     proportional,
     command,
     opposing,
@@ -87,6 +89,7 @@ def advance(
 ):
     """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
 
+    ``stage`` is that of the commutation at the angle of the motor: the driven pair, or its place.
     ``opposing`` is the torque of the load against positive motion and ``friction`` the dry friction
     in motion [N.m]. ``proportional`` computes the reference current of a speed loop whose other
     gains are 0.
@@ -96,8 +99,7 @@ def advance(
         I_ref = clip(c.GAP / c.k_t * error, c.I_max)
     else:
         I_ref = reference_current(c, error, x.integral, x.error, 0.0, dt)
-    position = position_in_cycle(drive, x.theta_m)
-    I, torque, ripple = drive_current(drive, position, x.cos, x.sin, x.I, I_ref, x.omega)
+    I, torque, ripple = drive_current(drive, stage, x.cos, x.sin, x.I, I_ref, x.omega)
     # The ripple of the PWM breaks the motor away below its static friction (M12).
     breakaway = max(mech.f_s - ripple, friction)
     omega = next_speed_of_lanes(mech, x.omega, torque - opposing, breakaway, friction, dt)
@@ -157,7 +159,8 @@ def run_lanes(
         integral = (current_0 * c.k_t - c.GAP * error) / c.GAI
     I = currents_at_rest(drive, reference_current(c, error, integral, error, 0.0, dt))
     x = ModelState(theta_m, math.cos(angle), math.sin(angle), omega, theta_b, I, integral, error)
-    equivalent = equivalent_current(drive, position_in_cycle(drive, theta_m), I)
+    stage = first_stage(drive, theta_m)
+    equivalent = equivalent_current(drive, stage, I)
     lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
     proportional = c.GAI == 0.0 and c.GAD == 0.0
     sample = broadcast(current_0)
@@ -166,15 +169,15 @@ def run_lanes(
         before = x.theta_b
         slope = (command[k + 1] - command[k]) / steps
         for j in range(steps):
-            position = position_in_cycle(drive, x.theta_m)
+            stage = next_stage(drive, stage, x.theta_m)
             # An Euler step responds half a step too early: the command is read half a step later.
             delayed = command[k] + (j - 0.5) * slope
             opposing = shaft.torque + stiffness * x.theta_b
             square = x.omega * x.omega + _RIPPLE_SPEED_SQUARE
             slowness = stribeck_square / (stribeck_square + square)
             friction = mech.f_d + (mech.f_s - mech.f_d) * slowness * slowness
-            x = advance(c, drive, mech, x, proportional, delayed, opposing, friction, dt)
-            lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
+            x = advance(c, drive, mech, x, stage, proportional, delayed, opposing, friction, dt)
+            lag_1 += lag * (equivalent_current(drive, stage, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)
             sample = sampling.keep * sample + sampling.gain * lag_3

@@ -1,9 +1,62 @@
 """The lowest point of a convex quadratic within the unit box."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core._jit import kernel
 
+
+@kernel()
+def room(x, move):
+    """Return how much of a move there is room for in the box [-]."""
+    if move == 0.0:
+        return math.inf
+    return ((1.0 - x) if move > 0.0 else x) / abs(move)
+
+
+@kernel()
+def slope_at(x, hessian, gradient, start):
+    """Return the gradient at a point, ``(d,)``."""
+    slope = gradient.copy()
+    for i in range(len(x)):
+        for j in range(len(x)):
+            slope[i] += hessian[i, j] * (x[j] - start[j])
+    return slope
+
+
+@kernel()
+def step_of_free(hessian, slope, held):
+    """Return Newton's step of the components that are not held, by Cholesky's method, ``(d,)``."""
+    d = len(slope)
+    lower, step = np.zeros((d, d)), np.zeros(d)
+    for i in range(d):
+        if held[i]:
+            continue
+        left = -slope[i]
+        for j in range(i):
+            rest = hessian[i, j]
+            for k in range(j):
+                rest -= lower[i, k] * lower[j, k]
+            if not held[j]:
+                lower[i, j] = rest / lower[j, j]
+            left -= lower[i, j] * step[j]
+        rest = hessian[i, i]
+        for k in range(i):
+            rest -= lower[i, k] * lower[i, k]
+        lower[i, i] = math.sqrt(rest)
+        step[i] = left / lower[i, i]
+    for i in range(d - 1, -1, -1):
+        if held[i]:
+            continue
+        for k in range(i + 1, d):
+            step[i] -= lower[k, i] * step[k]
+        step[i] /= lower[i, i]
+    return step
+
+
+@kernel()
 def lowest_in_box(
     hessian: NDArray[np.float64], gradient: NDArray[np.float64], start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -14,27 +67,29 @@ def lowest_in_box(
     ``(d, d)``, is positive definite; the gradient is that at the start, ``(d,)``.
     """
     d = len(start)
-    x = start.copy()
-    held = np.zeros(d, dtype=bool)
+    x, held, steepest_start = start.copy(), np.zeros(d, dtype=np.bool_), 0.0
+    for i in range(d):
+        steepest_start = max(steepest_start, abs(gradient[i]))
     # Each round settles a face of the box; far fewer are needed than this guard allows.
     for _ in range(10 * d):
-        slope = gradient + hessian @ (x - start)
-        move = np.zeros(d)
-        free = ~held
-        move[free] = np.linalg.solve(hessian[np.ix_(free, free)], -slope[free])
-        distance = np.where(move > 0.0, 1.0 - x, x)
-        share = np.divide(distance, np.abs(move), out=np.full(d, np.inf), where=move != 0.0)
-        reach = min(1.0, np.min(share))
-        x = np.clip(x + reach * move, 0.0, 1.0)
+        move = step_of_free(hessian, slope_at(x, hessian, gradient, start), held)
+        reach = 1.0
+        for i in range(d):
+            reach = min(reach, room(x[i], move[i]))
+        for i in range(d):
+            if reach < 1.0 and room(x[i], move[i]) <= reach:
+                held[i], x[i] = True, 1.0 if move[i] > 0.0 else 0.0
+            else:
+                x[i] = min(max(x[i] + reach * move[i], 0.0), 1.0)
         if reach < 1.0:
-            stopped = share <= reach
-            x[stopped] = move[stopped] > 0.0
-            held |= stopped
             continue
-        slope = gradient + hessian @ (x - start)
-        descent = np.where(held, np.where(x == 0.0, -slope, slope), 0.0)
-        steepest = int(np.argmax(descent))
-        if descent[steepest] <= 1e-14 * np.max(np.abs(gradient)):
+        slope = slope_at(x, hessian, gradient, start)
+        most, steepest = 0.0, 0
+        for i in range(d):
+            descent = -slope[i] if x[i] == 0.0 else slope[i]
+            if held[i] and descent > most:
+                most, steepest = descent, i
+        if most <= 1e-14 * steepest_start:
             break
         held[steepest] = False
     return x

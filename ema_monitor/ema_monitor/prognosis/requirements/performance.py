@@ -34,7 +34,9 @@ from ema_monitor.model.drives import (
     available_current,
     currents_at_rest,
     fast_constants,
+    first_stage,
     motor_current,
+    next_stage,
 )
 from ema_monitor.model.field_oriented import FieldOrientedDrive, field_oriented_constants
 from ema_monitor.model.kernel import ModelState, advance
@@ -80,17 +82,16 @@ def run_test(
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     zero = broadcast(0.0)
-    currents = currents_at_rest(drive, zero)
+    currents, stage = currents_at_rest(drive, zero), first_stage(drive, zero)
     x = ModelState(zero, broadcast(1.0), zero, zero, zero, currents, zero, zero)
     for b in range(len(edges) - 1):
         worst, used, in_phase, in_quadrature = zero, zero, zero, zero
         for k in range(edges[b], edges[b + 1]):
             before = x
-            x = advance(c, drive, mech, before, False, delayed_command[k], 0.0, mech.f_d, dt)
-            I = motor_current(drive, 0.0, x.I)
-            available = available_current(
-                drive, before.theta_m, before.cos, before.sin, before.omega, I
-            )
+            stage = next_stage(drive, stage, before.theta_m)
+            x = advance(c, drive, mech, before, stage, False, delayed_command[k], 0.0, mech.f_d, dt)
+            I = motor_current(drive, stage, x.I)
+            available = available_current(drive, stage, before.cos, before.sin, before.omega, I)
             available = min(available, broadcast(c.I_max))
             used = max(used, select(abs(I) < available, abs(I) / available, 1.0))
             user = x.theta_b * mech.tau
