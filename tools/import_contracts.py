@@ -10,6 +10,8 @@ from importlinter import Contract, ContractCheck, fields, output
 class OnlyContract(Contract):
     """``modules`` import themselves, ``allowed`` and the standard library, and nothing else.
 
+    What is allowed is a package with all that is in it, or one module.
+
     Modules that match a pattern of ``apart_from`` may import what they like, and may not be
     imported by the others.
     """
@@ -33,7 +35,7 @@ class OnlyContract(Contract):
             }
             for importer in sorted(family):
                 for imported in sorted(graph.find_modules_directly_imported_by(importer) - family):
-                    if imported.partition(".")[0] not in allowed:
+                    if not allowed & {imported, imported.partition(".")[0]}:
                         strangers.append(f"{importer} -> {imported}")
         return ContractCheck(kept=not strangers, metadata={"strangers": strangers})
 
