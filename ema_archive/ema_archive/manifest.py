@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from ema_archive.bag_task import DAMAGED, FAILED, BagResult
+from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask
 from ema_archive.calibrations import calibration_of, identity_of
 from ema_archive.database import FILE, Database
-from ema_archive.partitions import STAMPS, month_of, path_of
+from ema_archive.partitions import STAMPS, month_of, path_of, read_rows
 from ema_archive.settings import ArchiveSettings, estimation_software
 from ema_archive.sources import Listed, content_digest
 from ema_archive.unit_task import KeptHistory, UnitResult, made_by
@@ -179,6 +179,27 @@ class Manifest(Database):
         while page := self._rows(f"{query} LIMIT {_PAGE}", {**criteria, "last": last}):
             yield from page
             last = page[-1][0]
+
+    def done(self) -> Iterator[tuple[BagTask, str, str]]:
+        """Yield the task of each bag that is done, the digest of its content, and the software."""
+        settings = self.settings
+        query = "SELECT url, mark, beside, sha256, software FROM bag WHERE state = ? ORDER BY url"
+        for url, mark, beside, sha256, software in self._rows(query, (DONE,)):
+            yield BagTask(url, mark, beside, settings), sha256, software
+
+    def estimates_of(self, url: str) -> Iterator[dict[str, Any]]:
+        """Yield the rows of estimates that the tables have of a bag.
+
+        Raises
+        ------
+        ValueError
+            When a file of the table is damaged.
+        """
+        query = "SELECT model, unit, months FROM part WHERE url = ? ORDER BY unit, model"
+        for model, unit, months in self._rows(query, (url,)):
+            for month in months.split():
+                path = path_of(self.archive, "estimates", model, unit, month)
+                yield from (row for row in read_rows(path, "estimates") if row["bag"] == url)
 
     def _criteria(self, settings: ArchiveSettings) -> dict[str, str]:
         """Look at the calibrations as they are now; return what bags to be done are found by."""

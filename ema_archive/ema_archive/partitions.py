@@ -99,6 +99,11 @@ def write_table(path: Path, table: pa.Table) -> None:
         pq.write_table(table, partial, compression="zstd")
 
 
+def read_rows(path: Path, table: str) -> list[dict[str, Any]]:
+    """Return the rows in a file of a table; none where it is missing."""
+    return _read(path, table).to_pylist() if path.exists() else []
+
+
 def _read(path: Path, table: str) -> pa.Table:
     try:
         # Without what the names of its folders say.

@@ -1,12 +1,17 @@
 """``ema verify`` makes recorded estimates again, and finds those that were altered."""
 
 import json
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from ema_archive.tables import PARTITIONED
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_core.commands import THESIS_CHIRP, build_cycle
@@ -16,6 +21,8 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
@@ -44,6 +51,7 @@ def bag_of(recorded, tmp_path: Path) -> Callable[..., Path]:
     def write(name: str = "bag.mcap", *, skips: int = 0, change=lambda message: None) -> Path:
         blocks, told = recorded
         class_, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         bag = BagWriter(str(tmp_path / name))
         with SimulatedActuatorBag(bag, FLAP) as written:
             for block in blocks:
@@ -109,6 +117,56 @@ def test_what_cannot_be_made_again_is_said_with_its_reason(ema, bag_of):
 
     result = ema("verify", bag_of("moved.mcap", change=elsewhere), "--json")
     assert states(result) == ["cannot be made again"] * 3
+
+
+def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):
+    bag_of("bags/one.mcap")
+    gone = bag_of("bags/two.mcap", skips=3)
+    archive = tmp_path / "archive"
+    assert ema("archive", "scan", archive, tmp_path / "bags").exit_code == 0
+    assert ema("archive", "run", archive).exit_code == 0
+    result = ema("verify", archive)
+    assert (result.exit_code, "6 same to the bit" in result.output) == (0, True), result.output
+
+    [file] = archive.glob("tables/estimates/*/*/*/*.parquet")
+    rows = pq.read_table(file).to_pylist()
+    altered = next(row for row in rows if row["bag"].endswith("one.mcap") and row["number"] == 1)
+    altered["friction"] += 0.01
+    pq.write_table(pa.Table.from_pylist(rows, PARTITIONED["estimates"]), file)
+    gone.unlink()
+    result = ema("verify", archive, "--json")
+    assert result.exit_code == 3
+    found = json.loads(result.stdout)
+    assert [one["state"] for one in found[:3]] == [
+        "same to the bit",
+        "different",
+        "same to the bit",
+    ]
+    assert found[1]["difference"] == pytest.approx(0.01)
+    assert [one["state"] for one in found[3:]] == ["cannot be made again"] * 3
+    assert "two.mcap" in found[3]["reason"]
+
+
+def test_history_is_made_again_and_tells_where_it_was_altered(ema, bag_of, recorded, tmp_path):
+    path = history_path(tmp_path, *FLAP.unit_key)
+    history = History(*FLAP.unit_key, path)
+    for number, one in enumerate(recorded[1]):
+        history.append(Entry(one.estimate, float(number), number + 1, None, None))
+    history.close()
+    bag = bag_of()
+    result = ema("verify", path, "--bag", bag)
+    assert (result.exit_code, "3 same to the bit" in result.output) == (0, True), result.output
+    assert ema("verify", path).exit_code == 3  # without telemetry none can be made again
+
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE test SET record = record || ' ' WHERE number = 2")
+    before = path.read_bytes()
+    result = ema("verify", path, "--bag", bag, "--json")
+    assert (result.exit_code, path.read_bytes()) == (3, before)
+    found = json.loads(result.stdout)
+    assert (found[0]["state"], found[0]["window"]) == ("altered", None)
+    assert "test 2 is damaged: its checksum is wrong" in found[0]["reason"]
+    assert len(found) == 3
 
 
 def test_bag_without_estimates_is_refused(ema, record, faulty_blocks):

@@ -3,13 +3,20 @@
 import json
 import sys
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
+from ema_archive.bag_task import DONE, diagnose_bag
+from ema_archive.database import FILE as ARCHIVE_FILE
+from ema_archive.manifest import Manifest
+from ema_archive.settings import estimation_software
+from ema_archive.tables import estimate_from
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry
 from ema_bags.windows import RecordedWindow, find_recorded_windows
@@ -18,8 +25,9 @@ from ema_cli.show.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.estimate import SKIPPED, VERDICTS
+from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.prognosis.history import read_intact_history
 from ema_ros.messages import faults_from_message
 from ema_ros.stamps import stamp_from_message
 
@@ -27,54 +35,109 @@ SAME: Final = "same to the bit"
 ROUNDED: Final = "same within rounding"
 DIFFERENT: Final = "different"
 CANNOT: Final = "cannot be made again"
+ALTERED: Final = "altered"
 
 _ROUNDING: Final = 1e-6
 
 
 @dataclass(frozen=True)
 class Verified:
-    """What became of a recorded estimate: ``state``, and the largest difference of a fault [-]."""
+    """What became of a recorded estimate: ``state``, and the largest difference of a fault [-].
+
+    ``bag`` is its bag in an archive; of the file of a history as a whole, ``window`` is None.
+    """
 
     actuator_id: str
-    window: int
+    window: int | None
     state: str
     difference: float = 0.0
     reason: str = ""
+    bag: str = ""
 
     def __str__(self) -> str:
-        words = f"{self.actuator_id}, window {self.window}: {self.state}"
+        place = f"{self.bag}: " if self.bag else ""
+        window = "" if self.window is None else f", window {self.window}"
+        words = f"{place}{self.actuator_id}{window}: {self.state}"
         if self.state in (ROUNDED, DIFFERENT) and self.difference:
             words += f", by {self.difference:.2g} at most"
         return f"{words} ({self.reason})" if self.reason else words
 
 
+class _Recorded(NamedTuple):
+    """What is known of a recorded estimate, as far as it can be made again."""
+
+    number: int
+    start_ns: int
+    end_ns: int
+    verdict: str
+    faults: Sequence[float] | NDArray[np.float64]
+    calibration_id: str
+    search: SearchSettings
+    warm_start: bool
+    stretches: int
+
+    @classmethod
+    def of_message(cls, message: Any) -> "_Recorded":
+        start_ns = stamp_from_message(message.window_start)
+        end_ns = stamp_from_message(message.window_end)
+        faults, verdict = faults_from_message(message.faults), VERDICTS[message.verdict]
+        return cls(int(message.window), start_ns, end_ns, verdict, faults, *_made_by(message))
+
+    @classmethod
+    def of_estimate(cls, one: Estimate, number: int) -> "_Recorded":
+        return cls(number, one.start_ns, one.end_ns, one.verdict, one.faults, *_made_by(one))
+
+
+def _made_by(one: Any) -> tuple[str, SearchSettings, bool, int]:
+    """Return what made an estimate, of which a message has the same names."""
+    search = SearchSettings(
+        algorithm=one.algorithm, seed=int(one.seed), goodness_limit=one.goodness_limit
+    )
+    return one.calibration_id, search, bool(one.warm_start), int(one.stretches)
+
+
 @click.command()
-@click.argument("bag", type=click.Path(path_type=Path))
+@click.argument("recorded", metavar="BAG|ARCHIVE|HISTORY", type=click.Path(path_type=Path))
 @click.option(
     "--calibration",
     "calibration_files",
     type=click.Path(path_type=Path),
     multiple=True,
-    help="A calibration that the monitor used; may be repeated; default: the shipped one.",
+    help="A calibration that the monitor used; may be repeated; default: the shipped one. An "
+    "archive knows its own.",
+)
+@click.option(
+    "--bag",
+    "bags",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="A bag with telemetry of the tests in a HISTORY; may be repeated.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object an estimate.")
-def verify(bag: Path, calibration_files: tuple[Path, ...], as_json: bool) -> None:
-    """Make each estimate in BAG again from the telemetry in it, and compare both.
+def verify(
+    recorded: Path, calibration_files: tuple[Path, ...], bags: tuple[Path, ...], as_json: bool
+) -> None:
+    """Make each recorded estimate again from the recorded telemetry, and compare both.
 
     An estimate is the same to the bit, the same within rounding (another processor or version),
-    different, or cannot be made again. Exit code 3 where one is different, or none can be made.
+    different, or cannot be made again. A history also tells where it was altered. Exit code 3 where
+    an estimate is different, something was altered, or nothing can be made again.
     """
     with one_clear_line():
         known = [load_calibration(file) for file in calibration_files]
         by_id = {one.calibration_id: one for one in known or [Calibration.builtin()]}
-        recording = Bag(bag)
-        found = [
-            one
-            for actuator_id in described_actuators(recording)
-            for one in _verified(recording, actuator_id, by_id)
-        ]
+        if (recorded / ARCHIVE_FILE).exists():
+            found = _of_archive(recorded)
+        elif recorded.suffix == ".sqlite":
+            found = _of_history(recorded, bags, by_id)
+        else:
+            found = _of_bag(Bag(recorded), by_id)
+        with progress_bar() as progress:
+            found = list(progress.track(found, description="making again"))
         if not found:
-            raise ValueError(f"{bag} holds no estimates: expected a bag of a monitor's recorder")
+            raise ValueError(
+                f"{recorded} holds no estimates: expected a bag of a monitor's recorder"
+            )
     if as_json:
         click.echo(json.dumps([asdict(one) for one in found]))
     else:
@@ -83,71 +146,111 @@ def verify(bag: Path, calibration_files: tuple[Path, ...], as_json: bool) -> Non
         counts = Counter(one.state for one in found)
         click.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
     states = {one.state for one in found}
-    if DIFFERENT in states or states == {CANNOT}:
+    if states & {DIFFERENT, ALTERED} or states == {CANNOT}:
         sys.exit(REFUSED)
 
 
-def _verified(
-    bag: Bag, actuator_id: str, calibrations: dict[str, AnyCalibration]
-) -> list[Verified]:
-    """Return what becomes of the estimates of an actuator."""
-    messages = [
-        item.message
-        for item in bag.messages(bag.topics_of(ESTIMATE_TYPE))
-        if item.message.actuator_id == actuator_id
-    ]
+def _of_bag(bag: Bag, calibrations: Mapping[str, AnyCalibration]) -> Iterator[Verified]:
+    for actuator_id in described_actuators(bag):
+        messages = (item.message for item in bag.messages(bag.topics_of(ESTIMATE_TYPE)))
+        tests = [_Recorded.of_message(one) for one in messages if one.actuator_id == actuator_id]
+        yield from _made_again(actuator_id, tests, _windows(bag, actuator_id), calibrations)
+
+
+def _of_history(
+    path: Path, bags: Sequence[Path], calibrations: Mapping[str, AnyCalibration]
+) -> Iterator[Verified]:
+    history, damage = read_intact_history(path)
+    actuator_id = history.unit[0]
+    if damage:
+        yield Verified(actuator_id, None, ALTERED, reason=damage)
+    windows: dict[tuple[int, int], RecordedWindow] = {}
+    for bag in bags:
+        windows |= _windows(Bag(bag), actuator_id)
+    entries = sorted([*history.entries, *history.late], key=lambda entry: entry.stamp_ns)
+    tests = [_Recorded.of_estimate(one.estimate, number) for number, one in enumerate(entries)]
+    yield from _made_again(actuator_id, tests, windows, calibrations)
+
+
+def _of_archive(folder: Path) -> Iterator[Verified]:
+    """Do each bag again as a run of the archive does, and compare the rows."""
+    with Manifest(folder, writes=False) as manifest:
+        for task, sha256, software in manifest.done():
+            again = diagnose_bag(task)
+            rows = [row for part in again.units for row in part.estimates]
+            made = {(row["actuator_id"], row["end_ns"]): estimate_from(row) for row in rows}
+            why = "its window is not in the bag"
+            if again.state != DONE:
+                why = again.reason
+            elif again.sha256 != sha256:
+                made, why = {}, "the bag has changed since"
+            for row in manifest.estimates_of(task.url):
+                told = _Teller(row["actuator_id"], row["number"], task.url)
+                one = made.get((row["actuator_id"], row["end_ns"]))
+                if one is None:
+                    yield told(CANNOT, why)
+                elif row["calibration_id"] != one.calibration_id:
+                    yield told(
+                        CANNOT, f"calibration {row['calibration_id']!r} is not there any more"
+                    )
+                else:
+                    by = "" if software == estimation_software() else "by other software"
+                    yield told.compared(estimate_from(row), one, by)
+
+
+class _Teller(NamedTuple):
+    """Tells what becomes of one estimate."""
+
+    actuator_id: str
+    number: int
+    bag: str = ""
+
+    def __call__(self, state: str, reason: str = "", difference: float = 0.0) -> Verified:
+        return Verified(self.actuator_id, self.number, state, difference, reason, self.bag)
+
+    def compared(self, recorded: Any, again: Estimate, by: str = "") -> Verified:
+        if again.verdict != recorded.verdict:
+            return self(DIFFERENT, f"the verdict was {recorded.verdict} and is {again.verdict}")
+        if np.array_equal(recorded.faults, again.faults, equal_nan=True):
+            return self(SAME)
+        if np.any(np.isnan(recorded.faults) != np.isnan(again.faults)):
+            return self(DIFFERENT, "other faults are unobservable")
+        difference = float(np.nanmax(np.abs(np.subtract(recorded.faults, again.faults))))
+        return self(ROUNDED if difference <= _ROUNDING else DIFFERENT, by, difference)
+
+
+def _windows(bag: Bag, actuator_id: str) -> dict[tuple[int, int], RecordedWindow]:
+    """Return the windows of an actuator in a bag by the stamps of start and end [ns]."""
     windows = find_recorded_windows(read_telemetry(bag, None, actuator_id)).windows
-    by_stamps = {(one.start_ns, one.end_ns): one for one in windows}
-    found, previous = [], None
-    with progress_bar() as progress:
-        for message in progress.track(messages, description=f"making again {actuator_id}"):
-            window = by_stamps.get(
-                (stamp_from_message(message.window_start), stamp_from_message(message.window_end))
-            )
-            found.append(_made_again(message, window, calibrations, previous))
-            if message.valid:
-                previous = message
-    return found
+    return {(one.start_ns, one.end_ns): one for one in windows}
 
 
 def _made_again(
-    message: Any,
-    window: RecordedWindow | None,
-    calibrations: dict[str, AnyCalibration],
-    previous: Any,
-) -> Verified:
-    """Compare an estimate with one that is made of its window."""
-
-    def told(state: str, reason: str = "", difference: float = 0.0) -> Verified:
-        return Verified(message.actuator_id, int(message.window), state, difference, reason)
-
-    verdict = VERDICTS[message.verdict]
-    calibration = calibrations.get(message.calibration_id)
-    before = None
-    if message.stretches:
-        return told(CANNOT, "it combines stretches of ordinary motion")
-    if verdict == SKIPPED:
-        return told(CANNOT, "its window was cut off, or dropped")
-    if window is None:
-        return told(CANNOT, "its window is not in the bag")
-    if calibration is None:
-        return told(CANNOT, f"calibration {message.calibration_id or 'unknown'} is not given")
-    if message.warm_start:
-        if previous is None or previous.calibration_id != message.calibration_id:
-            return told(CANNOT, "its search began at an estimate that is not in the bag")
-        before = faults_from_message(previous.faults)
-    search = SearchSettings(
-        algorithm=message.algorithm,
-        seed=int(message.seed),
-        goodness_limit=message.goodness_limit,
-    )
-    again = identify(window.window, window.description, calibration, search, previous=before)
-    if again.verdict != verdict:
-        return told(DIFFERENT, f"the verdict was {verdict} and is {again.verdict}")
-    recorded = faults_from_message(message.faults)
-    if np.array_equal(recorded, again.faults, equal_nan=True):
-        return told(SAME)
-    if np.any(np.isnan(recorded) != np.isnan(again.faults)):
-        return told(DIFFERENT, "other faults are unobservable")
-    difference = float(np.nanmax(np.abs(recorded - again.faults)))
-    return told(ROUNDED if difference <= _ROUNDING else DIFFERENT, "", difference)
+    actuator_id: str,
+    tests: Sequence[_Recorded],
+    windows: Mapping[tuple[int, int], RecordedWindow],
+    calibrations: Mapping[str, AnyCalibration],
+) -> Iterator[Verified]:
+    """Make estimates of an actuator again in their order, each from its window."""
+    previous: _Recorded | None = None
+    for one in tests:
+        told, before = _Teller(actuator_id, one.number), previous
+        previous = one if one.verdict in ("valid", "degraded") else previous
+        window = windows.get((one.start_ns, one.end_ns))
+        calibration = calibrations.get(one.calibration_id)
+        is_there = before is not None and before.calibration_id == one.calibration_id
+        if one.stretches:
+            yield told(CANNOT, "it combines stretches of ordinary motion")
+        elif one.verdict == SKIPPED:
+            yield told(CANNOT, "its window was cut off, or dropped")
+        elif window is None:
+            yield told(CANNOT, "its window is in no bag that was given")
+        elif calibration is None:
+            yield told(CANNOT, f"calibration {one.calibration_id or 'unknown'} is not given")
+        elif one.warm_start and not is_there:
+            yield told(CANNOT, "its search began at an estimate that is not there")
+        else:
+            start = np.array(before.faults) if one.warm_start and before is not None else None
+            description = window.description
+            again = identify(window.window, description, calibration, one.search, previous=start)
+            yield told.compared(one, again)

@@ -399,6 +399,14 @@ def read_history(path: Path) -> History:
     OSError
         When it cannot be read.
     """
+    history, damage = read_intact_history(path)
+    if damage:
+        raise ValueError(damage)
+    return history
+
+
+def read_intact_history(path: Path) -> tuple[History, str]:
+    """Return what is intact in a file, and what is wrong with it; errors as of `read_history`."""
     actuator_id, plus, serial_number = path.name.removesuffix(".sqlite").partition("+")
     if not plus or path.suffix != ".sqlite":
         raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
@@ -406,9 +414,7 @@ def read_history(path: Path) -> History:
         copy = _copied(path, folder)
         history = History(unquote(actuator_id), unquote(serial_number), copy)
         history.close()
-        if history.problem:
-            raise ValueError(history.problem.replace(str(copy), str(path)))
-        return history
+        return history, history.problem.replace(str(copy), str(path))
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
