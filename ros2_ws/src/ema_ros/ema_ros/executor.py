@@ -13,6 +13,7 @@ from rclpy.task import Task
 from ema_ros.rclpy_private import next_message
 
 _MOST_IN_A_ROW: Final = 100
+_REST_S: Final = 0.005
 
 
 class WaitingCallbackGroup(MutuallyExclusiveCallbackGroup):
@@ -31,7 +32,8 @@ class NodeExecutor(SingleThreadedExecutor):
     hundreds of messages a second that keeps the callbacks themselves from running.
 
     A subscription that has a message is given what else has come for it as well, up to a hundred
-    messages: to wait anew, over all that the node serves, takes longer than a message does.
+    messages, and then rests for 5 ms: to wait anew, over all that the node serves, takes longer
+    than a message does.
 
     ``on_failure`` is called with what a callback raised.
     """
@@ -54,6 +56,7 @@ class NodeExecutor(SingleThreadedExecutor):
             self._run(handler)
             if isinstance(entity, Subscription):
                 self._empty(entity)
+                time.sleep(_REST_S)
 
     def _empty(self, subscription: Subscription) -> None:
         for _ in range(_MOST_IN_A_ROW - 1):
