@@ -83,7 +83,7 @@ def ends_while_it_identifies(status: Status) -> float:
     """Return how long a monitor takes to end in the midst of an identification [s]."""
     actuator = start("actuator")
     # At ten million evaluations it takes minutes.
-    monitor = start("monitor", algorithm="pso", budget=10_000_000, history_folder="''")
+    monitor = start("monitor", algorithm="pso", budget=10_000_000, history_folder="memory")
     status.wait("/ema/monitor: flap telemetry", lambda values: values.get("windows", "0") != "0")
     took_s = ended_s(monitor)
     ended_s(actuator)
@@ -120,7 +120,7 @@ def main(repeats: int, output: Path | None) -> None:
             "actuator: SIGINT to end": (END_S, lambda: ends(status, "actuator")),
             "monitor: SIGINT to end": (
                 END_S,
-                lambda: ends(status, "monitor", history_folder="''"),
+                lambda: ends(status, "monitor", history_folder="memory"),
             ),
             "  while it identifies": (END_S, lambda: ends_while_it_identifies(status)),
             "recorder: SIGINT to end": (

@@ -30,7 +30,7 @@ def ports_of(domain: int) -> dict[int, set[str]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
-    [["up", "monitor", "-p", "history_folder:=''"], ["record", "-o", "bag"], ["watch"]],
+    [["up", "monitor", "-p", "history_folder:=memory"], ["record", "-o", "bag"], ["watch"]],
     ids=lambda command: command[0],
 )
 def test_ports_are_open_on_loopback_alone(command, tmp_path):

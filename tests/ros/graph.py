@@ -81,7 +81,7 @@ class Graph:
         A monitor keeps no history unless told where.
         """
         if name == "monitor":
-            parameters = {"history_folder": "''", **parameters}
+            parameters = {"history_folder": "memory", **parameters}
         package = PACKAGES[name]
         program = Path(get_package_prefix(package)) / "lib" / package / f"{name}_node"
         given = [f"{key.replace('__', '.')}:={value}" for key, value in parameters.items()]

@@ -236,7 +236,7 @@ def monitor(
     # A health that is published before they are fitted is published again.
     requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     given = {
-        "history_folder": "",
+        "history_folder": "memory",
         "history_max_offset_s": ANY_OFFSET_S,
         "expected_period_s": 1000.0,
         **(parameters or {}),

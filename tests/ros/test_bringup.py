@@ -292,7 +292,7 @@ def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tm
     own = tmp_path / "own.yaml"
     own.write_text("/**/monitor:\n  ros__parameters:\n    history_folder: kept\n")
     simulated = parameter_file("simulated")
-    for files, folder in (([simulated], ""), ([simulated, own], "kept")):
+    for files, folder in (([simulated], "memory"), ([simulated, own], "kept")):
         values, given = started("monitor", *ros_arguments("monitor", parameter_files=files))
         assert given - values.keys() == set()
         assert values["history_folder"] == folder

@@ -50,6 +50,16 @@ def test_health_is_known_again_after_a_restart_without_a_new_test(
         wait_for(lambda: hours() == "30", "the hours of the history in the status")
 
 
+def test_no_history_is_kept_where_memory_is_its_folder(
+    cycles: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    with monitor({"hours_per_cycle": HOURS, "history_folder": "memory"}) as session:
+        mount(session, FLAP)
+        live(session, cycles[:1])
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_telemetry_is_received_while_a_history_is_read(
     cycles: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

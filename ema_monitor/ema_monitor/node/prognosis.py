@@ -24,7 +24,7 @@ from ema_monitor.node.messages import (
     scenarios_from_messages,
     unknown_health,
 )
-from ema_monitor.node.settings import folder_of
+from ema_monitor.node.settings import IN_MEMORY, folder_of
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
@@ -96,7 +96,7 @@ class MonitorPrognosis:
 
     def begin(self, history_folder: str, fleet: Fleet | None) -> None:
         """Store histories in a folder, in memory alone if it is empty; offer the services."""
-        is_on_disk = history_folder and not self._node.uses_sim_time
+        is_on_disk = history_folder not in ("", IN_MEMORY) and not self._node.uses_sim_time
         self._folder = folder_of(history_folder) if is_on_disk else None
         self._fleet = fleet
         self._is_serving = True

@@ -8,6 +8,9 @@ from typing import Final
 from ema_core.quantity import check_quantities, quantity, text
 from ema_monitor.model.measurements import MAX_AGE_S
 
+IN_MEMORY: Final = "memory"
+"""Folder of the histories that stands for none; launch files take no empty argument."""
+
 _PERIODS: Final = 3.0
 
 
@@ -27,7 +30,7 @@ class Files:
     actuator_file: str = text("", "description of an actuator that publishes none; empty: none")
     history_folder: str = text(
         "$ROS_HOME/ema/history",
-        "folder for the tests of each unit; empty, and in simulated time: in memory only",
+        f"folder for the tests of each unit; {IN_MEMORY!r}, and in simulated time: none is kept",
     )
     fleet_file: str = text(
         "", "how other units of the model grew, a file that `ema learn` wrote; empty: not known"

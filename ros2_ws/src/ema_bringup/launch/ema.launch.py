@@ -20,7 +20,10 @@ def generate_launch_description() -> LaunchDescription:
         __file__,
         _nodes,
         ("actuator", "monitor", "dashboard", "recorder"),
-        history_folder=("", "where tests are kept; empty: in memory, as each start has a new unit"),
+        history_folder=(
+            "memory",
+            "where tests are kept; memory: nowhere, as each start has a new unit",
+        ),
         bag=("", "bag to record; empty: no recorder; if it fails, all end"),
     )
 

@@ -24,7 +24,7 @@ _COMMON = {
     "use_sim_time": ("false", "true: the nodes follow /clock"),
     "history_folder": (
         AS_CONFIGURED,
-        "where the monitor keeps the tests of each unit; empty: in memory",
+        "where the monitor keeps the tests of each unit; memory: nowhere",
     ),
     "calibration_file": (
         AS_CONFIGURED,

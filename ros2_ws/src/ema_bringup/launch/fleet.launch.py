@@ -27,7 +27,10 @@ def generate_launch_description() -> LaunchDescription:
         __file__,
         _nodes,
         ("actuator", "monitor", "dashboard"),
-        history_folder=("", "where tests are kept; empty: in memory, as each start has new units"),
+        history_folder=(
+            "memory",
+            "where tests are kept; memory: nowhere, as each start has new units",
+        ),
         actuators=("left,right", "names of the actuators, separated by commas"),
         monitors=ema.MONITORS,
     )
