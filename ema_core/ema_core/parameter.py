@@ -37,10 +37,13 @@ class SettingsParameter:
         return value / self.scale if self.scale is not None and is_number else value
 
     def number_of(self, value: Any) -> Any:
-        """Return the number that a text stands for, as YAML 1.1 reads 1e-06; else the value."""
-        if isinstance(value, str) and "range" in self.field.metadata:
+        """Return a number as the type of the field, also of a text; any other value as it is.
+
+        YAML 1.1 reads 1e-06 as a text, and 4 as a whole number.
+        """
+        if "range" in self.field.metadata and type(value) in (str, int):
             with suppress(ValueError):
-                return float(value)
+                return type(self.field.default)(value)
         return value
 
 

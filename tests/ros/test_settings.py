@@ -121,14 +121,16 @@ def test_impossible_change_is_refused_by_name(
     assert node.get_parameter(f"left.{name}").value == getattr(Oven(), name)
 
 
-def test_number_that_came_as_a_text_is_the_number(make_oven: Callable[..., Node]):
+@pytest.mark.parametrize(("first", "second"), [("1e2", "1.2e2"), (100, 120)])
+def test_number_keeps_its_type_whatever_it_came_as(make_oven: Callable[..., Node], first, second):
     # YAML 1.1 reads 1e2 and 1e-06 as texts, and so do tools that load what others dumped.
-    node = make_oven(left__temperature="1e2", left__trays="3")
+    node = make_oven(left__temperature=first, left__trays="3")
     left = LiveSettings(node, Oven, "left.")
     assert left.value == Oven(100.0, 3)
-    assert node.get_parameter("left.temperature").value == 100.0
-    assert set_one(node, "left.temperature", "1.2e2").successful
-    assert left.value.temperature == node.get_parameter("left.temperature").value == 120.0
+    assert repr(node.get_parameter("left.temperature").value) == "100.0"
+    assert set_one(node, "left.temperature", second).successful
+    assert repr(node.get_parameter("left.temperature").value) == "120.0"
+    assert left.value.temperature == 120.0
     assert not set_one(node, "left.temperature", "warm").successful
 
 

@@ -45,13 +45,13 @@ def declare(
         item = parameter.field
         default = getattr(definition, item.name, item.default)
         descriptor = _descriptor(parameter, read_only, constraint)
-        text = given[parameter.name].value if parameter.name in given else None
-        number = parameter.number_of(text)
-        # What was given as a text, as YAML 1.1 reads 1e-06, is declared as the number it is.
-        is_text = number is not text
-        value = number if is_text else parameter.to_node(default)
+        override = given[parameter.name].value if parameter.name in given else None
+        number = parameter.number_of(override)
+        # A number that was given as another type is declared as that of the field.
+        is_read = number is not override
+        value = number if is_read else parameter.to_node(default)
         try:
-            node.declare_parameter(parameter.name, value, descriptor, ignore_override=is_text)
+            node.declare_parameter(parameter.name, value, descriptor, ignore_override=is_read)
         except InvalidParameterValueException as error:
             reason = str(error).partition("Reason: ")[2].rpartition(":")[0]
             raise ValueError(
@@ -121,7 +121,7 @@ class LiveSettings(Generic[Definition]):
         return replace(self.value, **changes) if changes else None  # pyright: ignore
 
     def _read_numbers(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Return the parameters, those that are numbers and came as texts as numbers."""
+        """Return the parameters, numbers as the types of their fields."""
         return [
             Parameter(item.name, value=self._parameters[item.name].number_of(item.value))
             if item.name in self._parameters and item.value is not None
