@@ -77,6 +77,23 @@ def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
 
 
 @pytest.mark.slow
+def test_run_tells_how_many_windows_are_refused_and_why(ema, archive, fleet, tmp_path):
+    status = ema("archive", "status", archive)
+    assert (status.exit_code, "2 of 10 windows refused, most of them: gap" in status.output) == (
+        0,
+        True,
+    )
+
+    another = tmp_path / "another"
+    calibration = fleet / "unit_1" / "calibration.yaml"
+    ema("archive", "scan", another, fleet / "unit_0", "--calibration", calibration)
+    result = ema("archive", "run", another)
+    assert result.exit_code == 3
+    assert "5 of 5 windows refused, most of them: " in result.output
+    assert "calibration" in result.output
+
+
+@pytest.mark.slow
 def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp_path):
     """And those before are not repeated, unless one comes late."""
     bags, other = tmp_path / "coming", tmp_path / "other"

@@ -40,6 +40,9 @@ from ema_monitor.windows.trigger import TEST_CYCLE
 
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
 _LONGEST_REASON: Final = 200
+_USUAL_REASON: Final = (
+    "SELECT reason FROM estimates WHERE NOT valid GROUP BY 1 ORDER BY count(*) DESC, 1 LIMIT 1"
+)
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     """Do what is to be done: bags to estimates, then units to health and life.
 
     Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
-    with their reason, and exit code 3 says that there were such.
+    with their reason. Exit code 3 says that there were such, or that no window is valid.
     """
     with _clear_of_clusters(), one_clear_line(), Manifest(folder) as manifest:
         with progress_bar() as progress:
@@ -167,6 +170,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         f"{counted(tally.bags, 'bag')} done, {counted(tally.units, 'unit')} followed; "
         f"{tally.damaged} damaged, {tally.failed} could not be read"
     )
+    click.echo(_refused_in_words(folder, status), nl=False)
     click.echo(_due_in_words(status))
     for words in tally.mended:
         click.echo(words, err=True)
@@ -174,7 +178,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         click.echo(f"unit {unit} could not be followed: {reason}", err=True)
     if tally.damaged or tally.failed:
         click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
-    if tally.damaged or tally.failed or tally.not_followed:
+    is_useless = bool(status.windows) and not status.valid
+    if tally.damaged or tally.failed or tally.not_followed or is_useless:
         sys.exit(REFUSED)
 
 
@@ -202,6 +207,8 @@ def status_(folder: Path, as_json: bool) -> None:
     ):
         if count:
             click.echo(f"{counted(count, 'bag')} {what}")
+    with one_clear_line():
+        click.echo(_refused_in_words(folder, status), nl=False)
     click.echo(_due_in_words(status))
 
 
@@ -256,6 +263,15 @@ def _clear_of_clusters() -> Iterator[None]:
         raise click.ClickException(
             f"{error}; what was done is kept, the same command resumes"
         ) from error
+
+
+def _refused_in_words(folder: Path, status: Status) -> str:
+    """Return how many windows are refused, and the most frequent reason, as a line or none."""
+    if status.windows == status.valid:
+        return ""
+    refused = f"{status.windows - status.valid} of {counted(status.windows, 'window')} refused"
+    _, rows = answer(folder, _USUAL_REASON)
+    return "".join(f"{refused}, most of them: {_shown(reason)}\n" for (reason,) in rows)
 
 
 def _due_in_words(status: Status) -> str:
