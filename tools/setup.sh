@@ -278,7 +278,7 @@ sources=$({
     echo "$packages"
     cat "$root/tools/wheel_includes.cmake"
     find "${bases[@]}" -type f \( -name package.xml -o -name CMakeLists.txt -o -name 'setup.*' \
-        -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -print0 |
+        -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -not -name '*.pyc' -print0 |
         sort -z | xargs -0 sha256sum
     find "${bases[@]}" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/policies/*' \
         -o -path '*/layouts/*' \) \
