@@ -37,7 +37,10 @@ venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r nee
 venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation "${own[@]}"
 venv/bin/pip check
 rm -rf ema_*
-XDG_CACHE_HOME=$place venv/bin/python - "$root/bags/faulty_flap.mcap" <<'EOF'
+# Alone: the folder may also hold the bags of demos.
+mkdir bags
+cp "$root/bags/faulty_flap.mcap" bags
+XDG_CACHE_HOME=$place venv/bin/python - bags/faulty_flap.mcap <<'EOF'
 import sys
 from pathlib import Path
 
