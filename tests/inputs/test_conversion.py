@@ -2,16 +2,18 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ema_bags.inputs.conversion import convert
-from ema_bags.inputs.mapping import mapping_from
+from ema_bags.inputs.mapping import load_mapping, mapping_from
 from ema_core.description import ActuatorDescription
 
 FLAP = ActuatorDescription()
 P = FLAP.parameters
+MAPPINGS = Path(__file__).parents[2] / "ros2_ws/src/ema_bags/mappings"
 BASE = {"position": "p", "command": "c", "clock": "t"}
 
 
@@ -53,6 +55,30 @@ def test_angles_are_those_of_the_user_shaft(section, raw, expected):
 def test_speeds_are_those_of_the_motor_shaft(section, expected):
     found = converted({"speed": 30.0}, speed={"source": "s", **section})["speed"]
     assert found[0] == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        # Angle [rad], speed of the motor [rad/s] and current [A] that one count stands for.
+        ("dynamixel", (2 * math.pi / 4096, 0.229 * math.pi / 30 * 500, 2.69e-3)),
+        ("cia402", (2 * math.pi / 524288 / 500, 2 * math.pi / 524288, 1.27e-3 / P.k_t)),
+    ],
+)
+def test_registers_of_drives_are_read_within_half_a_count(telemetry, name, counts):
+    angle, speed, current = counts
+    middle = 2048 if name == "dynamixel" else 0
+    values = {
+        "position": telemetry.position / angle + middle,
+        "command": telemetry.command / angle + middle,
+        "speed": telemetry.speed / speed,
+    }
+    raw = {key: np.round(value) % 2.0**32 for key, value in values.items()}
+    raw["current"] = np.round(telemetry.current / current) % 2.0**16
+    found = convert(raw, load_mapping(MAPPINGS / f"{name}.yaml"), FLAP)
+    for key, count in zip((*values, "current"), (angle, *counts), strict=True):
+        expected = getattr(telemetry, key)
+        np.testing.assert_allclose(found[key], expected, rtol=1e-9, atol=0.501 * count, err_msg=key)
 
 
 def test_lead_is_that_of_a_length():

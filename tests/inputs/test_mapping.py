@@ -19,7 +19,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
     written = tmp_path / "again.yaml"
     written.write_text(mapping_text(mapping))
     assert load_mapping(written) == mapping
-    assert mapping.is_table == (path.stem == "csv")
+    assert mapping.is_table == (path.stem in ("csv", "ur_real_time", "dynamixel", "cia402"))
 
 
 @pytest.mark.parametrize(
@@ -42,6 +42,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"current": {"source": "i", "amplitude": "rms"}}, "only i_q has one"),
         ({"current": {"source": "i", "kind": "phase_currents"}}, "phase_currents needs both"),
         ({"current": {"source": "i", "sampling": "filtered"}}, "current_filter = 0 s"),
+        ({"position": "q_{joint}"}, "source = 'q_{joint}' without joint: expected both"),
         ({"clock": {}}, "clock without source and rate_hz"),
         ({"clock": {"source": "t", "unit": "min"}}, "clock: unit = 'min' is unknown"),
         ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of texts"),
@@ -52,6 +53,12 @@ def test_wrong_entry_is_refused_by_name_and_value(mapped, change, words):
     with pytest.raises(ValueError, match=r".*") as refusal:
         mapped(**change)
     assert words in str(refusal.value)
+
+
+def test_joint_of_a_table_is_chosen_by_its_number():
+    content = yaml.safe_load((SHIPPED / "ur_real_time.yaml").read_text()) | {"joint": "3"}
+    names = [source for _, source, _ in mapping_from(content).wanted()]
+    assert names == ["actual_q_3", "target_q_3", "actual_qd_3", "actual_current_3"]
 
 
 def test_error_in_a_file_names_the_file(tmp_path):

@@ -64,6 +64,7 @@ DEFECTS: Final = (
 )
 """Names of the defects that are errors, which a mapping can accept."""
 
+_ANY_JOINT: Final = "{joint}"
 _QUANTITIES: Final = ("position", "command", "error", "speed", "current")
 _KINDS: Final = (
     *("equivalent", "i_q", "phase_currents", "motor_torque", "joint_torque", "magnitude"),
@@ -243,7 +244,7 @@ class Mapping:
     error: AngleSource | None = None
     speed: SpeedSource | None = None
     current: CurrentSource | None = None
-    joint: str = text("", "joint that is meant wherever a source names none")
+    joint: str = text("", "joint that is meant wherever a source names none, or as {joint}")
     clock: Clock = Clock()
     table: Table = Table()
     accept: tuple[str, ...] = texts("names of defects that are known and accepted")
@@ -263,6 +264,9 @@ class Mapping:
         for name, item in sources.items():
             if not all(item.numbers().values()):
                 raise ValueError(f"{name}: source = '': expected a column or the path of a field")
+            names_joint = any(_ANY_JOINT in path for path in item.numbers().values())
+            if names_joint and not (item.joint or self.joint):
+                raise ValueError(f"{name}: source = {item.source!r} without joint: expected both")
         without = [name for name, item in sources.items() if not item.topic]
         if 0 < len(without) < len(sources):
             raise ValueError(
@@ -311,7 +315,7 @@ class Mapping:
         """Yield a key, the source as a text and its section for every number that is read."""
         for name, item in self.sources():
             for key, path in item.numbers(name).items():
-                yield key, path, item
+                yield key, path.replace(_ANY_JOINT, item.joint or self.joint), item
 
 
 _SECTIONS: Final = {
