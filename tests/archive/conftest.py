@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import TABLES
 from ema_archive.running import run, scan
-from ema_cli.main import main
 from ema_cli.simulated_lives import (
     calibration_of_life,
     simulated_tests,
@@ -26,6 +25,8 @@ from ema_core.tasks import Workers
 from ema_monitor.model.threads import limit_threads
 from ema_sim.lives import SimulatedLife, WindowKind
 
+from .. import commands
+
 HOURS = (300.0, 600.0, 900.0, 1200.0, 1500.0)
 WINDOWS: tuple[WindowKind, ...] = ("good", "good", "gap", "good", "good")
 
@@ -34,13 +35,7 @@ Ema = Callable[..., Result]
 
 @pytest.fixture(scope="session")
 def ema() -> Ema:
-    def run(*arguments: str | Path) -> Result:
-        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-        if result.exception and not isinstance(result.exception, SystemExit):
-            raise result.exception
-        return result
-
-    return run
+    return commands.ema
 
 
 @pytest.fixture(scope="session")

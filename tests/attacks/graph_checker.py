@@ -26,7 +26,6 @@ DISCOVERY_S: Final = 10.0
 
 _STATUS_S: Final = 2.5
 _NS: Final = 1_000_000_000
-_STALE: Final = 3
 _COUNTS: Final = ("blocks", "windows", "estimates valid")
 _MOST_LATE: Final = 50
 _LATE_NS: Final = _NS

@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
 
 from ema_archive.query import answer
 from ema_bags.writer import BagWriter
-from ema_cli.main import main
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK
 from ema_core.telemetry import Telemetry
@@ -19,15 +17,10 @@ from ema_ros.actuator_messages import messages_of_block
 from ema_ros.messages import description_to_message
 from ema_sim import simulate
 
+from ..commands import ema
+
 FLAP = ActuatorDescription()
 DAY_S = 86_400.0
-
-
-def ema(*arguments: str | Path) -> Result:
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 def telemetry(faults: dict[str, float], day: float, **options: Any) -> Telemetry:

@@ -16,8 +16,8 @@ from ema_monitor.calibrations import load_calibration
 from ema_monitor.prognosis.history import History
 from ema_ros.actuator_file import load_description
 
+from ..prognosis.kept_histories import UNIT, entry
 from .conftest import CASES, SEED
-from .made_tests import UNIT, entry_at
 
 ROOT = Path(__file__).parents[2]
 INPUTS = 60
@@ -74,14 +74,14 @@ def read_bag(path: Path) -> None:
 
 def read_history(path: Path) -> None:
     history = History(*UNIT, path)
-    history.append(entry_at(len(history.entries)))
+    history.append(entry(len(history.entries)))
     history.close()
 
 
 def history_bytes(folder: Path) -> bytes:
     history = History(*UNIT, folder / "made.sqlite")
     for number in range(4):
-        history.append(entry_at(number))
+        history.append(entry(number))
     history.close()
     return (folder / "made.sqlite").read_bytes()
 

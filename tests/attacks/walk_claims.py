@@ -23,7 +23,7 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.claims import Claims
 
-from .made_tests import FIRST_NS, PERIOD_NS, estimate_at
+from ..prognosis.made_tests import FIRST_NS, PERIOD_NS, made_test
 from .stateful import Walk
 
 _S = 10**9
@@ -127,7 +127,7 @@ class Claimed(Walk):
         for kind in kinds:
             self._pass(10.0)
             self.number[name] = (self.now_ns - FIRST_NS) / PERIOD_NS
-            self._tell(name, estimate_at(self.number[name], **_KINDS[kind]), kind)
+            self._tell(name, made_test(self.number[name], **_KINDS[kind]), kind)
 
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(kind=st.sampled_from(["good", "good", *_KINDS]), late_s=st.sampled_from((3.0, 1800.0)))
@@ -136,7 +136,7 @@ class Claimed(Walk):
         name = self.tested
         self._pass(1.0)
         number = self.number[name] - late_s * _S / PERIOD_NS
-        self._tell(name, estimate_at(number, **_KINDS[kind]), kind)
+        self._tell(name, made_test(number, **_KINDS[kind]), kind)
 
     @rule(seconds=st.sampled_from((1.0, 6.0, 40.0)))
     def wait(self, seconds: float) -> None:

@@ -17,7 +17,8 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from .made_tests import UNIT, estimate_at
+from ..prognosis.kept_histories import UNIT
+from ..prognosis.made_tests import made_test
 from .stateful import Walk
 
 _SETTINGS = PrognosisSettings()
@@ -55,7 +56,7 @@ class Prognosis(Walk):
     ) -> tuple[Estimate, Count | None]:
         self.friction = min(self.friction + 0.004, 0.6)
         friction = min(max(self.friction + wrong, 0.0), 0.9)
-        estimate = estimate_at(self.number, self.rng, valid=valid, friction=friction)
+        estimate = made_test(self.number, rng=self.rng, valid=valid, friction=friction)
         right = _HOURS * (self.number + 1) + self.offset_hours
         hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[count]
         told = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)

@@ -4,31 +4,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.main import main
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_sim.actuator import SimulatedActuator
 
+from .. import commands
+
 Ema = Callable[..., Result]
 
 
 @pytest.fixture(scope="session")
 def ema() -> Ema:
-    """Run the command in this process; what is not an exit code is an error of the test."""
-
-    def run(*arguments: str | Path) -> Result:
-        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-        if result.exception and not isinstance(result.exception, SystemExit):
-            raise result.exception
-        return result
-
-    return run
+    return commands.ema
 
 
 @pytest.fixture(scope="session")
@@ -38,6 +31,20 @@ def faulty_blocks() -> list[Telemetry]:
     actuator.faults = fault_vector({"friction": 0.3})
     samples = build_cycle(THESIS_CHIRP, 1e-4).samples
     return [actuator.advance(part) for part in np.split(samples, range(100, len(samples), 100))]
+
+
+def repeated(blocks: list[Telemetry], cycles: int) -> list[Telemetry]:
+    """Return cycle after cycle of the same telemetry."""
+    samples = sum(map(len, blocks))
+    return [
+        replace(
+            block,
+            stamp_ns=block.stamp_ns + round(1e9 * cycle * samples * block.sample_period),
+            first_index=block.first_index + cycle * samples,
+        )
+        for cycle in range(cycles)
+        for block in blocks
+    ]
 
 
 @pytest.fixture

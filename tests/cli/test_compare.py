@@ -2,7 +2,6 @@
 
 import json
 import signal
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +19,8 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
+
+from .conftest import repeated
 
 SOURCE = Source()
 QUICK = ("--algorithms", "least_squares,pso", "-p", "budget=400")
@@ -115,18 +116,12 @@ def test_cost_at_the_truth_is_that_of_an_estimate_that_is_true(ema, tmp_path):
 
 def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
     path = tmp_path / "growing.mcap"
-    samples = sum(map(len, faulty_blocks))
-    period_ns = round(1e9 * faulty_blocks[0].sample_period)
+    blocks = repeated(faulty_blocks, 2)
     with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
         for cycle, friction in enumerate((0.3, 0.4)):
             recording.begin_cycle(cycle, fault_vector({"friction": friction}), 10.0 * cycle)
-            for block in faulty_blocks:
-                later = replace(
-                    block,
-                    stamp_ns=block.stamp_ns + cycle * samples * period_ns,
-                    first_index=block.first_index + cycle * samples,
-                )
-                recording.write_block(later, 0.0)
+            for block in blocks[cycle * len(faulty_blocks) :][: len(faulty_blocks)]:
+                recording.write_block(block, 0.0)
     errors = []
     for number, friction in enumerate((0.3, 0.4)):
         result = ema("compare", path, "--window", str(number), *QUICK, "--json")
@@ -203,16 +198,7 @@ def test_first_window_that_can_be_used_is_chosen(
 ):
     found = read_windows(bag, SOURCE)
     assert choose_window(found, None).number == 0
-    samples = sum(map(len, faulty_blocks))
-    again = [
-        replace(
-            block,
-            stamp_ns=block.stamp_ns + round(1e9 * samples * block.sample_period),
-            first_index=block.first_index + samples,
-        )
-        for block in faulty_blocks
-    ]
-    blocks = [*faulty_blocks, *again]
+    blocks = repeated(faulty_blocks, 2)
     blocks[100] = spoiled(blocks[100], "current", 7, np.nan)
     path = record(blocks)
     assert json.loads(ema("compare", path, *QUICK, "--json").stdout)["window"] == 1

@@ -8,6 +8,8 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector, healthy_faults
 
+from .conftest import repeated
+
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 SAMPLE_FAULTS = {"friction": 0.25, "eccentricity": 0.1, "eccentricity_phase": 0.7}
 
@@ -57,11 +59,6 @@ def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, tmp_path
     cold = json.loads(ema("estimate", bag, "-p", "warm_start=false", "--json").stdout)
     assert [one["warm_start"] for one in warm] == [False, True, True]
     assert [one["warm_start"] for one in cold] == [False, False, False]
-    assert warm[0]["evaluations"] == cold[0]["evaluations"]
-    for one, other in zip(warm[1:], cold[1:], strict=True):
-        assert one["evaluations"] < other["evaluations"]
-        # To the same optimum, as far as its tolerance goes.
-        assert one["faults"] == pytest.approx(other["faults"], abs=1e-3)
     table = ema("estimate", bag, "--verbose").stdout
     assert (table.count("least_squares, cold:"), table.count("least_squares, warm:")) == (1, 2)
 
@@ -90,24 +87,6 @@ def test_refused_windows_are_counted_by_reason(ema, tmp_path):
     assert "largest" not in result.stdout
 
 
-def test_estimate_tells_what_it_rests_on(ema, sample_estimate):
-    assert 0.0 < sample_estimate["goodness_of_fit"] < sample_estimate["goodness_limit"]
-    assert 0.0 < sample_estimate["excitation_limit"] < sample_estimate["excitation"]
-    assert sample_estimate["calibration_windows"] >= 10
-    assert "friction" not in sample_estimate["insignificant"]
-    for name in sample_estimate["insignificant"]:
-        assert sample_estimate["faults"][name] == fault_vector({})[FAULT_NAMES.index(name)]
-    covariance = sample_estimate["covariance"]
-    assert np.shape(covariance) == (8, 8)
-    assert covariance[0][0] == pytest.approx(sample_estimate["sigma"]["friction"] ** 2)
-    assert sample_estimate["unobservable"] == [
-        name for name, sigma in sample_estimate["sigma"].items() if sigma is None
-    ]
-    table = ema("estimate", SAMPLE).stdout
-    assert "calibration of" in table
-    assert table.count("not significant") == len(sample_estimate["insignificant"])
-
-
 def test_parameter_file_of_the_monitor_holds_unless_it_is_overridden(ema, tmp_path):
     file = tmp_path / "monitor.yaml"
     file.write_text(
@@ -117,14 +96,6 @@ def test_parameter_file_of_the_monitor_holds_unless_it_is_overridden(ema, tmp_pa
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
     assert (estimate["goodness_limit"], estimate["seed"]) == (3.0, 5)
-
-
-def test_goodness_limit_is_that_of_the_option(ema):
-    result = ema("estimate", SAMPLE, "-p", "goodness_limit=0.2", "--json")
-    assert result.exit_code == 0
-    [estimate] = json.loads(result.stdout)
-    assert (estimate["valid"], estimate["verdict"]) == (True, "degraded")
-    assert "at most 0.2 is expected" in estimate["reason"]
 
 
 def test_table_names_the_shipped_calibration(ema):
@@ -248,17 +219,9 @@ def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, 
 
 def test_window_that_the_end_of_a_recording_cuts_off_is_no_failure(ema, record, faulty_blocks):
     # The same cycle once more, joining the first, up to the middle of its window.
-    last = faulty_blocks[-1]
-    first_index, stamp_ns = last.first_index + len(last), last.stamp_at(len(last))
-    shift, shift_ns = (
-        first_index - faulty_blocks[0].first_index,
-        stamp_ns - faulty_blocks[0].stamp_ns,
-    )
-    again = [
-        replace(block, first_index=block.first_index + shift, stamp_ns=block.stamp_ns + shift_ns)
-        for block in faulty_blocks[: len(faulty_blocks) * 6 // 10]
-    ]
-    broken = [block for i, block in enumerate(faulty_blocks) if i != len(faulty_blocks) * 6 // 10]
+    n = len(faulty_blocks)
+    again = repeated(faulty_blocks, 2)[n : n + n * 6 // 10]
+    broken = [block for i, block in enumerate(faulty_blocks) if i != n * 6 // 10]
 
     def estimate(blocks):
         bag = record(blocks)

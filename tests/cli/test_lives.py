@@ -174,22 +174,12 @@ def test_repair_is_told(ema, tmp_path, short):
     assert 0.0 < life["repair_hours"] < life["end_hours"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "parts"),
-    [
-        (("--count", "0"), 2, ("--count", "0")),
-        (("--seed", "-1"), 2, ("--seed", "-1")),
-        (("--fault", "rust"), 2, ("rust", "backlash", "short_circuit")),
-        (("--as", "csv"), 2, ("csv", "bags", "estimates")),
-        (("--constant", "--fault", "gain"), 2, ("--constant", "--fault")),
-        (("--constant", "--repair"), 2, ("--constant", "--repair")),
-    ],
-)
-def test_wrong_options_are_refused_before_anything_is_made(ema, tmp_path, arguments, code, parts):
-    result = ema("lives", "-o", tmp_path / "lives", *arguments)
-    assert result.exit_code == code
-    for part in parts:
-        assert part in result.stderr
+@pytest.mark.parametrize("other", [("--fault", "gain"), ("--repair",)])
+def test_wrong_options_are_refused_before_anything_is_made(ema, tmp_path, other):
+    result = ema("lives", "-o", tmp_path / "lives", "--constant", *other)
+    assert result.exit_code == 2
+    assert "--constant" in result.stderr
+    assert other[0] in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 

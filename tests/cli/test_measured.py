@@ -38,19 +38,10 @@ def test_wrong_measurement_is_named(ema, bag):
     assert "contradicts it: measured load torque +0 ± 0.01 N.m" in result.stdout
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("load_torque=0.1", "measured cause 'load_torque=0.1': expected NAME=VALUE:SIGMA"),
-        ("cogging=0.1:0.1", "unknown measured cause 'cogging'"),
-        ("load_torque=11:0.1", "load_torque = 11.0: expected a number in [-10, 10] N.m"),
-        ("load_torque=0.1:0", "load_torque: sigma = 0.0: expected a positive"),
-    ],
-)
-def test_impossible_measurement_is_one_clear_line(ema, bag, text, said):
-    result = ema("estimate", bag, "--measured", text)
+def test_impossible_measurement_is_one_clear_line(ema, bag):
+    result = ema("estimate", bag, "--measured", "load_torque=0.1")
     assert result.exit_code != 0
-    assert said in result.stderr
+    assert "measured cause 'load_torque=0.1': expected NAME=VALUE:SIGMA" in result.stderr
     assert result.stderr.count("\n") == 1
 
 

@@ -21,22 +21,10 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
+from .conftest import repeated
+
 SOURCE = Source()
 SHORT, LONG = 4, 16
-
-
-def repeated(blocks: list[Telemetry], cycles: int) -> list[Telemetry]:
-    """Return cycle after cycle of the same telemetry."""
-    samples = sum(map(len, blocks))
-    return [
-        replace(
-            block,
-            stamp_ns=block.stamp_ns + round(1e9 * cycle * samples * block.sample_period),
-            first_index=block.first_index + cycle * samples,
-        )
-        for cycle in range(cycles)
-        for block in blocks
-    ]
 
 
 def peak_bytes(action: Callable[[], Any]) -> int:

@@ -8,7 +8,6 @@ import pytest
 
 from ema_bags.inputs import importing
 
-LEAD_MM = 5.0
 MAPPING = """\
 position: {source: set_point_mm - error_mm, unit: mm, lead: 0.005}
 command: {source: set_point_mm, unit: mm, lead: 0.005}

@@ -100,19 +100,10 @@ def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_repor
     assert "use another folder" in result.stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--quick", "--runs", "5"), "--quick and --runs exclude each other"),
-        (("--runs", "0"), "--runs"),
-        (("--model", "slow"), "'slow'"),
-        (("--executor", "cluster"), "'cluster'"),
-    ],
-)
-def test_wrong_usage_is_refused(ema, tmp_path, small, arguments, message):
-    result = ema("thesis", "-o", tmp_path / "study", *arguments)
+def test_wrong_usage_is_refused(ema, tmp_path, small):
+    result = ema("thesis", "-o", tmp_path / "study", "--quick", "--runs", "5")
     assert result.exit_code == 2
-    assert message in result.stderr
+    assert "--quick and --runs exclude each other" in result.stderr
     assert not (tmp_path / "study").exists()
 
 

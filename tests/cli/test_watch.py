@@ -25,7 +25,6 @@ from ..ros.spinning import ros_context, spinning
 from ..waiting import DEADLINE_S, started, wait_for
 
 TEST_NS = 1_700_000_000_000_000_000
-NAMES = {OK: "healthy", WARN: "wearing", ERROR: "failed"}
 
 
 def health_of(actuator_id: str, level: int, life: tuple[float, float, float] | None) -> Health:

@@ -13,11 +13,8 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
-from ema_monitor.windows.trigger import WindowTrigger
-from ema_monitor.windows.window import Window
-from ema_sim.api import simulate
 
-from .windows import changed
+from .windows import changed, recorded
 
 PARAMETERS = ActuatorParameters()
 # Hidden causes, and a value beyond what noise or the PWM could make.
@@ -37,19 +34,6 @@ CAUSES = {
     "position_gain": -0.01,
 }
 SHORTS = ("short_circuit_a", "short_circuit_b", "short_circuit_c")
-
-
-@pytest.fixture(scope="module")
-def simulated():
-    """Window of the simulated actuator with faults and hidden causes."""
-
-    def simulated(causes, faults=None) -> Window:
-        telemetry = simulate(faults or {}, causes=causes, seed=3)
-        [window] = WindowTrigger(PARAMETERS).feed(telemetry)
-        assert isinstance(window, Window)
-        return window
-
-    return simulated
 
 
 def check_named(estimate: Estimate, name: str, value: float, sigmas: float = 3.0) -> CauseEstimate:
@@ -74,8 +58,8 @@ def check_faults(estimate: Estimate, faults, tolerance=0.006):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CAUSES)
-def test_cause_in_the_simulator_is_named_and_no_fault(simulated, calibration, description, name):
-    estimate = identify(simulated({name: CAUSES[name]}), description, calibration)
+def test_cause_in_the_simulator_is_named_and_no_fault(calibration, description, name):
+    estimate = identify(recorded({}, {name: CAUSES[name]}), description, calibration)
     check_no_fault(estimate)
     cause = check_named(estimate, name, CAUSES[name])
     assert len(estimate.causes) == 1
@@ -90,10 +74,10 @@ def test_cause_in_the_simulator_is_named_and_no_fault(simulated, calibration, de
     [({"torque_constant": -0.08}, {}), ({}, dict.fromkeys(SHORTS, 0.08))],
 )
 def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
-    simulated, calibration, description, causes, faults
+    calibration, description, causes, faults
 ):
     """Whichever it is: one is named, the other as what it may be, and neither with confidence."""
-    estimate = identify(simulated(causes, faults), description, calibration)
+    estimate = identify(recorded(faults, causes), description, calibration)
     assert estimate.valid
     assert estimate.verdict == "degraded"
     cause = check_named(estimate, "torque_constant", -0.08, sigmas=0.2)
@@ -131,10 +115,10 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
     ],
 )
 def test_motor_that_is_as_weak_by_equal_shorts_is_not_told_apart_however_far_they_are(
-    simulated, calibration, description, faults, causes, alternative
+    calibration, description, faults, causes, alternative
 ):
     """The wrong one is found, 7 and 9 % off: sigma has to say so."""
-    estimate = identify(simulated(causes, faults), description, calibration)
+    estimate = identify(recorded(faults, causes), description, calibration)
     assert (estimate.verdict, alternative in estimate.alternatives) == ("degraded", True)
     off = np.abs(np.delete(estimate.faults - fault_vector(faults), ECCENTRICITY_PHASE))
     assert np.max(off) > 0.05
@@ -151,9 +135,9 @@ def test_motor_that_is_as_weak_by_equal_shorts_is_not_told_apart_however_far_the
         ({"gain": 0.65, "backlash": 0.05}, -0.05),
     ],
 )
-def test_faults_beside_a_load_are_right(simulated, calibration, description, faults, load):
+def test_faults_beside_a_load_are_right(calibration, description, faults, load):
     """Measured up to 0.0036 of the range."""
-    estimate = identify(simulated({"load_torque": load}, faults), description, calibration)
+    estimate = identify(recorded(faults, {"load_torque": load}), description, calibration)
     assert estimate.valid
     check_faults(estimate, faults)
     assert "load_torque" in {cause.name for cause in estimate.causes}
@@ -161,12 +145,10 @@ def test_faults_beside_a_load_are_right(simulated, calibration, description, fau
 
 @pytest.mark.slow
 @pytest.mark.parametrize("load", [0.4, -0.5])
-def test_causes_that_cancel_do_not_take_the_place_of_a_friction(
-    simulated, calibration, description, load
-):
+def test_causes_that_cancel_do_not_take_the_place_of_a_friction(calibration, description, load):
     """In proportion to friction and load, torque constant and inertia hardly change the motion."""
     faults = {"friction": 0.6}
-    estimate = identify(simulated({"load_torque": load}, faults), description, calibration)
+    estimate = identify(recorded(faults, {"load_torque": load}), description, calibration)
     check_faults(estimate, faults)
     [cause] = estimate.causes
     assert (cause.name, cause.value) == ("load_torque", pytest.approx(load, abs=0.005))
@@ -180,9 +162,9 @@ def test_healthy_window_has_no_cause(windows_of, calibration, description):
     assert (estimate.verdict, estimate.reason) == ("valid", "")
 
 
-def test_causes_compete_only_where_they_can_be_weighed(simulated, calibration, description):
+def test_causes_compete_only_where_they_can_be_weighed(calibration, description):
     """The thesis's distances know no noise; without parsimony every fault keeps what it took."""
-    window = simulated({"current_offset": 0.1})
+    window = recorded({}, {"current_offset": 0.1})
     for settings in (
         SearchSettings(fitness="total_least_squares"),
         SearchSettings(parsimonious=False),

@@ -1,7 +1,5 @@
 """The foreign actuators of the benchmarks behave as the registries of faults and causes say."""
 
-import importlib
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -9,16 +7,15 @@ import pytest
 
 from ema_core.faults import fault_vector, healthy_faults
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+from ..benchmarks import benchmark
+
 STEP = 1e-4
 COMMAND = 2e-3 * np.sin(2.0 * np.pi * 10.0 * STEP * np.arange(600))
 
 
 @pytest.fixture(scope="module")
 def effects() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        return importlib.import_module("foreign.effects")
+    return benchmark("foreign.effects")
 
 
 def run(plant, faults=(), **causes):

@@ -21,17 +21,6 @@ def found(windows_of, description) -> Segment:
     return Segment(4, description, window)
 
 
-def test_window_gives_the_estimate_of_its_identification(found, calibration, description):
-    run = Identification(found.window, description, calibration, SearchSettings())
-    assert run.estimate is None
-    generations = [item.generation for item in run]
-    expected = identify(found.window, description, calibration)
-    assert generations == list(range(1, len(generations) + 1))
-    assert run.estimate is not None
-    np.testing.assert_array_equal(run.estimate.faults, expected.faults)
-    assert run.estimate.evaluations == expected.evaluations
-
-
 def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
     search = SearchSettings("pso", seed=3)
     for given, identity in ((calibration, calibration.calibration_id), ("none yet", "")):

@@ -12,8 +12,9 @@ from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
+
+from .windows import changed
 
 FAULTS = {"friction": 0.25}
 OTHER_UNIT = ActuatorDescription(serial_number="SIM-0002")
@@ -24,10 +25,6 @@ OTHER_MOTOR = ActuatorDescription(parameters=ActuatorParameters(R_s=2.3))
 def window(windows_of):
     [window] = windows_of(FAULTS)
     return window
-
-
-def changed(window: Window, **columns) -> Window:
-    return replace(window, telemetry=replace(window.telemetry, **columns))
 
 
 def check_refused(estimate: Estimate, *said: str):

@@ -8,7 +8,6 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector
-from ema_core.parameters import ActuatorParameters
 from ema_monitor.api import find_windows
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.combination import Combination
@@ -16,33 +15,17 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.deviations import HIDDEN_CAUSES
-from ema_monitor.model.measured import expected_causes, measured_causes, measured_causes_of
+from ema_monitor.model.measured import measured_causes, measured_causes_of
 from ema_monitor.model.measurements import MeasurementLog
-from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings, WindowTrigger
-from ema_monitor.windows.window import Window
+from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_sim.api import Command, simulate
 
-PARAMETERS = ActuatorParameters()
+from .windows import recorded
+
 FRICTION = {"friction": 0.2}
 SHORT = {"short_circuit_a": 0.15}
 GAIN = {"gain": 0.65, "backlash": 0.05}
 NS = 1_000_000_000
-
-
-@pytest.fixture(scope="module")
-def simulated():
-    """Window of the simulated actuator with faults and hidden causes, each made once."""
-    made: dict[str, Window] = {}
-
-    def simulated(causes, faults) -> Window:
-        key = f"{causes} {faults}"
-        if key not in made:
-            [window] = WindowTrigger(PARAMETERS).feed(simulate(faults, causes=causes, seed=3))
-            assert isinstance(window, Window)
-            made[key] = window
-        return made[key]
-
-    return simulated
 
 
 def error(estimate: Estimate, faults) -> float:
@@ -53,11 +36,9 @@ def error(estimate: Estimate, faults) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("faults", [{}, FRICTION, SHORT, GAIN], ids=["healthy", *"fsg"])
 @pytest.mark.parametrize("off", [0.0, 0.01], ids=["exact", "one sigma off"])
-def test_faults_under_a_measured_load_are_as_without(
-    simulated, calibration, description, faults, off
-):
+def test_faults_under_a_measured_load_are_as_without(calibration, description, faults, off):
     estimate = identify(
-        simulated({"load_torque": 0.3}, faults),
+        recorded(faults, {"load_torque": 0.3}),
         description,
         calibration,
         measured={"load_torque": (0.3 + off, 0.01)},
@@ -72,9 +53,9 @@ def test_faults_under_a_measured_load_are_as_without(
 @pytest.mark.parametrize("faults", [{}, FRICTION], ids=["healthy", "friction"])
 @pytest.mark.parametrize(("load", "said"), [(0.0, 0.3), (0.3, 0.1)])
 def test_wrong_measurement_is_contradicted_by_the_window(
-    simulated, calibration, description, faults, load, said
+    calibration, description, faults, load, said
 ):
-    window = simulated({"load_torque": load} if load else {}, faults)
+    window = recorded(faults, {"load_torque": load} if load else {})
     estimate = identify(window, description, calibration, measured={"load_torque": (said, 0.01)})
     assert f"contradicts it: measured load torque {said:+.3g} ± 0.01 N.m" in estimate.reason
     # As if nothing had been measured.
@@ -88,9 +69,9 @@ def test_wrong_measurement_is_contradicted_by_the_window(
 
 
 @pytest.mark.slow
-def test_measured_torque_constant_is_told_from_shorts(simulated, calibration, description):
+def test_measured_torque_constant_is_told_from_shorts(calibration, description):
     """Without the measurement neither it nor friction is known (0.036 off, degraded)."""
-    window = simulated({"torque_constant": -0.05}, FRICTION)
+    window = recorded(FRICTION, {"torque_constant": -0.05})
     assert identify(window, description, calibration).verdict == "degraded"
     estimate = identify(
         window, description, calibration, measured={"torque_constant": (-0.05, 0.002)}
@@ -100,8 +81,8 @@ def test_measured_torque_constant_is_told_from_shorts(simulated, calibration, de
 
 
 @pytest.mark.slow
-def test_measured_temperature_is_taken_for_known(simulated, calibration, description):
-    window = simulated({"winding_temperature": 60.0}, FRICTION)
+def test_measured_temperature_is_taken_for_known(calibration, description):
+    window = recorded(FRICTION, {"winding_temperature": 60.0})
     estimate = identify(
         window, description, calibration, measured={"winding_temperature": (60.0, 3.0)}
     )
@@ -110,9 +91,9 @@ def test_measured_temperature_is_taken_for_known(simulated, calibration, descrip
 
 
 @pytest.mark.slow
-def test_measured_sigma_is_part_of_the_uncertainty(simulated, calibration, description):
+def test_measured_sigma_is_part_of_the_uncertainty(calibration, description):
     """Which of three shorts and torque constant it is, only the measurement tells."""
-    window = simulated({"torque_constant": -0.05}, {})
+    window = recorded({}, {"torque_constant": -0.05})
     sigma = [
         identify(
             window, description, calibration, measured={"torque_constant": (-0.05, one)}
@@ -122,21 +103,9 @@ def test_measured_sigma_is_part_of_the_uncertainty(simulated, calibration, descr
     assert sigma[0] < 0.5 * sigma[1]
 
 
-def test_estimate_without_measurement_is_the_same_to_the_bit(windows_of, calibration, description):
-    window = windows_of({}, 7)[-1]
-    one, other = (
-        identify(window, description, calibration, measured=given) for given in (None, {})
-    )
-    assert one.measured == other.measured == ()
-    np.testing.assert_array_equal(one.faults, other.faults)
-    np.testing.assert_array_equal(one.covariance, other.covariance)
-    usual = expected_causes(PARAMETERS, window)
-    assert all(prior.expected == 0.0 for prior in usual)
-
-
-def test_other_distances_take_the_measured_value(simulated, calibration, description):
+def test_other_distances_take_the_measured_value(calibration, description):
     """They know no noise to weigh its sigma by."""
-    window = simulated({"load_torque": 0.3}, {})
+    window = recorded({}, {"load_torque": 0.3})
     settings = SearchSettings(fitness="least_squares")
     blind, seeing = (
         identify(window, description, calibration, settings, measured=given)
@@ -147,11 +116,9 @@ def test_other_distances_take_the_measured_value(simulated, calibration, descrip
 
 
 @pytest.mark.slow
-def test_measured_causes_of_a_stretch_are_used_in_a_combination(
-    simulated, calibration, description
-):
+def test_measured_causes_of_a_stretch_are_used_in_a_combination(calibration, description):
     measured = measured_causes({"load_torque": (0.3, 0.01), "winding_temperature": (0.0, 2.0)})
-    window = replace(simulated({"load_torque": 0.3}, FRICTION), measured=measured)
+    window = replace(recorded(FRICTION, {"load_torque": 0.3}), measured=measured)
     combination = Combination(description, calibration)
     found = [*combination.add(window), *combination.finish()]
     [estimate] = [one for one in found if isinstance(one, Estimate)]

@@ -12,7 +12,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.finder import Segment, WindowFinder
-from ema_monitor.windows.trigger import Defect, TriggerSettings
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_sim.bench import ActuatorBench, BenchSettings
 
 TEN_HOURS = MonitorSettings(
@@ -91,9 +91,3 @@ def test_gap_refuses_its_window(blocks):
     [outlook] = [event for event in events if isinstance(event, Outlook)]
     assert outlook.health.level == STALE
     assert "the newest test was refused: gap of" in outlook.health.reason
-
-
-def test_telemetry_that_goes_back_is_a_defect(blocks):
-    monitor = Monitor()
-    events = [event for block in (*blocks[:2], blocks[0]) for event in monitor.feed(block)]
-    assert [type(event) for event in events] == [Defect]

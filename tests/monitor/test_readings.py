@@ -17,22 +17,12 @@ from ema_monitor.model.deviations import COLUMNS, NAMES, hidden_causes
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.readings import read
 from ema_monitor.windows.relations import law_offset, travel_ratio
-from ema_monitor.windows.trigger import WindowTrigger
-from ema_monitor.windows.window import Window
-from ema_sim.api import simulate
 
-from .windows import changed, window_from
+from .windows import changed, recorded, window_from
 
 PARAMETERS = ActuatorParameters()
 # What friction holds the shaft off its command by, at most.
 HELD = constants(PARAMETERS).mechanics.f_s / (PARAMETERS.GAP * PARAMETERS.G_prop)
-
-
-def recorded(faults, causes, **options) -> Window:
-    telemetry = simulate(faults, causes=causes, seed=3, **options)
-    [window] = WindowTrigger(PARAMETERS).feed(telemetry)
-    assert isinstance(window, Window)
-    return window
 
 
 def columns(**values):

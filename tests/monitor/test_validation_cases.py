@@ -1,20 +1,16 @@
 """The validation windows of the benchmarks are the same in every run."""
 
-import importlib
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+from ..benchmarks import benchmark
 
 
 @pytest.fixture(scope="module")
 def cases() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        return importlib.import_module("cases")
+    return benchmark("cases")
 
 
 def test_a_case_gives_the_same_window_each_time_and_another_seed_another(cases):

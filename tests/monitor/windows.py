@@ -1,17 +1,21 @@
 """Windows made by hand, without an actuator."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import FITNESS, LeastSquares
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.trigger import Refusal, WindowTrigger
 from ema_monitor.windows.window import Window
+from ema_sim.api import simulate
 
 
 def window_from(
@@ -30,6 +34,22 @@ def window_from(
         for column in (current, position, speed)
     )
     return Window(Telemetry(0, sample_period, 0, command, *columns), play)
+
+
+_recorded: dict[str, Window] = {}
+
+
+def recorded(
+    faults: Mapping[str, float], causes: Mapping[str, float], command: Command | None = None
+) -> Window:
+    """Window of the simulated actuator with faults and hidden causes; each is made once."""
+    key = f"{faults} {causes} {command}"
+    if key not in _recorded:
+        telemetry = simulate(faults, causes=causes, command=command or THESIS_CHIRP, seed=3)
+        [window] = WindowTrigger(ActuatorParameters()).feed(telemetry)
+        assert isinstance(window, Window)
+        _recorded[key] = window
+    return _recorded[key]
 
 
 def changed(window: Window, **columns) -> Window:

@@ -11,7 +11,7 @@ UNIT = ("flap", "SIM-0001")
 
 
 def entry(number: int) -> Entry:
-    return Entry(made_test(number, friction=0.01 * number), 10.0 * number, number + 1)
+    return Entry(made_test(number, friction=min(0.01 * number, 0.9)), 10.0 * number, number + 1)
 
 
 def kept(path: Path, n: int = 3) -> bytes:

@@ -14,17 +14,25 @@ PHASE = FAULT_NAMES.index("eccentricity_phase")
 
 
 def made_test(
-    number: int, *, valid: bool = True, seed: int | None = None, **faults: float
+    number: float,
+    *,
+    valid: bool = True,
+    failed: bool = False,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+    **faults: float,
 ) -> Estimate:
     """The estimate of test ``number``; with a seed it errs by a standard deviation of 0.004."""
-    end_ns = FIRST_NS + number * PERIOD_NS
+    end_ns = FIRST_NS + round(number * PERIOD_NS)
     if not valid:
-        reason = "a gap of 3 samples"
+        reason = "a phase is open" if failed else "a gap of 3 samples"
         window = Refusal(end_ns - 500_000_000, end_ns, reason)
-        return refusal(window, "", SearchSettings(), reason)
+        return refusal(window, "", SearchSettings(), reason, is_failure=failed)
     k = fault_vector(faults)
     if seed is not None:
-        errors = SIGMA * np.random.default_rng([seed, number]).standard_normal(N_FAULTS)
+        rng = np.random.default_rng([seed, round(number)])
+    if rng is not None:
+        errors = SIGMA * rng.standard_normal(N_FAULTS)
         k = np.clip(k + np.where([name in faults for name in FAULT_NAMES], errors, 0.0), 0.0, 0.99)
     unobservable = np.zeros(N_FAULTS, dtype=bool)
     unobservable[PHASE] = True

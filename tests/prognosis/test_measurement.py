@@ -1,52 +1,31 @@
 """Measurements: what they accept, refuse and show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, FaultVector, healthy_faults
-from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
 
-from ..monitor.windows import refused
+from .made_tests import made_test
 
 PHASE = FAULT_NAMES.index("eccentricity_phase")
 NONE = np.zeros(8, dtype=bool)
 
 
-def estimate(**changes) -> Estimate:
-    figures = {
-        "start_ns": 1,
-        "end_ns": 2,
-        "algorithm": "least-squares",
-        "seed": 0,
-        "calibration_id": "c",
-        "faults": FaultVector.of(healthy_faults()),
-        "covariance": 1e-5 * np.eye(8),
-        "unobservable": NONE,
-        "play": 0.0,
-        "fitness": 0.0,
-        "goodness_of_fit": 1.0,
-        "goodness_limit": 3.5,
-        "excitation": 1.0,
-        "evaluations": 1,
-        "computing_time_s": 0.1,
-        "valid": True,
-        "reason": "",
-    }
-    return Estimate(**(figures | changes))
-
-
 def test_measurement_of_an_estimate_has_its_figures():
     faults = np.linspace(0.1, 0.8, 8)
-    seen = Measurement.of(estimate(faults=faults), 120)
+    made = replace(made_test(0), faults=faults, covariance=1e-5 * np.eye(8), unobservable=NONE)
+    seen = Measurement.of(made, 120)
     assert seen.hours == 120.0
     np.testing.assert_array_equal(seen.faults, faults)
     np.testing.assert_allclose(seen.noise, 1e-5)
 
 
 def test_invalid_estimate_measures_nothing():
-    with pytest.raises(ValueError, match="measures nothing: no motion"):
-        Measurement.of(refused("no motion"), 10.0)
+    with pytest.raises(ValueError, match="measures nothing: a gap"):
+        Measurement.of(made_test(0, valid=False), 10.0)
 
 
 def test_component_at_its_healthy_value_is_known_only_to_be_near_it():

@@ -1,16 +1,13 @@
 """Metrics of prognosis against closed forms."""
 
-import importlib
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-with pytest.MonkeyPatch.context() as patch:
-    patch.syspath_prepend(str(BENCHMARKS))
-    metrics = importlib.import_module("prognosis.metrics")
+from ..benchmarks import benchmark
+
+metrics = benchmark("prognosis.metrics")
 END = 1000.0
 HOURS = np.arange(0.0, END, 10.0)
 TRUTH = END - HOURS

@@ -111,18 +111,6 @@ def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test(
     assert cycles == [20, 21, 22, 5_000_000, 24, 25, 26, 27]
 
 
-def test_unit_is_judged_after_a_restart_without_a_new_test(tmp_path: Path):
-    path = tmp_path / "history.sqlite"
-    first, outlooks = lived(12, path=path)
-    first.history.close()
-    second = Unit(History(*UNIT, path), TEN_HOURS)
-    resumed = second.resume(PARAMETERS, TEN_HOURS)
-    second.history.close()
-    assert resumed is not None
-    assert plain(resumed) == plain(outlooks[-1])
-    assert Unit(History(*UNIT)).resume(PARAMETERS, TEN_HOURS) is None
-
-
 def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
     prognostics, outlooks = lived(12, PrognosisSettings())
     last = outlooks[-1]

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from ema_ros import managed_node
 
-from .spinning import end, made, ros_context, spinning
+from .spinning import Spinning, end, made, ros_context, spinning
 
 # Tests wait for what nodes report; those of real graphs have their second.
 managed_node._REPORT_S = 0.2  # pyright: ignore[reportPrivateUsage, reportConstantRedefinition]
@@ -22,6 +22,14 @@ def context() -> Iterator[Context]:
     """A context in the domain of this process."""
     with ros_context() as context:
         yield context
+
+
+@pytest.fixture
+def graph(context: Context) -> Iterator[Spinning]:
+    """Nodes of a test, and what serves them."""
+    graph = Spinning(context)
+    yield graph
+    graph.close()
 
 
 @pytest.fixture

@@ -1,20 +1,15 @@
 """A monitor in this process, and what other nodes send it, ask of it and hear from it."""
 
-import threading
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 
 from ema_cli.processes.domains import Domain
 from ema_core.commands import THESIS_CHIRP, build_cycle
@@ -30,8 +25,8 @@ from ema_ros.executor import NodeExecutor
 from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_sim.actuator import SimulatedActuator
 
-from ..waiting import DEADLINE_S, wait_for
-from .spinning import end, made, ros_context, spinning, wait_for_match
+from ..waiting import DEADLINE_S
+from .spinning import Probe, end, made, ros_context, spinning, wait_for_match
 
 START_NS = 1_700_000_000_000_000_000
 ANY_OFFSET_S = 1e10
@@ -70,17 +65,14 @@ def corrupted(block: Telemetry, column: str, sample: int, value: float) -> Telem
     return replace(block, **{column: values})
 
 
-class MonitorSession:
+class MonitorSession(Probe):
     """A monitor node and a probe beside it, both spun in the background."""
 
     def __init__(self, context: Context, node: MonitorNode) -> None:
+        super().__init__(context, "/ema/monitor")
         self.node = node
-        self.failures: list[BaseException] = []
-        self._received: defaultdict[str, list[Any]] = defaultdict(list)
-        self._changed = threading.Condition()
         self._estimates_awaited = 0
         self._at_end: list[Callable[[], Any]] = []
-        self.probe = Node("probe", context=context, namespace="/ema")
         self._publishers = {
             name: self.probe.create_publisher(message_class, name, qos)
             for name, (message_class, qos) in (
@@ -89,7 +81,6 @@ class MonitorSession:
         }
         for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
             self.subscribe(message_class, name, qos)
-        self.subscribe(DiagnosticArray, "/diagnostics", 100)
 
     def at_end(self, callback: Callable[[], Any]) -> None:
         """Call something before the probe is destroyed."""
@@ -98,35 +89,6 @@ class MonitorSession:
     def close(self) -> None:
         for callback in self._at_end:
             callback()
-
-    def fail(self, error: BaseException) -> None:
-        """Note what a callback of the node raised, for `until` to report."""
-        with self._changed:
-            self.failures.append(error)
-            self._changed.notify_all()
-
-    def subscribe(
-        self, message_class: Any, topic: str, qos: QoSProfile | int, key: str = ""
-    ) -> None:
-        def keep(message: Any) -> None:
-            with self._changed:
-                self._received[key or topic].append(message)
-                self._changed.notify_all()
-
-        self.probe.create_subscription(message_class, topic, keep, qos)
-
-    def received(self, key: str) -> list[Any]:
-        with self._changed:
-            return list(self._received[key])
-
-    def until(self, condition: Callable[[], Any], timeout_s: float = DEADLINE_S) -> Any:
-        """Wait for what must come, and return it; no callback may have failed meanwhile."""
-        with self._changed:
-            found = self._changed.wait_for(lambda: condition() or self.failures, timeout_s)
-        failures, self.failures = self.failures, []
-        assert not failures, failures
-        assert found, "what was waited for did not come"
-        return condition()
 
     def bring_up(self) -> None:
         """Bring the node up and wait until it hears what is published."""
@@ -165,45 +127,6 @@ class MonitorSession:
         self._estimates_awaited += 1
         number = self._estimates_awaited
         return self.until(lambda: self.estimates()[number - 1 : number], timeout_s)[0]
-
-    def statuses(self, task: str) -> list[DiagnosticStatus]:
-        """What has been reported of a task so far, the latest last."""
-        return [
-            status
-            for array in self.received("/diagnostics")
-            for status in array.status
-            if status.name == f"/ema/monitor: {task}"
-        ]
-
-    def until_status(
-        self, task: str, text: str, level: bytes | None = None, *, since: int = 0
-    ) -> DiagnosticStatus:
-        """Wait until a status says something."""
-
-        def matching() -> list[DiagnosticStatus]:
-            return [
-                item
-                for item in self.statuses(task)[since:]
-                if text in item.message and level in (None, item.level)
-            ]
-
-        try:
-            return self.until(matching)[-1]
-        except AssertionError as error:
-            seen = sorted({item.message for item in self.statuses(task)[since:]})
-            raise AssertionError(f"{task}: {text!r} is not among {seen}; {error}") from error
-
-    def call(self, service: Any, name: str, request: Any, timeout_s: float = DEADLINE_S) -> Any:
-        return self.result(self.start(service, name, request), timeout_s)
-
-    def start(self, service: Any, name: str, request: Any) -> Any:
-        client = self.probe.create_client(service, name)
-        wait_for(client.service_is_ready, f"service {name}")
-        return client.call_async(request)
-
-    def result(self, future: Any, timeout_s: float = DEADLINE_S) -> Any:
-        wait_for(future.done, "the answer", timeout_s)
-        return future.result()
 
     def change_state(self, transition: int) -> bool:
         request = ChangeState.Request()

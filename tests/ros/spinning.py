@@ -2,20 +2,23 @@
 
 import contextlib
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 
 from ema_ros.executor import NodeExecutor
 from ema_ros.managed_node import ManagedNode
 
-from ..waiting import wait_for
+from ..waiting import DEADLINE_S, wait_for
 
 
 def fail(error: Exception) -> None:
@@ -113,6 +116,86 @@ def end(node: Node) -> None:
     node.destroy_node()
 
 
+class Probe:
+    """A node beside the one that is tested: what it hears of it, and what it asks of it."""
+
+    def __init__(self, context: Context, name: str) -> None:
+        self._name = name
+        self.failures: list[BaseException] = []
+        self._received: defaultdict[str, list[Any]] = defaultdict(list)
+        self._changed = threading.Condition()
+        self.probe = Node("probe", context=context, namespace="/ema")
+        self.subscribe(DiagnosticArray, "/diagnostics", 100)
+
+    def fail(self, error: BaseException) -> None:
+        """Note what a callback of the node raised, for `until` to report."""
+        with self._changed:
+            self.failures.append(error)
+            self._changed.notify_all()
+
+    def subscribe(
+        self, message_class: Any, topic: str, qos: QoSProfile | int, key: str = ""
+    ) -> None:
+        def keep(message: Any) -> None:
+            with self._changed:
+                self._received[key or topic].append(message)
+                self._changed.notify_all()
+
+        self.probe.create_subscription(message_class, topic, keep, qos)
+
+    def received(self, key: str) -> list[Any]:
+        with self._changed:
+            return list(self._received[key])
+
+    def until(self, condition: Callable[[], Any], timeout_s: float = DEADLINE_S) -> Any:
+        """Wait for what must come, and return it; no callback may have failed meanwhile."""
+        with self._changed:
+            found = self._changed.wait_for(lambda: condition() or self.failures, timeout_s)
+        failures, self.failures = self.failures, []
+        assert not failures, failures
+        assert found, "what was waited for did not come"
+        return condition()
+
+    def statuses(self, task: str) -> list[DiagnosticStatus]:
+        """What has been reported of a task so far, the latest last."""
+        return [
+            status
+            for array in self.received("/diagnostics")
+            for status in array.status
+            if status.name == f"{self._name}: {task}"
+        ]
+
+    def until_status(
+        self, task: str, text: str, level: bytes | None = None, *, since: int = 0
+    ) -> DiagnosticStatus:
+        """Wait until a status says something."""
+
+        def matching() -> list[DiagnosticStatus]:
+            return [
+                item
+                for item in self.statuses(task)[since:]
+                if text in item.message and level in (None, item.level)
+            ]
+
+        try:
+            return self.until(matching)[-1]
+        except AssertionError as error:
+            seen = sorted({item.message for item in self.statuses(task)[since:]})
+            raise AssertionError(f"{task}: {text!r} is not among {seen}; {error}") from error
+
+    def call(self, service: Any, name: str, request: Any, timeout_s: float = DEADLINE_S) -> Any:
+        return self.result(self.start(service, name, request), timeout_s)
+
+    def start(self, service: Any, name: str, request: Any) -> Any:
+        client = self.probe.create_client(service, name)
+        wait_for(client.service_is_ready, f"service {name}")
+        return client.call_async(request)
+
+    def result(self, future: Any, timeout_s: float = DEADLINE_S) -> Any:
+        wait_for(future.done, "the answer", timeout_s)
+        return future.result()
+
+
 class Spinning:
     """Nodes of a test, and the executor that serves them."""
 
@@ -130,6 +213,17 @@ class Spinning:
         self.nodes.append(node)
         self.executor.add_node(node)
         return node
+
+    def managed(self, kind: type[ManagedNode], **parameters: Any) -> Any:
+        """Return a node with parameters, which is not yet brought up."""
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        return self.add(made(kind, context=self.context, parameter_overrides=overrides))
+
+    def listen(self, kind: type, topic: str, qos: QoSProfile) -> list[Any]:
+        """Return where messages come in."""
+        heard: list[Any] = []
+        self.node(f"listener_{len(self.nodes)}").create_subscription(kind, topic, heard.append, qos)
+        return heard
 
     def close(self) -> None:
         for node in self.nodes:

@@ -1,18 +1,14 @@
 """The simulated actuator's node, in this process, as another node sees it."""
 
-import threading
-import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -38,8 +34,7 @@ from ema_sim.actuator_node import ActuatorNode
 from ema_sim.bench import ActuatorBench, BenchSettings
 from ema_sim.growth import Growth, grow
 
-from ..waiting import DEADLINE_S, wait_for
-from .spinning import end, fail, figures, made, ros_context, spinning
+from .spinning import Probe, end, figures, made, ros_context, spinning
 
 # A step of 20 ms between 1.1 s of approach and return; 1.17 s in all with the pause.
 SHORT = {"command.shape": "step", "command.amplitude": 1e-3, "command.duration": 0.02}
@@ -59,60 +54,30 @@ def _kernels():
     ActuatorBench(ActuatorDescription()).compile_kernels()
 
 
-class Listener:
-    """What other nodes receive from an actuator node, each message with its time of arrival."""
+class Listener(Probe):
+    """What other nodes receive from an actuator node."""
 
     def __init__(self, context: Context, node: ActuatorNode) -> None:
+        super().__init__(context, "/ema/actuator")
         self.node = node
-        self.context = context
-        self.received: defaultdict[str, list[tuple[int, Any]]] = defaultdict(list)
-        self._changed = threading.Condition()
-        self._probe = Node("probe", context=context, namespace="/ema")
         for name, (message_class, qos) in ACTUATOR_TOPICS.items():
             self.subscribe(message_class, name, EVERY_MESSAGE if qos is LATCHED else qos)
-        self.subscribe(DiagnosticArray, "/diagnostics", 100)
         self.subscribe(Clock, "/clock", BEST_EFFORT)
         self._open = ExitStack()
         self._open.callback(end, node)
-        self._open.callback(end, self._probe)
-        self._open.enter_context(spinning(NodeExecutor(fail, context=context), node))
-        self._open.enter_context(spinning(SingleThreadedExecutor(context=context), self._probe))
-
-    def subscribe(self, message_class: Any, topic: str, qos: Any, key: str = "") -> None:
-        def keep(message: Any) -> None:
-            with self._changed:
-                self.received[key or topic].append((time.time_ns(), message))
-                self._changed.notify_all()
-
-        self._probe.create_subscription(message_class, topic, keep, qos)
-
-    def until(self, condition: Callable[[], Any], timeout: float = DEADLINE_S) -> Any:
-        with self._changed:
-            assert self._changed.wait_for(condition, timeout), "what was waited for did not come"
-            return condition()
-
-    def messages(self, topic: str) -> list[Any]:
-        return [message for _, message in list(self.received[topic])]
+        self._open.callback(end, self.probe)
+        self._open.enter_context(spinning(NodeExecutor(self.fail, context=context), node))
+        self._open.enter_context(spinning(SingleThreadedExecutor(context=context), self.probe))
 
     def blocks(self) -> list[Any]:
-        return [telemetry_from_message(message) for message in self.messages("telemetry")]
+        return [telemetry_from_message(message) for message in self.received("telemetry")]
 
     def truths(self) -> list[Any]:
-        return [stamped_faults_from_message(m) for m in self.messages("simulated_faults")]
-
-    def statuses(self, name: str) -> list[DiagnosticStatus]:
-        arrays = self.messages("/diagnostics")
-        return [s for array in arrays for s in array.status if s.name == f"/ema/actuator: {name}"]
-
-    def call(self, service: Any, name: str, request: Any) -> Any:
-        client = self._probe.create_client(service, name)
-        wait_for(client.service_is_ready, name)
-        future = client.call_async(request)
-        wait_for(future.done, "the answer")
-        return future.result()
+        return [stamped_faults_from_message(m) for m in self.received("simulated_faults")]
 
     def close(self) -> None:
         self._open.close()
+        assert not self.failures, self.failures
 
 
 @contextmanager
@@ -141,12 +106,12 @@ def two_cycles_in_real_time() -> Listener:
     faults = {"faults.friction": 0.25, "faults.gain": 0.6}
     noise = {"current_noise": 0.05, "noise_gain": 1.0, "seed": 7, "resolution.position": 1e-6}
     with running(**faults, **noise, **{"plant.R_s": 2.2, "load": 0.01}) as listener:
-        listener.until(lambda: len(listener.received["simulated_faults"]) > 2)
+        listener.until(lambda: len(listener.received("simulated_faults")) > 2)
         for name in ("actuator_description", "simulated_faults", "usage"):
             listener.subscribe(ACTUATOR_TOPICS[name][0], name, LATCHED, key=f"late {name}")
-            listener.until(lambda name=name: listener.received[f"late {name}"])
-        count = len(listener.received["/diagnostics"])
-        listener.until(lambda: len(listener.received["/diagnostics"]) > count)
+            listener.until(lambda name=name: listener.received(f"late {name}"))
+        count = len(listener.received("/diagnostics"))
+        listener.until(lambda: len(listener.received("/diagnostics")) > count)
     return listener
 
 
@@ -169,7 +134,7 @@ def test_telemetry_comes_in_blocks_of_ten_milliseconds_without_a_gap(real_time):
     np.testing.assert_array_equal(numbers[1:, 0], numbers[:-1].sum(axis=1))
     assert np.count_nonzero(numbers[:, 1] == 100) >= 0.98 * len(blocks)
     assert len(blocks) >= per_cycle
-    assert {m.actuator_id for m in real_time.messages("telemetry")} == {"flap"}
+    assert {m.actuator_id for m in real_time.received("telemetry")} == {"flap"}
 
 
 def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
@@ -178,7 +143,7 @@ def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
     np.testing.assert_array_equal(
         np.diff([truth.stamp_ns for truth in truths[:3]]), CYCLE_SAMPLES * 100_000
     )
-    counts = real_time.messages("usage")[:3]
+    counts = real_time.received("usage")[:3]
     assert [stamp_from_message(count.header.stamp) for count in counts] == [
         truth.stamp_ns for truth in truths[:3]
     ]
@@ -212,7 +177,7 @@ def test_samples_are_those_of_the_bench_with_these_settings(real_time):
 
     torques = {block.first_index: torque for block, torque in expected}
     tau = description.parameters.tau
-    joints = {stamp_from_message(j.header.stamp): j for j in real_time.messages("joint_states")}
+    joints = {stamp_from_message(j.header.stamp): j for j in real_time.received("joint_states")}
     compared = [b for b in real_time.blocks()[:200] if int(b.stamps_ns[-1]) in joints]
     # A slow receiver loses joint states: only ten are kept for it.
     assert len(compared) >= 0.5 * 200
@@ -226,13 +191,13 @@ def test_samples_are_those_of_the_bench_with_these_settings(real_time):
 
 
 def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
-    [description] = real_time.messages("late actuator_description")
+    [description] = real_time.received("late actuator_description")
     # Its parameters are the nominal ones: the resistance is for the monitor to find.
     assert description_from_message(description) == ActuatorDescription()
-    usage = real_time.messages("late usage")[0]
+    usage = real_time.received("late usage")[0]
     assert (usage.actuator_id, usage.serial_number) == ("flap", "SIM-0001")
     assert usage.flight_hours == 10.0 * (usage.cycles - 1)
-    truth = stamped_faults_from_message(real_time.messages("late simulated_faults")[0])
+    truth = stamped_faults_from_message(real_time.received("late simulated_faults")[0])
     assert truth.actuator_id == "flap"
     np.testing.assert_array_equal(truth.faults, fault_vector({"friction": 0.25, "gain": 0.6}))
 
@@ -244,7 +209,7 @@ def growth(fault: str, law: str, rate: float, **figures: float) -> FaultGrowth:
 def test_faults_are_set_and_grow_from_the_next_cycle_on():
     start = fault_vector({"friction": 0.1, "gain": 0.4})
     with running(rate=8.0, block_s=0.08, hours_per_cycle=50.0) as listener:
-        listener.until(lambda: len(listener.received["simulated_faults"]) > 1)
+        listener.until(lambda: len(listener.received("simulated_faults")) > 1)
         request = SetSimulatedFaults.Request(
             faults=faults_to_message(start),
             growth=[growth("friction", "linear", 1e-3)],
@@ -254,11 +219,11 @@ def test_faults_are_set_and_grow_from_the_next_cycle_on():
         assert response.success
         assert "next test cycle" in response.message
         called = len(listener.truths())
-        listener.until(lambda: len(listener.received["simulated_faults"]) >= called + 4)
+        listener.until(lambda: len(listener.received("simulated_faults")) >= called + 4)
         truths = listener.truths()
-        listener.until(lambda: len(listener.received["usage"]) >= len(truths))
+        listener.until(lambda: len(listener.received("usage")) >= len(truths))
     # New faults are not a new unit: its service life goes on.
-    hours = [count.flight_hours for count in listener.messages("usage")[: called + 4]]
+    hours = [count.flight_hours for count in listener.received("usage")[: called + 4]]
     assert hours[0] == 0.0
     assert set(np.diff(hours)) == {50.0, 20.0}
     changed = next(i for i, truth in enumerate(truths) if truth.faults[0] > 0.0)
@@ -273,12 +238,12 @@ def test_faults_are_set_and_grow_from_the_next_cycle_on():
 def test_command_is_set_from_the_next_cycle_on():
     samples = 1e-3 * np.sin(np.linspace(0.0, 3.0, 300))
     with running(rate=8.0, block_s=0.08) as listener:
-        listener.until(lambda: listener.received["telemetry"])
+        listener.until(lambda: listener.received("telemetry"))
         request = SetCommand.Request(shape="custom", custom=samples.tolist())
         response = listener.call(SetCommand, "actuator/set_command", request)
         assert response.success
         called = len(listener.truths())
-        listener.until(lambda: len(listener.received["simulated_faults"]) >= called + 2)
+        listener.until(lambda: len(listener.received("simulated_faults")) >= called + 2)
         listener.until(lambda: listener.blocks()[-1].stamp_ns > listener.truths()[-1].stamp_ns)
         blocks, starts = listener.blocks(), [truth.stamp_ns for truth in listener.truths()]
     cycle = [block for block in blocks if starts[-2] < block.stamp_ns < starts[-1]]
@@ -320,9 +285,9 @@ class TestAsked:
     def test_at_rate_four_whoever_uses_simulated_time_finds_it_on_the_clock(self, asked):
         status = asked.until(lambda: asked.statuses("simulation"))[-1]
         assert {item.key: item.value for item in status.values}["rate"] == "4"
-        asked.until(lambda: len(asked.received["/clock"]) > 100)
+        asked.until(lambda: len(asked.received("/clock")) > 100)
         ends = {int(block.stamps_ns[-1]) for block in asked.blocks()}
-        clocks = [stamp_from_message(message.clock) for message in asked.messages("/clock")]
+        clocks = [stamp_from_message(message.clock) for message in asked.received("/clock")]
         assert clocks == sorted(clocks)
         # Best effort: some may be lost.
         assert len(ends & set(clocks)) > 0.8 * len(ends)
@@ -330,7 +295,7 @@ class TestAsked:
 
 def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
     with running(rate=100.0, block_s=2e-3) as listener:
-        listener.until(lambda: len(listener.received["simulated_faults"]) >= 3)
+        listener.until(lambda: len(listener.received("simulated_faults")) >= 3)
         worst = listener.until(
             lambda: [s for s in listener.statuses("simulation") if s.level != DiagnosticStatus.OK]
         )[-1]
@@ -349,10 +314,10 @@ def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
 
 def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
     with running() as listener:
-        listener.until(lambda: len(listener.received["telemetry"]) > 5)
+        listener.until(lambda: len(listener.received("telemetry")) > 5)
         listener.node.trigger_deactivate()
         listener.node.trigger_activate()
-        listener.until(lambda: len(listener.received["simulated_faults"]) > 1)
+        listener.until(lambda: len(listener.received("simulated_faults")) > 1)
         listener.until(lambda: listener.blocks()[-1].stamp_ns > listener.truths()[-1].stamp_ns)
         assert [truth.cycle for truth in listener.truths()] == [0, 1]
         restart = listener.truths()[1].stamp_ns
@@ -371,7 +336,7 @@ def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
 
 def test_causes_are_set_like_faults_and_refused_by_name():
     with running(causes=["position_offset=0.01"]) as listener:
-        listener.until(lambda: len(listener.received["telemetry"]) > 2)
+        listener.until(lambda: len(listener.received("telemetry")) > 2)
         node = listener.node
 
         def change(texts: list[str]) -> Any:
@@ -421,12 +386,12 @@ def test_described_actuator_is_the_nominal_plant(tmp_path):
     file = tmp_path / "slat.yaml"
     file.write_text("actuator_id: slat\nserial_number: S-7\nparameters: {R_s: 1.9, P: 4}\n")
     with running(actuator_file=str(file)) as listener:
-        listener.until(lambda: listener.received["telemetry"])
-        [message] = listener.messages("actuator_description")
+        listener.until(lambda: listener.received("telemetry"))
+        [message] = listener.received("actuator_description")
         node = listener.node
         plant = {name: node.get_parameter(f"plant.{name}").value for name in ("R_s", "P", "L_s")}
     description = description_from_message(message)
     assert (description.actuator_id, description.serial_number) == ("slat", "S-7")
     assert description.parameters == ActuatorParameters(R_s=1.9, P=4)
     assert plant == {"R_s": 1.9, "P": 4, "L_s": ActuatorParameters().L_s}
-    assert listener.messages("telemetry")[0].actuator_id == "slat"
+    assert listener.received("telemetry")[0].actuator_id == "slat"

@@ -15,14 +15,12 @@ from ema_monitor.diagnosis import identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import LATCHED_BY_MANY
 
 from .monitor_session import CYCLE, FLAP, MonitorSession, Source, monitor
 from .spinning import figures
 
-OK, WARN, ERROR, STALE = 0, 1, 2, 3
-PERIOD_NS = 100_000
+OK, WARN, STALE = 0, 1, 3
 
 
 @pytest.fixture(scope="module")
@@ -95,31 +93,6 @@ def test_status_carries_the_figures(session: MonitorSession):
     health = session.until_status("flap health", "WARN: friction", b"\x01")
     values = figures(health)
     assert values["health index"] == pytest.approx(session.healths()[0].health_index, rel=1e-6)
-
-
-def test_settings_take_effect_with_the_next_window(session: MonitorSession):
-    source = Source(friction=0.3)
-    before = len(session.estimates())
-    changes = {"algorithm": "pso", "budget": 700, "seed": 5, "limits.friction": 0.25}
-    assert all(r.successful for r in session.set_parameter_values(changes))
-    session.feed(source.cycle())
-    session.until(lambda: len(session.estimates()) > before)
-    estimate = session.estimates()[before]
-    session.until(lambda: len(session.healths()) > 1)
-    assert (estimate.algorithm, estimate.seed) == ("pso", 5)
-    assert 0 < estimate.evaluations <= 700
-    [friction] = [item for item in session.healths()[-1].faults if item.name == "friction"]
-    assert friction.limit == 0.25
-    expected = ERROR if estimate.faults.friction > 0.25 else WARN
-    assert friction.level == expected
-    # A window of another length than that of the calibration has no correction, but an estimate.
-    assert session.set_parameters(window_s=0.3)[0].successful
-    session.feed(source.cycle())
-    session.until(lambda: len(session.estimates()) > before + 1)
-    estimate = session.estimates()[before + 1]
-    length = stamp_from_message(estimate.window_end) - stamp_from_message(estimate.window_start)
-    assert (length, estimate.valid) == (300_000_000, True)
-    assert estimate.verdict in (FaultEstimate.VALID, FaultEstimate.DEGRADED)
 
 
 def test_latched_descriptions_of_all_actuators_are_received():

@@ -12,14 +12,13 @@ from lifecycle_msgs.msg import Transition
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
 
-from .monitor_session import CYCLE, FLAP, MonitorSession, monitor
+from .monitor_session import FLAP, MonitorSession, monitor
 from .mounted_units import mount
 from .worn_actuator import HOURS, live, worn_cycles
 
 OK, WARN = b"\x00", b"\x01"
 DAY_NS = 86_400_000_000_000
 OFFSET_S = 3600.0
-MIDDLE = (CYCLE.start + CYCLE.stop) // 2
 
 
 @pytest.fixture(scope="module")

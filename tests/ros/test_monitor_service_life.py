@@ -8,17 +8,14 @@ from typing import Any
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import Usage
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.unit import Unit
-from ema_ros import topics
 
 from .monitor_session import FLAP, monitor
 from .mounted_units import mount
 from .worn_actuator import HOURS, live, predict, use, worn_cycles
 
-OK, WARN, ERROR, STALE = 0, 1, 2, 3
-WARNING = bytes([WARN])
+OK, STALE = 0, 3
 OTHER = replace(FLAP, serial_number="SIM-0002")
 
 
@@ -101,21 +98,6 @@ def test_service_that_fails_says_so_and_goes_on(
         assert not answer.success
         assert "the prognosis failed: FloatingPointError('made up')" in answer.message
         assert predict(session, 1.0).success
-
-
-def test_impossible_use_makes_no_actuator_known(cycles: list[Telemetry]):
-    with monitor({"hours_per_cycle": HOURS}) as session:
-        mount(session, FLAP)
-        live(session, cycles[:1])
-        for hours in (math.nan, -3.0):
-            session.send(topics.USAGE, Usage(actuator_id="rudder", flight_hours=hours))
-        session.until_status(
-            "input", "2 wrong messages of actuators that are not monitored", WARNING
-        )
-        session.until_status("input", "'rudder': usage is impossible: flight_hours = -3 h", WARNING)
-        # Nothing but the flap is monitored, so that it need not be named.
-        assert predict(session, 1.0).success
-        assert not session.statuses("rudder telemetry")
 
 
 def test_health_that_cannot_be_published_costs_no_second_estimate(

@@ -45,14 +45,9 @@ WRONG: dict[str, tuple[Callable[[Telemetry], Messages], list[str]]] = {
         lambda b: [message(corrupted(b, "current", 3, np.nan))],
         ["current is nan at index", "finite"],
     ),
-    "gap": (lambda _: [], ["gap of 500 samples"]),
     "short column": (lambda b: with_column(b, "current", 499), ["current 499", "command 500"]),
-    "no column": (
-        lambda b: with_column(b, "speed", 0),
-        ["no speed measured from index", "all columns before"],
-    ),
 }
-"""What is wrong with a block, and with a message; all kinds are those of the window finder."""
+"""What is wrong with a block, and with a message; other kinds are the window finder's."""
 
 
 @pytest.mark.parametrize("name", WRONG)

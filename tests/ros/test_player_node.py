@@ -3,14 +3,11 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
@@ -22,12 +19,11 @@ from ema_bags.reader import Bag, Recorded
 from ema_bags.recorder_node import RecorderNode
 from ema_bags.writer import BagWriter
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
-from ema_ros.managed_node import ManagedNode
 from ema_ros.status import ERROR, OK, Task
 
 from ..bags.recorded_messages import ros_messages
 from ..waiting import DEADLINE_S, wait_for
-from .spinning import Spinning, made
+from .spinning import Spinning
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=100)
@@ -36,29 +32,8 @@ START_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
 
 
-class Graph(Spinning):
-    """Nodes of a test, and the executor that serves them."""
-
-    def managed(self, kind: type[ManagedNode], **parameters: Any) -> Any:
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        return self.add(made(kind, context=self.context, parameter_overrides=overrides))
-
-    def player(self, bag: Path, **parameters: Any) -> PlayerNode:
-        return self.managed(PlayerNode, bag=str(bag), **parameters)
-
-    def listen(self, kind: type, topic: str, qos: QoSProfile) -> list[Any]:
-        """Return where messages come in."""
-        heard: list[Any] = []
-        node = self.node(f"listener_{len(self.nodes)}")
-        node.create_subscription(kind, topic, heard.append, qos)
-        return heard
-
-
-@pytest.fixture
-def graph(context: Context) -> Iterator[Graph]:
-    graph = Graph(context)
-    yield graph
-    graph.close()
+def player_of(graph: Spinning, bag: Path, **parameters: Any) -> PlayerNode:
+    return graph.managed(PlayerNode, bag=str(bag), **parameters)
 
 
 @pytest.fixture
@@ -87,10 +62,10 @@ def texts(heard: list[Any]) -> list[int]:
     return [int(message.data) for message in heard]
 
 
-def test_bag_is_played_in_order_with_its_clock(graph: Graph, bag: Path):
+def test_bag_is_played_in_order_with_its_clock(graph: Spinning, bag: Path):
     heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
-    player = graph.player(bag, rate=5.0)
+    player = player_of(graph, bag, rate=5.0)
     assert player.bring_up()
     assert player.finished.wait(DEADLINE_S)
     wait_for(lambda: len(heard[0]) + len(heard[1]) == 101, "all messages")
@@ -107,8 +82,8 @@ def test_bag_is_played_in_order_with_its_clock(graph: Graph, bag: Path):
     assert player.exit_code == 0
 
 
-def test_subscriber_that_comes_late_is_waited_for(graph: Graph, bag: Path):
-    player = graph.player(bag, rate=20.0)
+def test_subscriber_that_comes_late_is_waited_for(graph: Spinning, bag: Path):
+    player = player_of(graph, bag, rate=20.0)
     assert player.bring_up()
     wait_for(lambda: "waiting for a subscriber" in task(player).message, "the waiting")
     assert "/ema/t1" in task(player).message
@@ -117,7 +92,7 @@ def test_subscriber_that_comes_late_is_waited_for(graph: Graph, bag: Path):
     wait_for(lambda: len(heard) == 50, "all messages")
 
 
-def test_only_what_an_actuator_sends_is_played_on_demand(graph: Graph, tmp_path: Path):
+def test_only_what_an_actuator_sends_is_played_on_demand(graph: Spinning, tmp_path: Path):
     actuator: dict[str, type] = {
         "/ema/telemetry": TelemetryBlock,
         "/ema/actuator_description": ActuatorDescription,
@@ -129,16 +104,16 @@ def test_only_what_an_actuator_sends_is_played_on_demand(graph: Graph, tmp_path:
         for name, kind in (actuator | monitor).items():
             writer.add_topic(name, kind, STREAM)
             writer.write(name, kind(), START_NS)
-    player = graph.player(tmp_path / "b", actuator_only=True)
+    player = player_of(graph, tmp_path / "b", actuator_only=True)
     assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert set(player._outputs.publishers) == set(actuator)
-    everything = graph.player(tmp_path / "b")
+    everything = player_of(graph, tmp_path / "b")
     assert everything.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert set(everything._outputs.publishers) == set(actuator | monitor)
 
 
-def test_failure_while_playing_ends_the_player(graph: Graph, bag: Path, monkeypatch: Any):
-    player = graph.player(bag, wait_s=0.0)
+def test_failure_while_playing_ends_the_player(graph: Spinning, bag: Path, monkeypatch: Any):
+    player = player_of(graph, bag, wait_s=0.0)
     assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
     def publish(_: Recorded) -> None:
@@ -151,9 +126,11 @@ def test_failure_while_playing_ends_the_player(graph: Graph, bag: Path, monkeypa
     assert "the middleware is gone" in task(player).message
 
 
-def test_recording_what_is_played_gives_the_same_messages(graph: Graph, bag: Path, tmp_path: Path):
+def test_recording_what_is_played_gives_the_same_messages(
+    graph: Spinning, bag: Path, tmp_path: Path
+):
     topics = ["/ema/latched", "/ema/t0", "/ema/t1"]
-    player = graph.player(bag, rate=5.0, wait_s=8.0)
+    player = player_of(graph, bag, rate=5.0, wait_s=8.0)
     assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
     recorder = graph.managed(RecorderNode, output=str(tmp_path / "again"), topics=topics)
     assert recorder.bring_up()
@@ -193,7 +170,7 @@ def test_what_cannot_be_played_is_one_clear_line(bag: Path):
     assert f"{bag}: nothing to play: no message of an actuator" in line
 
 
-def test_interrupted_player_does_not_wait_for_the_next_message(graph: Graph, tmp_path: Path):
+def test_interrupted_player_does_not_wait_for_the_next_message(graph: Spinning, tmp_path: Path):
     with BagWriter(tmp_path / "slow.mcap") as writer:
         writer.add_topic("/ema/t0", String, STREAM)
         for hour in range(2):

@@ -20,15 +20,15 @@ from ema_ros.status import WARN
 from ema_ros.topics import LATCHED_BY_MANY
 
 from ..waiting import DEADLINE_S, wait_for
+from .spinning import Spinning
 from .test_player_node import (
     BEST_EFFORT,
     LATCHED,
     START_NS,
     STEP_NS,
     STREAM,
-    Graph,
     bag,  # noqa: F401  a fixture
-    graph,  # noqa: F401
+    player_of,
     task,
     texts,
 )
@@ -45,10 +45,10 @@ def numbers(heard: list[list[Any]]) -> list[int]:
         ({"start_offset": 1.0, "topics": ["t0", "latched"]}, range(100, 101)),
     ],
 )
-def test_a_part_of_a_bag_is_played(graph: Graph, bag: Path, part: dict, expected: range):  # noqa: F811
+def test_a_part_of_a_bag_is_played(graph: Spinning, bag: Path, part: dict, expected: range):  # noqa: F811
     heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     latched = graph.listen(String, "latched", LATCHED)
-    player = graph.player(bag, rate=10.0, **part)
+    player = player_of(graph, bag, rate=10.0, **part)
     assert player.bring_up()
     assert player.finished.wait(DEADLINE_S)
     wait_for(lambda: len(heard[0]) + len(heard[1]) == len(expected), "all messages")
@@ -70,22 +70,22 @@ def test_a_part_of_a_bag_is_played(graph: Graph, bag: Path, part: dict, expected
     ],
 )
 def test_part_that_is_not_there_is_refused(
-    graph: Graph,  # noqa: F811
+    graph: Spinning,
     bag: Path,  # noqa: F811
     parameters: dict,
     told: str,
 ):
-    player = graph.player(bag, **parameters)
+    player = player_of(graph, bag, **parameters)
     assert player.trigger_configure() == TransitionCallbackReturn.FAILURE
     assert told in player._refused
 
 
-def test_a_loop_begins_again_as_after_a_seek(graph: Graph, bag: Path):  # noqa: F811
+def test_a_loop_begins_again_as_after_a_seek(graph: Spinning, bag: Path):  # noqa: F811
     heard = graph.listen(String, "t0", STREAM)
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
     states = graph.listen(PlaybackState, "playback_state", LATCHED_BY_MANY)
     latched = graph.listen(String, "latched", LATCHED)
-    player = graph.player(bag, rate=10.0, loop=True, start_offset=0.5)
+    player = player_of(graph, bag, rate=10.0, loop=True, start_offset=0.5)
     assert player.bring_up()
     wait_for(lambda: len(heard) > 2 * 26, "a third pass")
     player.trigger_deactivate()
@@ -101,7 +101,7 @@ def test_a_loop_begins_again_as_after_a_seek(graph: Graph, bag: Path):  # noqa: 
     wait_for(lambda: len(latched) >= 3, "what is latched, in each pass")
 
 
-def call(graph: Graph, player: PlayerNode, kind: Any, name: str, **fields: Any) -> Any:  # noqa: F811
+def call(graph: Spinning, player: PlayerNode, kind: Any, name: str, **fields: Any) -> Any:
     node = graph.node(f"client_{len(graph.nodes)}")
     client = node.create_client(kind, f"{player.get_name()}/{name}")
     assert client.wait_for_service(DEADLINE_S)
@@ -110,9 +110,9 @@ def call(graph: Graph, player: PlayerNode, kind: Any, name: str, **fields: Any) 
     return future.result()
 
 
-def test_paused_playback_goes_on_step_by_step(graph: Graph, bag: Path):  # noqa: F811
+def test_paused_playback_goes_on_step_by_step(graph: Spinning, bag: Path):  # noqa: F811
     heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
-    player = graph.player(bag, start_paused=True, rate=20.0)
+    player = player_of(graph, bag, start_paused=True, rate=20.0)
     assert player.bring_up()
     wait_for(lambda: not player._outputs.missing(), "the listeners")
 
@@ -136,8 +136,8 @@ def test_paused_playback_goes_on_step_by_step(graph: Graph, bag: Path):  # noqa:
     assert ask(Trigger, "play_next").message == "the player has ended"
 
 
-def test_steps_end_at_the_end_and_are_refused_while_it_plays(graph: Graph, bag: Path):  # noqa: F811
-    player = graph.player(bag, rate=0.01, wait_s=0.0)
+def test_steps_end_at_the_end_and_are_refused_while_it_plays(graph: Spinning, bag: Path):  # noqa: F811
+    player = player_of(graph, bag, rate=0.01, wait_s=0.0)
     assert player.bring_up()
     answer = call(graph, player, Trigger, "play_next")
     assert (answer.success, answer.message) == (False, "the player plays: pause it first")
@@ -149,7 +149,7 @@ def test_steps_end_at_the_end_and_are_refused_while_it_plays(graph: Graph, bag: 
     assert answer.message == f"{bag} is at its end: seek first"
 
 
-def test_monitor_that_does_not_follow_the_clock_is_named(graph: Graph, tmp_path: Path):  # noqa: F811
+def test_monitor_that_does_not_follow_the_clock_is_named(graph: Spinning, tmp_path: Path):
     with BagWriter(tmp_path / "b") as writer:
         writer.add_topic("/ema/telemetry", TelemetryBlock, STREAM)
         writer.write("/ema/telemetry", TelemetryBlock(), START_NS)
@@ -158,14 +158,14 @@ def test_monitor_that_does_not_follow_the_clock_is_named(graph: Graph, tmp_path:
         node.create_subscription(TelemetryBlock, "telemetry", lambda _: None, STREAM)
         node.create_publisher(Health, f"{name}/health", LATCHED)
         node.set_parameters([Parameter("use_sim_time", value=follows)])
-    player = graph.player(tmp_path / "b", start_paused=True)
+    player = player_of(graph, tmp_path / "b", start_paused=True)
     assert player.bring_up()
     wait_for(lambda: task(player).level == WARN, "the warning")
     assert "/ema/monitor does not follow /clock" in task(player).message
     wait_for(lambda: "monitor_2" not in task(player).message, "the other one's /clock")
 
 
-def test_what_cannot_be_played_is_left_out_and_named(graph: Graph, tmp_path: Path):  # noqa: F811
+def test_what_cannot_be_played_is_left_out_and_named(graph: Spinning, tmp_path: Path):
     path, time_ns = tmp_path / "odd.mcap", START_NS
     with BagWriter(path) as writer:
         for name in ("/ema/t0", "/ema/a b", "/rosout"):
@@ -177,7 +177,7 @@ def test_what_cannot_be_played_is_left_out_and_named(graph: Graph, tmp_path: Pat
         # Cut off within its text.
         writer.write_serialized("/ema/t0", b"\0\1\0\0\x09\0\0\0ab", time_ns + STEP_NS)
     heard = graph.listen(String, "t0", STREAM)
-    player = graph.player(path, rate=10.0, stay=True)
+    player = player_of(graph, path, rate=10.0, stay=True)
     assert player.bring_up()
     wait_for(lambda: len(heard) == 4, "the good messages")
     wait_for(lambda: task(player).values["skipped"] == 1, "the malformed message is counted")

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -29,32 +28,15 @@ from ema_ros.status import OK, WARN, Task
 
 from ..bags.recorded_messages import ros_messages
 from ..waiting import DEADLINE_S, wait_for
-from .spinning import Spinning, made, ros_context, wait_for_match
+from .spinning import Spinning, ros_context, wait_for_match
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
 BEST_EFFORT = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Graph(Spinning):
-    """Nodes of a test, and the executor that serves them."""
-
-    def recorder(self, path: Path, namespace: str = "/ema", **parameters: Any) -> RecorderNode:
-        overrides = [
-            Parameter(name, value=value)
-            for name, value in {"output": str(path), **parameters}.items()
-        ]
-        node = made(
-            RecorderNode, namespace=namespace, context=self.context, parameter_overrides=overrides
-        )
-        return self.add(node)
-
-
-@pytest.fixture
-def graph(context: Context) -> Iterator[Graph]:
-    graph = Graph(context)
-    yield graph
-    graph.close()
+def recorder_of(graph: Spinning, path: Path, **parameters: Any) -> RecorderNode:
+    return graph.managed(RecorderNode, **{"output": str(path), **parameters})
 
 
 def task(recorder: RecorderNode) -> Task:
@@ -78,14 +60,14 @@ def contents(path: Path, topic: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("name", ["flight", "flight.mcap"])
-def test_everything_published_is_recorded_in_order(graph: Graph, tmp_path: Path, name: str):
+def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Path, name: str):
     source = graph.node()
     latched = source.create_publisher(String, "latched", LATCHED)
     latched.publish(String(data="published before there was a recorder"))
     published_ns = time.time_ns()
     telemetry = source.create_publisher(TelemetryBlock, "telemetry", STREAM)
     text = source.create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / name, topics=["telemetry", "/ema/text", "latched"])
+    recorder = recorder_of(graph, tmp_path / name, topics=["telemetry", "/ema/text", "latched"])
     assert recorder.bring_up()
     wait_for_match(recorder, telemetry, text, latched)
     begin_ns = time.time_ns()
@@ -119,14 +101,17 @@ def test_everything_published_is_recorded_in_order(graph: Graph, tmp_path: Path,
         assert offered_qos(offered) == offered_qos(qos) | told
 
 
-def test_default_is_the_namespace_and_the_diagnostics(graph: Graph, tmp_path: Path):
+def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path: Path):
     source = graph.node(namespace="/flap_1")
     wanted = source.create_publisher(String, "deep/text", STREAM)
     others = [
         source.create_publisher(String, name, STREAM)
         for name in ("/elsewhere", "/flap_12/text", "_hidden", "deep/_hidden/text")
     ]
-    recorder = graph.recorder(tmp_path / "flight", namespace="/flap_1")
+    parameters = [Parameter("output", value=str(tmp_path / "flight"))]
+    recorder = graph.add(
+        RecorderNode(namespace="/flap_1", context=graph.context, parameter_overrides=parameters)
+    )
     assert recorder.bring_up()
     wait_for_match(recorder, wanted)
     for publisher in (*others, wanted):
@@ -142,12 +127,12 @@ def test_default_is_the_namespace_and_the_diagnostics(graph: Graph, tmp_path: Pa
     }
 
 
-def test_log_times_are_simulated_where_time_is(graph: Graph, tmp_path: Path):
+def test_log_times_are_simulated_where_time_is(graph: Spinning, tmp_path: Path):
     source = graph.node()
     clock = source.create_publisher(Clock, "/clock", QoSProfile(depth=1))
     text = source.create_publisher(String, "text", LATCHED)
     text.publish(String(data="before time begins"))
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"], use_sim_time=True)
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"], use_sim_time=True)
     assert recorder.bring_up()
     wait_for(lambda: recorder.get_publishers_info_by_topic("text"), "the publisher")
     recorder._discover()
@@ -165,9 +150,9 @@ def test_log_times_are_simulated_where_time_is(graph: Graph, tmp_path: Path):
     assert item.log_time_ns == 42 * 10**9
 
 
-def test_pausing_goes_on_in_the_same_bag(graph: Graph, tmp_path: Path):
+def test_pausing_goes_on_in_the_same_bag(graph: Spinning, tmp_path: Path):
     publisher = graph.node().create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for_match(recorder, publisher)
     publisher.publish(String(data="before"))
@@ -184,9 +169,9 @@ def test_pausing_goes_on_in_the_same_bag(graph: Graph, tmp_path: Path):
     assert [item.data for item in contents(tmp_path / "flight", "/ema/text")] == ["before", "after"]
 
 
-def test_bag_that_is_there_is_not_replaced_unasked(graph: Graph, tmp_path: Path):
+def test_bag_that_is_there_is_not_replaced_unasked(graph: Spinning, tmp_path: Path):
     path, other = tmp_path / "flight", tmp_path / "other"
-    recorder = graph.recorder(path)
+    recorder = recorder_of(graph, path)
     assert recorder.bring_up()
     for name, value in (("output", str(other)), ("topics", ["text"])):
         [answer] = recorder.set_parameters([Parameter(name, value=value)])
@@ -209,9 +194,9 @@ def test_bag_that_is_there_is_not_replaced_unasked(graph: Graph, tmp_path: Path)
     assert recorder.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
 
-def test_default_output_is_named_by_the_time(graph: Graph, tmp_path: Path, monkeypatch: Any):
+def test_default_output_is_named_by_the_time(graph: Spinning, tmp_path: Path, monkeypatch: Any):
     monkeypatch.chdir(tmp_path)
-    recorder = graph.recorder(Path(), output="")
+    recorder = recorder_of(graph, Path(), output="")
     assert recorder.bring_up()
     recorder.trigger_shutdown()
     (path,) = tmp_path.iterdir()
@@ -219,11 +204,11 @@ def test_default_output_is_named_by_the_time(graph: Graph, tmp_path: Path, monke
     assert abs(time.time() - at) < 60.0
 
 
-def test_every_publisher_is_heard_whatever_it_offers(graph: Graph, tmp_path: Path):
+def test_every_publisher_is_heard_whatever_it_offers(graph: Spinning, tmp_path: Path):
     source = graph.node()
     reliable = source.create_publisher(String, "text", LATCHED)
     best_effort = source.create_publisher(String, "text", BEST_EFFORT)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
     assert recorder.bring_up()
     wait_for_match(recorder, reliable, best_effort)
@@ -234,10 +219,10 @@ def test_every_publisher_is_heard_whatever_it_offers(graph: Graph, tmp_path: Pat
     wait_for_match(recorder, late)
 
 
-def test_gone_publisher_is_told(graph: Graph, tmp_path: Path):
+def test_gone_publisher_is_told(graph: Spinning, tmp_path: Path):
     source = graph.node()
     publisher = source.create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text", "never"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text", "never"])
     assert recorder.bring_up()
     wait_for_match(recorder, publisher)
     assert "/ema/never: no publisher yet" in task(recorder).message
@@ -247,18 +232,20 @@ def test_gone_publisher_is_told(graph: Graph, tmp_path: Path):
 
 
 @pytest.fixture
-def other_graph() -> Iterator[Graph]:
+def other_graph() -> Iterator[Spinning]:
     """One of another participant."""
     with ros_context() as context:
-        graph = Graph(context)
+        graph = Spinning(context)
         yield graph
         graph.close()
 
 
-def test_topic_of_several_types_is_not_recorded(graph: Graph, other_graph: Graph, tmp_path: Path):
+def test_topic_of_several_types_is_not_recorded(
+    graph: Spinning, other_graph: Spinning, tmp_path: Path
+):
     graph.node().create_publisher(Header, "text", STREAM)
     other_graph.node().create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
     assert recorder.bring_up()
     wait_for(lambda: task(recorder).values["not recorded"] == "/ema/text", "the remark")
@@ -267,7 +254,7 @@ def test_topic_of_several_types_is_not_recorded(graph: Graph, other_graph: Graph
 
 @pytest.mark.parametrize("missing", [True, False])
 def test_type_that_is_not_the_installed_one_is_not_recorded(
-    graph: Graph, tmp_path: Path, monkeypatch: Any, missing: bool
+    graph: Spinning, tmp_path: Path, monkeypatch: Any, missing: bool
 ):
     def not_installed(name: str) -> str:
         if missing:
@@ -276,7 +263,7 @@ def test_type_that_is_not_the_installed_one_is_not_recorded(
 
     monkeypatch.setattr(recorded_topic, "type_hash", not_installed)
     graph.node().create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for(lambda: task(recorder).values["not recorded"] == "/ema/text", "the remark")
     told = "not installed" if missing else "RIHS01_of_another_version"
@@ -284,11 +271,11 @@ def test_type_that_is_not_the_installed_one_is_not_recorded(
 
 
 def test_messages_that_the_middleware_drops_are_counted(
-    graph: Graph, tmp_path: Path, monkeypatch: Any
+    graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):
     monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
     publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=5))
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for_match(recorder, publisher)
     publisher.publish(String(data="first"))
@@ -305,7 +292,7 @@ def test_messages_that_the_middleware_drops_are_counted(
 
 
 def test_lost_telemetry_of_several_publishers_is_counted(
-    graph: Graph, tmp_path: Path, monkeypatch: Any
+    graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):
     monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
     publishers = [
@@ -319,7 +306,7 @@ def test_lost_telemetry_of_several_publishers_is_counted(
             message.actuator_id = name
             publisher.publish(message)
 
-    recorder = graph.recorder(tmp_path / "flight", topics=["telemetry"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["telemetry"])
     assert recorder.bring_up()
     for publisher in publishers:
         wait_for_match(recorder, publisher)
@@ -360,7 +347,7 @@ def on_disk(bag: Path) -> list[int]:
     return [int(item.message.data) for item in Bag(bag).messages()]
 
 
-def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path):
+def test_interrupted_recorder_leaves_a_whole_bag(graph: Spinning, tmp_path: Path):
     publisher = graph.node().create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight") as process:
         try:
@@ -381,7 +368,7 @@ def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path):
     assert read[-1] == 49
 
 
-def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Graph, tmp_path: Path):
+def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Spinning, tmp_path: Path):
     publisher = graph.node().create_publisher(String, "text", STREAM)
     told: dict[str, DiagnosticStatus] = {}
 

@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord
-from ema_cli.main import main
 from ema_interfaces.msg import DutyScenario, ScenarioLife
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
@@ -19,6 +17,7 @@ from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reports import scenario_report
 
+from ..commands import ema
 from .counted_tests import CountedTest, counted_tests, let_hear, recorded
 from .monitor_session import MonitorSession, monitor
 from .worn_actuator import SERVICE
@@ -102,10 +101,6 @@ def test_wrong_scenarios_are_refused_by_name(
     answer = asked(session, *scenarios)
     assert not answer.success
     assert all(text in answer.message for text in texts), answer.message
-
-
-def ema(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, [str(one) for one in arguments])
 
 
 def test_command_prints_lives_under_scenarios(record: UnitRecord, tmp_path: Path):

@@ -1,13 +1,11 @@
 """The recorder writes files of bounded size, or the seconds before something happened."""
 
 import errno
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.context import Context
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -26,17 +24,10 @@ from ema_interfaces.msg import (
 from ema_ros.status import ERROR, WARN
 
 from ..waiting import wait_for
-from .spinning import wait_for_match
-from .test_recorder_node import LATCHED, STREAM, Graph, recorded, task
+from .spinning import Spinning, wait_for_match
+from .test_recorder_node import LATCHED, STREAM, recorded, recorder_of, task
 
 S = 10**9
-
-
-@pytest.fixture
-def graph(context: Context) -> Iterator[Graph]:
-    graph = Graph(context)
-    yield graph
-    graph.close()
 
 
 def status(name: str, level: int) -> DiagnosticStatus:
@@ -126,12 +117,12 @@ def test_snapshot_begins_with_what_held_before_it(tmp_path: Path):
     assert "calibration_id of flap: made_in_may" in text
 
 
-def test_recorder_writes_when_a_level_changes_and_on_demand(graph: Graph, tmp_path: Path):
+def test_recorder_writes_when_a_level_changes_and_on_demand(graph: Spinning, tmp_path: Path):
     source = graph.node()
     text = source.create_publisher(String, "text", STREAM)
     output = source.create_publisher(Health, "health", LATCHED)
-    recorder = graph.recorder(
-        tmp_path / "flight", topics=["text", "health"], snapshot_duration=1000.0
+    recorder = recorder_of(
+        graph, tmp_path / "flight", topics=["text", "health"], snapshot_duration=1000.0
     )
     assert recorder.bring_up()
     wait_for_match(recorder, text, output)
@@ -170,11 +161,11 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(graph: Graph, tmp_pa
 
 
 def test_snapshot_that_cannot_be_written_is_refused_and_written_later(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    graph: Spinning, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     source = graph.node()
     text = source.create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"], snapshot_duration=1000.0)
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"], snapshot_duration=1000.0)
     assert recorder.bring_up()
     wait_for_match(recorder, text)
     text.publish(String(data="kept"))
@@ -202,10 +193,14 @@ def test_snapshot_that_cannot_be_written_is_refused_and_written_later(
     assert [item.message.data for item in Bag(tmp_path / "flight").messages()] == ["kept"]
 
 
-def test_cache_that_is_too_small_is_told(graph: Graph, tmp_path: Path):
+def test_cache_that_is_too_small_is_told(graph: Spinning, tmp_path: Path):
     text = graph.node().create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(
-        tmp_path / "flight", topics=["text"], snapshot_duration=1000.0, max_cache_size=100_000
+    recorder = recorder_of(
+        graph,
+        tmp_path / "flight",
+        topics=["text"],
+        snapshot_duration=1000.0,
+        max_cache_size=100_000,
     )
     assert recorder.bring_up()
     wait_for_match(recorder, text)

@@ -2,12 +2,10 @@
 
 import threading
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from rclpy.context import Context
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
@@ -35,16 +33,8 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steady_thread, "_SETTLED_S", 0.2)
 
 
-@pytest.fixture
-def nodes(context: Context) -> Iterator[Spinning]:
-    nodes = Spinning(context)
-    yield nodes
-    nodes.close()
-
-
-def up(nodes: Spinning, kind: type[ManagedNode], **parameters: Any) -> Any:
-    overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-    node = nodes.add(made(kind, context=nodes.context, parameter_overrides=overrides))
+def up(graph: Spinning, kind: type[ManagedNode], **parameters: Any) -> Any:
+    node = graph.managed(kind, **parameters)
     assert node.bring_up()
     return node
 
@@ -80,10 +70,10 @@ def told(capfd: pytest.CaptureFixture[str], reason: str) -> bool:
     return reason in "".join(capfd.readouterr())
 
 
-def test_recorder_goes_on_writing_by_time(nodes, tmp_path, monkeypatch, capfd):
+def test_recorder_goes_on_writing_by_time(graph, tmp_path, monkeypatch, capfd):
     fail = fails_once(monkeypatch, BagWriter, "flush")
-    publisher = nodes.node().create_publisher(String, "text", QoSProfile(depth=10))
-    node = up(nodes, RecorderNode, output=str(tmp_path / "flight"), topics=["text"], flush_s=0.05)
+    publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=10))
+    node = up(graph, RecorderNode, output=str(tmp_path / "flight"), topics=["text"], flush_s=0.05)
     wait_for_match(node, publisher)
     fail()
     is_told_and_over(node, "recording", "made up")
@@ -92,18 +82,18 @@ def test_recorder_goes_on_writing_by_time(nodes, tmp_path, monkeypatch, capfd):
     assert told(capfd, "the bag flusher thread has ended: ZeroDivisionError('made up')")
 
 
-def test_simulation_begins_a_new_cycle(nodes, monkeypatch, capfd):
+def test_simulation_begins_a_new_cycle(graph, monkeypatch, capfd):
     fail = fails_once(monkeypatch, ActuatorBench, "begin_cycle")
     fail()
-    node = up(nodes, ActuatorNode, **{"command.shape": "step", "command.duration": 0.02})
+    node = up(graph, ActuatorNode, **{"command.shape": "step", "command.duration": 0.02})
     is_told_and_over(node, "simulation", "made up")
     assert task(node, "simulation").message == "running"
     assert node.exit_code == 0
     assert told(capfd, "the simulation thread has ended: ZeroDivisionError('made up')")
 
 
-def test_dashboard_serves_again(nodes, capfd):
-    node = up(nodes, DashboardNode, port=0)
+def test_dashboard_serves_again(graph, capfd):
+    node = up(graph, DashboardNode, port=0)
     node._web._loop.call_soon_threadsafe(node._web._loop.stop)
     is_told_and_over(node, "dashboard", "it returned")
     with urllib.request.urlopen(node.address, timeout=10.0) as answer:
@@ -111,10 +101,10 @@ def test_dashboard_serves_again(nodes, capfd):
     assert told(capfd, "the dashboard thread has ended: it returned")
 
 
-def test_what_follows_from_tests_goes_on(nodes, monkeypatch, capfd):
+def test_what_follows_from_tests_goes_on(graph, monkeypatch, capfd):
     fail = fails_once(monkeypatch, FollowUps, "_next")
     fail()
-    node = up(nodes, MonitorNode, history_folder="")
+    node = up(graph, MonitorNode, history_folder="")
     is_told_and_over(node, "identification", "made up")
     assert task(node, "identification").level == OK
     assert told(capfd, "the follow-ups thread has ended: ZeroDivisionError('made up')")

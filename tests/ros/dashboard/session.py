@@ -3,12 +3,11 @@
 from typing import Any
 
 from rclpy.context import Context
-from rclpy.parameter import Parameter
 
 from ema_dashboard.dashboard_node import DashboardNode
 
 from ...waiting import wait_for
-from ..spinning import Spinning, made
+from ..spinning import Spinning
 from .client import Viewer, Web
 
 
@@ -29,9 +28,7 @@ class DashboardSession(Spinning):
 
     def unconfigured(self, **parameters: Any) -> DashboardNode:
         """Return a dashboard that is not yet configured."""
-        given = {"port": 0, **parameters}
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
-        return self.add(made(DashboardNode, context=self.context, parameter_overrides=overrides))
+        return self.managed(DashboardNode, **{"port": 0, **parameters})
 
     def view(self, node: DashboardNode, *topics: str, **options: Any) -> Viewer:
         """Return a client that looks at topics."""

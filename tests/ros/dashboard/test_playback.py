@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time as TimeMessage
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
@@ -24,7 +23,6 @@ from ema_ros import topics
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
 from ...waiting import DEADLINE_S, wait_for
-from ..spinning import made
 from .client import Viewer
 from .session import DashboardSession
 
@@ -62,11 +60,7 @@ class Replay:
     """A player, and what came of it."""
 
     def __init__(self, session: DashboardSession, bag: Path, **parameters: Any) -> None:
-        given = {"bag": str(bag), **parameters}
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
-        self.player: PlayerNode = session.add(
-            made(PlayerNode, context=session.context, parameter_overrides=overrides)
-        )
+        self.player: PlayerNode = session.managed(PlayerNode, bag=str(bag), **parameters)
         self.states: list[PlaybackState] = []
         self.indices: list[int] = []
         self.healths: list[Health] = []
