@@ -17,7 +17,7 @@ _COMMANDS: Final = {
     "read.",
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
-    "verify": "Make each estimate in BAG again from the telemetry in it, and compare both.",
+    "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
     "normal": "Learn how healthy tests of a unit scatter, and tell whether a later one departs.",
     "certify": "Tell which faults a test will show, how well, and what it cannot tell apart.",
     "design": "Find the shortest test command that reaches wanted standard deviations within "

@@ -96,7 +96,9 @@ def test_executor_and_workers_change_nothing(whole, made_fleet, tmp_path, execut
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == (
-        "10 bags done, 2 units followed; 0 damaged, 0 could not be read\nall is up to date\n"
+        "10 bags done, 2 units followed; 0 damaged, 0 could not be read\n"
+        "2 of 10 windows refused, most of them: "
+        "gap of 300 samples: index 44501 follows 44200\nall is up to date\n"
     )
     for name in ("estimates", "usage", "health"):
         assert exactly(other, name) == exactly(whole, name), name

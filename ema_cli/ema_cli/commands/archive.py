@@ -270,6 +270,8 @@ def _refused_in_words(folder: Path, status: Status) -> str:
     if status.windows == status.valid:
         return ""
     refused = f"{status.windows - status.valid} of {counted(status.windows, 'window')} refused"
+    if status.damaged_files:
+        return f"{refused}\n"
     _, rows = answer(folder, _USUAL_REASON)
     return "".join(f"{refused}, most of them: {_shown(reason)}\n" for (reason,) in rows)
 
