@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor import find_windows, identify
+from ema_monitor import calibrate, find_windows, identify
 from ema_sim import simulate
 
 ROOT = 2.0**0.5
@@ -46,6 +47,36 @@ def test_wrong_scale_is_named_and_no_fault_is_found_in_it(telemetry, factors, wo
     assert np.all(np.isnan(estimate.faults))
 
     assert re.match(words, estimate.reason), estimate.reason
+
+
+def test_one_factor_of_all_columns_is_taken_for_friction(telemetry):
+    of_all = dict.fromkeys(("command", "current", "position", "speed"), 1.05)
+    [window] = find_windows(scaled(telemetry, **of_all))
+    assert identify(window).faults.friction == pytest.approx(0.289, abs=0.005)
+
+
+@pytest.mark.parametrize("samples", [10, 50])
+def test_late_position_changes_no_fault(telemetry, samples):
+    late = np.roll(telemetry.position, samples)
+    late[:samples] = telemetry.position[0]
+    [as_it_is] = find_windows(telemetry)
+    [window] = find_windows(replace(telemetry, position=late))
+    # The search starts from the same samples, but for what the position tells of the travel.
+    assert identify(window).faults == pytest.approx(identify(as_it_is).faults, abs=1e-3)
+
+
+@pytest.mark.parametrize(("factor", "is_named"), [(1.0, False), (1.02, True), (1.1, True)])
+def test_calibration_names_a_sample_period_that_is_not_that_of_the_motion(factor, is_named):
+    h = 1e-4 * factor
+    description = replace(ActuatorDescription(), sample_period=h)
+    healthy = [simulate({}, current_noise=0.02, seed=10 + n) for n in range(3)]
+    windows = [
+        window
+        for one in healthy
+        for window in find_windows(replace(one, sample_period=h), description)
+    ]
+    words = f"the position travels {1.0 / factor:.3g} times what speed and time give"
+    assert (words in str(calibrate(windows, description))) == is_named
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ LEAST_SCATTER: Final = 1e-6
 
 # Of the standard deviation that is expected before any window.
 _LEARNED = 0.7
+_SAME_SCALE = 0.015
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
 _RANGES = {
@@ -197,6 +198,17 @@ class Calibration(StoredCalibration):
             and (travel or one.name != "load_stiffness")
             and not one.name.startswith(tuple(f"{name}_" for name in self.acquisition.missing))
         )
+
+    @property
+    def _remark(self) -> str:
+        remark = super()._remark
+        if abs(self.travel_ratio - 1.0) > _SAME_SCALE:
+            remark += (
+                f"; the position travels {self.travel_ratio:.3g} times what speed and time give: "
+                f"are the sample period ({self.sample_period:g} s), the gear ratio and both scales "
+                "right?"
+            )
+        return remark
 
     @property
     def drive(self) -> str:
