@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers campaign size calibration sample lock sbom clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -110,6 +110,9 @@ bench-peers: setup ## identification and a drive beside those of others
 
 campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks, fuzzing, a soak (docs/campaign.md)
 	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 tests/attacks $(ARGS)
+
+words: ## words in what users read that a reader stumbles over
+	@python3 tools/words.py
 
 size: ## lines, packages and circles against their bounds
 	@python3 tools/size.py

@@ -439,7 +439,7 @@ class Manifest(Database):
         gone = [one[0] for one in urls if self._count(f"bag WHERE url = ? AND NOT {_THERE}", one)]
         if gone:
             words.append(
-                f"{counted(len(gone), 'bag')} of these tables no longer there, such as {gone[0]}: "
+                f"{counted(len(gone), 'bag')} of these tables are missing, such as {gone[0]}: "
                 "bring them back and scan, or their windows are lost"
             )
         return words

@@ -18,8 +18,8 @@ _COMMANDS: Final = {
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
-    "normal": "Learn how healthy tests of a unit scatter, and tell whether a later one departs.",
-    "certify": "Tell which faults a test will show, how well, and what it cannot tell apart.",
+    "normal": "Learn how healthy tests of a unit scatter, and report whether a later one departs.",
+    "certify": "Predict which faults a test will show, how well, and which it cannot separate.",
     "design": "Find the shortest test command that reaches wanted standard deviations within "
     "limits.",
     "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",

@@ -11,6 +11,6 @@ def network_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--network",
         is_flag=True,
-        help="Let nodes find those of other machines, and be found by them, as ROS's own variables "
-        "say; without it they keep to this machine.",
+        help="Let nodes find, and be found by, nodes on other machines, as ROS's own variables "
+        "allow; without it nodes stay on this machine.",
     )(command)

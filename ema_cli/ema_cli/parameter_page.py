@@ -16,14 +16,15 @@ PAGE: Final = Path("docs/parameters.md")
 
 _HEAD: Final = """# Parameters
 
-Made from the declarations by `make parameters`; `ros2 param describe NODE NAME` tells the same of a
-node that runs. `-p NAME:=VALUE` and parameter files set them
-at the start ([nodes.md](nodes.md#parameters)).
+Made from the declarations by `make parameters`; `ros2 param describe NODE NAME` prints the same
+of a running node. `-p NAME:=VALUE` and parameter files set them at the start
+([nodes.md](nodes.md#parameters)).
 
-- **live**: can be changed at any time, and holds from the next window that is identified on. A
-  change of what a window is refuses the one that is open.
-- **unconfigured**: can be changed while the node is unconfigured; else the refusal says why.
-- **start**: given at the start only.
+- **live**: can be changed at any time, and applies from the next identified window on. If the
+  definition of a window changes, the node refuses the open window.
+- **unconfigured**: can be changed while the node is unconfigured. Otherwise the node refuses and
+  names the reason.
+- **start**: can be given at the start only.
 """
 _SIM_TIME: Final = "follow /clock instead of the clock of the machine"
 _CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}

@@ -55,7 +55,7 @@ def policy_files(namespace: str, bridged: Iterable[str] = ()) -> Iterator[tuple[
 @click.option(
     "--mapping",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Mapping of the bridge, which may then hear its topics.",
+    help="Mapping of the bridge, which may then subscribe to its topics.",
 )
 @click.option(
     "-o",

@@ -74,7 +74,7 @@ _PLANT = (
         "K",
         -150.0,
         250.0,
-        "rise over that of the description; the resistance follows by 0.393 %/K",
+        "rise over the description's; the resistance follows by 0.393 %/K",
     ),
     ("supply_voltage", "supply voltage", "-", -0.9, 1.0, "relative change"),
     ("viscous_friction", "viscous friction", "-", -1.0, 1e3, "relative change"),

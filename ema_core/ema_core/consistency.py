@@ -94,7 +94,7 @@ _OF_BOTH: Final = (
         lambda p: _over(p.G_prop * p.tau * (p.J_m + p.J_u), p.GAP),
         5e-3,
         0.6,
-        "the bandwidth of the position loop over that of the speed loop",
+        "the ratio of the bandwidths of position loop and speed loop",
     ),
 )
 

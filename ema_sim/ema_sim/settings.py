@@ -12,8 +12,8 @@ class RunSettings:
     """Simulated actuator and rate of the simulation; ValueError where a value is impossible."""
 
     actuator_file: str = text("", "YAML file that describes the actuator; empty: the built-in one")
-    actuator_id: str = text("", "name of the actuator; empty: that of its description")
-    serial_number: str = text("", "serial number; empty: that of its description")
+    actuator_id: str = text("", "name of the actuator; empty: from its description")
+    serial_number: str = text("", "serial number; empty: from its description")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
 
     def __post_init__(self) -> None:

@@ -203,7 +203,7 @@ def _overview(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: overview(number)}
     blocks |= {label: overview_of(runs, quantity) for label, runs in _computed(sources).items()}
     frame = _side_by_side(blocks).rename(columns=lambda name: name.replace("_", " "), level=1)
-    note = f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left."
+    note = f"{TOTAL.capitalize()} and {SIGMA} are of the five means to the left."
     title = f"{_MEANS[quantity].capitalize()} by algorithm, level and fault"
     return StudyTable(number, title, frame, note)
 

@@ -57,7 +57,7 @@ def test_what_bags_that_are_gone_said_is_named(ema: Ema, archive: Path, fleet: P
     assert ema("archive", "scan", archive).exit_code == 0
     remove(archive)
     result = ema("archive", "run", archive, "--workers", "1")
-    assert "10 bags of these tables no longer there, such as" in result.stderr
+    assert "10 bags of these tables are missing, such as" in result.stderr
     assert "bring them back" in result.stderr
 
 

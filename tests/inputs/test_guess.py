@@ -116,7 +116,7 @@ def test_what_is_a_guess_is_said(guessed):
     remarks = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), cur=("i", 1.0)).remarks
     words = "\n".join(remarks)
     assert "current.unit is a guess" in words
-    assert "current.sampling cannot be told" in words
+    assert "current.sampling cannot be found" in words
     assert "no column seems to be the speed" in words
 
 

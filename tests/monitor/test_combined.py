@@ -70,7 +70,7 @@ def test_goodness_is_that_of_all_stretches_together():
     assert found.goodness_of_fit == pytest.approx(4.0)
     assert found.unexplained_share == pytest.approx(math.sqrt(15.0 / 198.0))
     assert found.verdict == "degraded"
-    assert "the residual is 4.0 times that of a healthy actuator" in found.reason
+    assert "the residual is 4.0 times the residual of a healthy actuator" in found.reason
     # The last one alone had no reason to be widened; beyond 2.5 they grow with the goodness.
     np.testing.assert_allclose(found.sigma, SIGMA * 4.0 / 2.5)
 
@@ -93,7 +93,7 @@ def test_what_a_stretch_could_not_tell_apart_does_not_average_out():
     found = combined(part(unsure), part(estimate(1, *kept)))
     assert found.alternatives == (pair,)
     assert found.verdict == "degraded"
-    assert f"this motion cannot tell inertia from {EQUAL_SHORTS}" in found.reason
+    assert f"this motion cannot separate inertia from {EQUAL_SHORTS}" in found.reason
     np.testing.assert_allclose(np.array(found.sigma)[SHORTS], 0.04)
     assert found.sigma.friction == pytest.approx(SIGMA)
     # As well as wanted, it is not known then.

@@ -84,7 +84,7 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
     assert cause.sigma > 0.05
     assert estimate.alternatives == (("torque constant", "equal short circuits of all phases"),)
     assert (
-        "this window cannot tell torque constant from equal short circuits of all phases"
+        "this window cannot separate torque constant from equal short circuits of all phases"
         in estimate.reason
     )
     shorted = [estimate.faults[FAULTS.index(f)] for f in FAULTS if f.name in SHORTS]

@@ -190,7 +190,7 @@ def test_faults_are_identified_within_three_sigma_and_nothing_else_is(calibratio
 def test_window_of_another_drive_is_refused_by_name(calibration):
     [window] = find_windows(simulate(cycles=1))
     estimate = identify(window, calibration=calibration, description=ActuatorDescription())
-    assert "has drive 'six_step', the calibration is that of 'field_oriented'" in estimate.reason
+    assert "has drive 'six_step', the calibration is for 'field_oriented'" in estimate.reason
 
 
 @pytest.mark.parametrize(

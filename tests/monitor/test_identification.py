@@ -46,10 +46,10 @@ LIMITS = {
 }
 # Beside which faults a window is also explained otherwise.
 DOUBTS = {
-    "multiple": ("this window cannot tell friction from viscous friction",),
+    "multiple": ("this window cannot separate friction from viscous friction",),
     # With all phases shorted, fewer turns of all are a lower torque constant.
     "wide": (
-        "this window cannot tell short circuit C from torque constant",
+        "this window cannot separate short circuit C from torque constant",
         "short circuit A and short circuit B are strongly correlated",
     ),
 }

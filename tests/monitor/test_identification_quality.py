@@ -75,8 +75,8 @@ def test_unmodelled_trouble_is_told(windows_of, calibration, description, amplit
     estimate = identify(changed(window, current=current), description, calibration)
     assert estimate.goodness_of_fit > 1.2
     assert estimate.valid == valid
-    limit = f"at most {estimate.goodness_limit:.1f}"
-    told = f"{estimate.goodness_of_fit:.1f} times that of a healthy actuator, {limit} is expected"
+    goodness, limit = f"{estimate.goodness_of_fit:.1f}", f"{estimate.goodness_limit:.1f}"
+    told = f"{goodness} times the residual of a healthy actuator, at most {limit} is expected"
     assert (told in estimate.reason) == (not valid)
     assert np.all(np.isfinite(estimate.faults))
     # A poor fit is believed only after the largest screen.

@@ -95,7 +95,7 @@ def test_slow_sine_does_not_tell_a_small_gain_from_a_delay(calibration, descript
     estimate = identify(recorded({}, {}, command=sine), description, calibration)
     assert estimate.verdict == "degraded"
     assert ("gain", "delay of the command") in estimate.alternatives
-    assert "cannot tell gain from" in estimate.reason
+    assert "cannot separate gain from" in estimate.reason
     assert abs(estimate.faults.gain - 0.5) < 1.5 * estimate.sigma.gain
 
 

@@ -134,7 +134,7 @@ def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
         calibrate_model([window], description)
     message = str(error.value)
     assert "expected about 0 ± 0.1" in message
-    assert "are the parameters those of this actuator" in message
+    assert "do the parameters belong to this actuator" in message
     assert "the units and signs of the columns right?" in message
 
 

@@ -205,7 +205,7 @@ def test_restored_and_frozen_trackers_say_the_same_as_the_one_they_are_of():
 def test_tests_must_come_in_order():
     tracker = Tracker()
     tracker.update(observed(50.0, {}))
-    with pytest.raises(ValueError, match="hours = 40 h: expected at least those of the latest"):
+    with pytest.raises(ValueError, match="hours = 40 h: expected at least the hours of the latest"):
         tracker.update(observed(40.0, {}))
 
 

@@ -182,7 +182,7 @@ def test_requirement_that_a_healthy_actuator_misses_is_told():
     assert outlooks[-1].health.requirements == ()
     assert "misses the limit of 60 Hz" in outlooks[-1].rul_requirements.reason
     assert outlooks[-1].lives["bandwidth"].criterion == "bandwidth falls below 60 Hz"
-    above = "tracking error exceeds that of the healthy actuator by more than 0.0015 rad"
+    above = "tracking error exceeds the healthy actuator's by more than 0.0015 rad"
     assert outlooks[-1].lives["tracking_error"].criterion == above
 
 

@@ -89,7 +89,7 @@ def test_silent_actuator_gives_way_to_one_that_was_refused():
 
 def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
     with monitor({"actuators": ["flap", "rudder"]}) as session:
-        session.until_status("rudder telemetry", "listed, and nothing is heard", bytes([WARN]))
+        session.until_status("rudder telemetry", "listed, and nothing received", bytes([WARN]))
         blocks = Source().cycle()
         session.describe_from_a_node_of_its_own(described("tab"))
         session.feed(blocks[:2], "tab")

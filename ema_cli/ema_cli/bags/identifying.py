@@ -90,8 +90,8 @@ class Identifying(Source):
         calibration = self.calibration()
         if isinstance(calibration, UnknownDriveUnit):
             raise ValueError(
-                f"{self.calibration_file} is the calibration of an unknown drive, of which there "
-                "is no model to compare or draw; `ema estimate` and `ema report` give its figures"
+                f"{self.calibration_file} is the calibration of an unknown drive, which "
+                "has no model to compare or draw; `ema estimate` and `ema report` give its figures"
             )
         return calibration
 

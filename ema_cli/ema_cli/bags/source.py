@@ -26,7 +26,7 @@ REPLACE_OPTION: Final = click.option(
 CONDITION_OPTION: Final = click.option(
     "--condition",
     default="",
-    help='What has to be alike and telemetry does not tell, such as a load: "20 kg".',
+    help='What has to be alike and is not in the telemetry, such as a load: "20 kg".',
 )
 """Of the commands that compare a test with a unit's own normal."""
 ACTUATOR_OPTION: Final = click.option(

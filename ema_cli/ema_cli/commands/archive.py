@@ -54,7 +54,7 @@ class GivenSettings:
             "--calibration",
             metavar="PATTERN",
             help="Path of the units' calibrations, in which {actuator_id} and {serial_number} "
-            "stand for those of a unit; without it calibration.yaml beside the bags, or else the "
+            "are replaced for each unit; without it calibration.yaml beside the bags, or else the "
             "shipped one.",
         ),
         ALGORITHM_OPTION,
@@ -96,7 +96,7 @@ def archive() -> None:
     """Keep what the bags of a fleet say as tables: estimates, health, life and growth.
 
     ARCHIVE is the folder of the tables. `scan` lists bags, `run` does those that are new or whose
-    content, calibration, settings or software has changed, `status` tells how many these are,
+    content, calibration, settings or software has changed, `status` counts them,
     `query` and `export` ask the tables in SQL. docs/archive.md has the columns and views.
     """
 
@@ -187,7 +187,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
 @_ARCHIVE
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def status_(folder: Path, as_json: bool) -> None:
-    """Tell how many bags and units there are, and what is out of date, and why."""
+    """Count the bags and units, and list what is out of date, and why."""
     with one_clear_line(), Manifest(folder, writes=False) as manifest:
         settings = manifest.settings
         status, sources = manifest.status(settings), manifest.sources
@@ -203,7 +203,7 @@ def status_(folder: Path, as_json: bool) -> None:
     for count, what in (
         (status.damaged, "cannot be read"),
         (status.failed, "could not be read the last time"),
-        (status.gone, "no longer there: what was found of them stays"),
+        (status.gone, "missing: their results stay"),
     ):
         if count:
             click.echo(f"{counted(count, 'bag')} {what}")

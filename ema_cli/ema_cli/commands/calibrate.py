@@ -24,8 +24,8 @@ _ENOUGH_WINDOWS = 5
 @click.option(
     "--form",
     type=click.Choice(list(FORMS)),
-    help="Form of the monitor model, by default that of the drive; estimates with this calibration "
-    "use the same.",
+    help="Form of the monitor model, by default the form of the drive; estimates with this "
+    "calibration use the same.",
 )
 @settings_options(Source, more=[MEASURED_OPTION])
 @REPLACE_OPTION

@@ -44,7 +44,7 @@ def certify(
     calibration_file: Path | None,
     as_json: bool,
 ) -> None:
-    """Tell which faults a test will show, how well, and what it cannot tell apart.
+    """Predict which faults a test will show, how well, and which it cannot separate.
 
     No telemetry is needed: tests of the described actuator are simulated with the given sensors,
     and their estimates judged. A fault is judged half-way to its limit, alone and among others.

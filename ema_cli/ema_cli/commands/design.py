@@ -53,7 +53,7 @@ class WantedSigmas(Assignments):
     type=WantedSigmas(as_identifier),
     multiple=True,
     help="Wanted standard deviation, of all faults (0.01) or of some (friction=0.005,gain=0.002); "
-    "without it those of the thesis's chirp.",
+    "without it what the thesis's chirp reaches.",
 )
 @CALIBRATION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")

@@ -38,7 +38,7 @@ _REASON_WIDTH: Final = 90
     "--normal",
     "normal_file",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="File of `ema normal learn`: tell what departs and is no fault.",
+    help="File of `ema normal learn`: report what departs and is no fault.",
 )
 @CONDITION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print a list, an object a window.")
@@ -56,7 +56,7 @@ def estimate(
     A single window is shown as a table; of several there is a line each, and a summary. With
     --any-motion, stretches of ordinary motion are combined until the faults are known as well as
     wanted: there is a line for each combination, with the faults that the motion does not show.
-    With --normal, exit code 3 also tells a departure that no fault explains.
+    With --normal, exit code 3 also means a departure that no fault explains.
     """
     with one_clear_line():
         calibration = given.calibration()

@@ -66,7 +66,7 @@ def lives(
     """Simulate actuators from new until a fault reaches its limit, test by test.
 
     A test is due every ten flight hours; a tenth is missing, and three in a hundred are disturbed
-    by noise or a gap. Each life is that of a unit with a serial number of its own. FOLDER/lives.csv
+    by noise or a gap. Each life belongs to a unit with its own serial number. FOLDER/lives.csv
     holds the truth about each life: its end, its dominant fault, its repair.
     """
     if is_constant and (fault or with_repair):

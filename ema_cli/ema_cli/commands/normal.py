@@ -24,7 +24,7 @@ _json = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 @click.group()
 def normal() -> None:
-    """Learn how healthy tests of a unit scatter, and tell whether a later one departs.
+    """Learn how healthy tests of a unit scatter, and report whether a later one departs.
 
     No model and no calibration is needed, only the current and a repeated command. A bag is a test.
     `learn` adds tests to FILE, healthy ones or such whose state is known; `check` judges later
@@ -67,7 +67,7 @@ def learn(
 def check(
     file: Path, bags: tuple[Path, ...], condition: str, actuator_id: str | None, as_json: bool
 ) -> None:
-    """Tell of each of BAGS whether it departs from the healthy tests in FILE, and by what.
+    """Report of each of BAGS whether it departs from the healthy tests in FILE, and by what.
 
     Exit code 3 where one departs, or cannot be judged.
     """

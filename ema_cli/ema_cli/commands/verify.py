@@ -120,8 +120,9 @@ def verify(
     """Make each recorded estimate again from the recorded telemetry, and compare both.
 
     An estimate is the same to the bit, the same within rounding (another processor or version),
-    different, or cannot be made again. A history also tells where it was altered. Exit code 3 where
-    an estimate is different, something was altered, or nothing can be made again.
+    different, or cannot be made again. For a history, the command also reports where it was
+    altered. Exit code 3: an estimate is different, a history was altered, or nothing can be made
+    again.
     """
     with one_clear_line():
         known = [load_calibration(file) for file in calibration_files]

@@ -187,7 +187,7 @@ def _domain() -> str:
 
 def _nothing_heard(places: list[str], listener: Listener) -> str:
     """Return that there is no health, and what there is instead."""
-    words = f"no health is heard on {', '.join(places)} in {_domain()}"
+    words = f"no health is published on {', '.join(places)} in {_domain()}"
     elsewhere = [
         topic.removesuffix(f"/{HEALTH}") or "/"
         for topic in listener.topics_of(Health)

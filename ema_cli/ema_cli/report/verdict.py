@@ -143,7 +143,7 @@ def _after_the_last_test(course: Course) -> list[str]:
         part = "sensor" if about.place is Place.SENSOR else "installation"
         actions.append(f"Check the {part}: {cause} explains part of the last test and is no fault.")
     for one, other in last.alternatives:
-        actions.append(f"The last test cannot tell {one} from {other}: check both.")
+        actions.append(f"The last test cannot separate {one} from {other}: check both.")
     if last.verdict == "degraded" and not last.alternatives:
         actions.append(f"The last test is usable with wider uncertainty: {last.reason}.")
     return actions

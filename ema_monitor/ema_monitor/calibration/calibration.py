@@ -275,7 +275,7 @@ class Calibration(StoredCalibration):
         reasons = []
         if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
             reasons.append(
-                f"the actuator has drive {description.drive!r}, the calibration is that of "
+                f"the actuator has drive {description.drive!r}, the calibration is for "
                 f"{self.drive!r}"
             )
         unused = _unused_by(self.form)

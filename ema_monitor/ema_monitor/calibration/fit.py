@@ -399,8 +399,8 @@ def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> Unit
         if not -one.reach < value < one.reach:
             raise ValueError(
                 f"the fit drives {one.name} of the unit to its bound {value:g}: expected about "
-                f"{one.expected:g} ± {one.sigma:g}; are the parameters those of this actuator, "
-                "and the units and signs of the columns right?"
+                f"{one.expected:g} ± {one.sigma:g}; do the parameters belong to this actuator, "
+                "and are the units and signs of the columns right?"
             )
     # What was left out may still be there, as far as the windows and the priors let it.
     left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))

@@ -63,7 +63,7 @@ def calibrate_unknown(
             raise ValueError(f"window {number}: {defect.reason}")
         if abs(window.sample_period / h - 1.0) > 1e-6:
             raise ValueError(
-                f"window {number}: the sample period is {window.sample_period:g} s, that of the "
+                f"window {number}: the sample period is {window.sample_period:g} s, in the "
                 f"first one {h:g} s"
             )
         strong.append(float(np.percentile(np.abs(window.current), 95.0)))

@@ -251,7 +251,7 @@ class _Conclusion:
         self._set(FRICTION, *self._friction())
         if self.unobservable[FRICTION]:
             self.reasons.append(
-                "the motion does not tell friction from a load: it goes one way, or is too short"
+                "the motion cannot separate friction from a load: it goes one way, or is too short"
             )
         self._load()
         self._viscous()
@@ -313,7 +313,7 @@ class _Conclusion:
             )
             if friction > SIGNIFICANT_SIGMAS[FRICTION] * friction_sigma:
                 self.alternatives.append(("friction", "torque constant"))
-                self.degraded.append("not told apart: friction or a loss of torque per ampere")
+                self.degraded.append("not separated: friction or a loss of torque per ampere")
             return friction, friction_sigma
         sigma = math.sqrt(variance) * self._widening
         change = J / J_0 - 1.0
@@ -346,7 +346,7 @@ class _Conclusion:
         label = {"inertia": "inertia", "current_gain": "current sensor gain"}[name]
         self.alternatives += [(label, "torque constant"), (label, other)]
         self.degraded.append(
-            f"taken for {cause}; torque per ampere and {other} are not told from it"
+            f"taken for {cause}, which cannot be separated from torque per ampere and {other}"
         )
 
     def _load(self) -> None:

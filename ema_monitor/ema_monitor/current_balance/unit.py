@@ -98,7 +98,7 @@ class UnknownDriveUnit(StoredCalibration):
             if not self.terms[number] > 0.0:
                 raise ValueError(
                     f"{name} over the torque per ampere is {self.terms[number]:.4g}: expected a "
-                    "positive number; is the sign of the current that of the motion?"
+                    "positive number; does the current have the sign of the motion?"
                 )
 
     def __str__(self) -> str:

@@ -42,7 +42,7 @@ class CauseProspect(NamedTuple):
     """What a healthy actuator with one hidden cause of a usual size is taken for.
 
     ``size`` is in the unit of the cause, ``verdict`` in words: "named", "does not show",
-    "named, not told from ...", "taken for ..." or "refused".
+    "named, not separated from ...", "taken for ..." or "refused".
     """
 
     name: str
@@ -166,7 +166,7 @@ class Certificate:
             for one in self.faults
         ]
         headings = ("fault", "sigma", "90 % ±", "error", "smallest seen")
-        return text_table((*headings, "which means", "not told from"), rows)
+        return text_table((*headings, "which means", "not separated from"), rows)
 
     def _summary(self) -> list[str]:
         hidden = [one.label for one in self.faults if not one.shown]
@@ -296,11 +296,11 @@ def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
     elif cause.name in named:
         verdict = "named"
         if others:
-            verdict += f", not told from {', '.join(others)}"
+            verdict += f", not separated from {', '.join(others)}"
         elif faults:
             verdict += f", with {', '.join(faults)}"
     elif others:
-        verdict = f"not told from {', '.join(others)}"
+        verdict = f"not separated from {', '.join(others)}"
     else:
         verdict = f"taken for {', '.join(wrong)}" if wrong else "does not show"
     return CauseProspect(cause.name, cause.sigma, verdict)

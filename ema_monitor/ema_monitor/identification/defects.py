@@ -74,8 +74,8 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     if not len(t.current):
         return (
             f"{CAUSE_BY_NAME['jam'].label}, {open_circuit}, B or C: the motor stands still "
-            f"although the speed loop wants {amount:.1f} A; the current, which would tell, is not "
-            "measured"
+            f"although the speed loop wants {amount:.1f} A; the current, which would show "
+            "which, is not measured"
         )
     flows = float(np.median(np.abs(t.current[stands])))
     if flows > _FLOWS * amount:
@@ -122,7 +122,7 @@ class Scale(NamedTuple):
         """Return the factor, and the usual mistake that it is."""
         known = _ANY | _MISTAKES.get(self.column.partition(" ")[0], {})
         known |= {parameters.tau: "is the gear ratio in it twice, or missing?"}
-        known |= {1.0 / parameters.tau: "is it that of the other side of the gear?"}
+        known |= {1.0 / parameters.tau: "is it of the other side of the gear?"}
         words = f"the {self.column} is {self.factor:.3g} times what {self.reason} asks for"
         asked = [text for factor, text in known.items() if abs(self.factor / factor - 1.0) < _NEAR]
         return f"{words}: {asked[0] if asked else 'is its unit, or its scale, right?'}"

@@ -246,7 +246,7 @@ def _consequences(window: Window) -> list[str]:
     """Return in words what it means that columns are not measured."""
     meanings = {
         "current": "the current is not measured: what the speed does not show is not known",
-        "speed": "the speed is not measured: that of the shaft behind the play, by the position, "
-        "takes its place",
+        "speed": "the speed is not measured: the speed of the user shaft, from the position, takes "
+        "its place",
     }
     return [meanings[name] for name in window.telemetry.missing]

@@ -76,7 +76,7 @@ class Tally(NamedTuple):
     def __str__(self) -> str:
         words = (
             f"{counted(self.stretches, 'stretch')} of motion: {self.combined} combined, "
-            f"{self.skipped} told nothing new, {self.refused} refused"
+            f"{self.skipped} added nothing, {self.refused} refused"
         )
         words += f", {self.dropped} dropped" if self.dropped else ""
         return f"{words} (the latest: {self.reason})" if self.reason else words

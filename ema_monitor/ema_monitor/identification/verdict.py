@@ -118,9 +118,9 @@ def judged(
         )
     elif goodness > limit:
         words = (
-            f"the residual is {goodness:.1f} times that of a healthy actuator, at most "
-            f"{limit:.1f} is expected, and {100.0 * share:.0f} % of the departure from healthy "
-            "is unexplained"
+            f"the residual is {goodness:.1f} times the residual of a healthy actuator, at most "
+            f"{limit:.1f} is expected, and {100.0 * share:.0f} % of the departure from healthy is "
+            "unexplained"
         )
         if share > MOST_UNEXPLAINED:
             defects.append(f"neither faults nor known causes explain the {subject}: {words}")
@@ -133,12 +133,12 @@ def judged(
 
 
 def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[str]:
-    """Return in words what is not told apart, a text for each part of an explanation."""
+    """Return in words what cannot be separated, a text for each part of an explanation."""
     others: dict[str, list[str]] = {}
     for one, other in alternatives:
         others.setdefault(one, []).append(other)
     return [
-        f"this {subject} cannot tell {one} from {' or '.join(found)}"
+        f"this {subject} cannot separate {one} from {' or '.join(found)}"
         for one, found in others.items()
     ]
 

@@ -65,7 +65,7 @@ class Selection:
     """The actuators that are followed."""
 
     actuators: tuple[str, ...] = texts(
-        "actuators that are followed, each by its actuator_id; empty: all that are heard"
+        "actuators to monitor, each by its actuator_id; empty: all that publish"
     )
 
     def __post_init__(self) -> None:

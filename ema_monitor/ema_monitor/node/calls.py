@@ -210,10 +210,9 @@ class MonitorCalls:
             return
         if segment.is_stretch:
             raise ValueError(
-                "windows = 'any_motion': a stretch of ordinary motion alone is no test cycle, and "
-                "its faults are not identified by themselves; fault_estimate has those of the "
-                "stretches combined, by the parameter `algorithm`; for a test cycle set `windows` "
-                "to 'test_cycle'"
+                "windows = 'any_motion': a stretch of ordinary motion alone is no test cycle; "
+                "fault_estimate has the faults of the stretches combined, by the parameter "
+                "`algorithm`; for a test cycle set `windows` to 'test_cycle'"
             )
         # No warm start: the result depends on the window and the goal alone.
         calibration = self._store.of(segment.description)

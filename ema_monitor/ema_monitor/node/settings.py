@@ -20,8 +20,8 @@ class Files:
 
     calibration_file: str = text(
         "",
-        "calibration file; {actuator_id} and {serial_number} in the path are replaced by those of "
-        "the actuator; empty: the shipped calibration of the built-in actuator",
+        "calibration file; {actuator_id} and {serial_number} in the path are replaced for each "
+        "actuator; empty: the shipped calibration of the built-in actuator",
     )
     calibration_folder: str = text(
         "$ROS_HOME/ema",

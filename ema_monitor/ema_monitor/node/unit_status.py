@@ -62,7 +62,7 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     if unit.is_silent and finder.blocks:
         level, message = STALE, "no telemetry any more"
     elif unit.is_listed and unit.description is None and not finder.blocks:
-        level, message = WARN, "listed, and nothing is heard of it so far"
+        level, message = WARN, "listed, and nothing received from it yet"
     elif unit.description is None:
         level, message = ERROR, "no description of the actuator: the telemetry has to wait"
         message += f"; {unit.defects}" if unit.defects else ""

@@ -190,7 +190,7 @@ class UnitNormal:
             )
         differs = [one.motion.mismatch(test.motion, TOLERANCE) for one in alike]
         if all(differs):
-            return f"outside the known motion: {min(differs, key=len)} that of the nearest test"
+            return f"outside the known motion: {min(differs, key=len)} the nearest test"
         return (
             f"{healthy} healthy tests of this motion and condition: expected {FEWEST_TESTS} or more"
         )

@@ -219,7 +219,7 @@ class TrackerSettings:
     onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")
     change_probability: float = quantity(1e-3, "-", 0.0, 0.5, "probability of change, each test")
     forgetting: float = quantity(0.98, "-", 0.5, 1.0, "power of what was learnt, each test")
-    sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to that of an estimate")
+    sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to the estimate's")
     occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "sigma of an occasional error")
     occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "its probability")
     event_sigmas: float = quantity(5.0, "-", 3.0, 20.0, "deviation at which an event is suspected")

@@ -112,7 +112,7 @@ class Tracker(Kept):
         """
         if measurement.hours < self.hours:
             raise ValueError(
-                f"hours = {measurement.hours:g} h: expected at least those of the latest test, "
+                f"hours = {measurement.hours:g} h: expected at least the hours of the latest test, "
                 f"{self.hours:g} h"
             )
         elapsed = measurement.own_hours - self._own_hours

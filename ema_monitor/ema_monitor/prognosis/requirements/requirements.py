@@ -72,7 +72,7 @@ class RequirementLimits:
         """Return in words when a requirement fails, of an actuator that is not known."""
         if name == "tracking_error":
             more = f"{self.tracking_error:.4g} {self.unit(name)}"
-            return f"tracking error exceeds that of the healthy actuator by more than {more}"
+            return f"tracking error exceeds the healthy actuator's by more than {more}"
         return _criterion(name, getattr(self, name))
 
 

@@ -28,7 +28,7 @@ _COMMON = {
     ),
     "calibration_file": (
         AS_CONFIGURED,
-        "calibration; {actuator_id} and {serial_number} stand for those of the actuator",
+        "calibration; {actuator_id} and {serial_number} are replaced for each actuator",
     ),
     "log_level": ("info", "debug, info, warn, error or fatal"),
     "respawn": ("false", "true: a node that ends is started again after 2 s"),

@@ -45,7 +45,7 @@ _Value = TypeVar("_Value")
 _OF_NODES: Final = (
     ("ema_monitor_windows_dropped", "Windows of all actuators of a monitor that had to give way.",
      "input", "windows dropped"),
-    ("ema_monitor_refusals_dropped", "Refused windows of a monitor that nobody was told of.",
+    ("ema_monitor_refusals_dropped", "Refused windows that a monitor did not report.",
      "input", "refusals dropped"),
     ("ema_monitor_follow_ups_dropped", "Forecasts and the like that a monitor left out.",
      "identification", "follow-ups dropped"),
@@ -198,7 +198,7 @@ def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
             if (value := known.tasks.get(task, {}).get(key)) is not None:
                 family.add_metric((node,), value)
         yield family
-    heard = _gauge("ema_node_heard_timestamp", "When a node told.", "seconds", "node")
+    heard = _gauge("ema_node_heard_timestamp", "When a node last reported.", "seconds", "node")
     for node, known in nodes.items():
         heard.add_metric((node,), known.heard_s)
     yield heard

@@ -38,7 +38,7 @@ class DashboardSettings:
         8.0, "MB", 1.0, 1000.0, "messages that wait for a client; beyond it the oldest are dropped"
     )
 
-    namespaces: tuple[str, ...] = texts("namespaces that are shown; empty: that of the node")
+    namespaces: tuple[str, ...] = texts("namespaces that are shown; empty: the node's own")
     allowed_origins: tuple[str, ...] = texts(
         "origins of other pages that may connect", ("https://app.foxglove.dev",)
     )

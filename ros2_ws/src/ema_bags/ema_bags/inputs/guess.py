@@ -140,7 +140,7 @@ def guess_columns(columns: TableColumns) -> Guess:
         names = ", ".join(phases[key] for key in sorted(phases))
         remarks.append(
             f"phase currents {names}: map them by current: {{kind: phase_currents, phases: "
-            f"[{names}], torque_sign: COLUMN}}, a column whose sign is that of the torque"
+            f"[{names}], torque_sign: COLUMN}}, a column with the sign of the torque"
         )
     for quantity in ("speed", "current"):
         if quantity not in sources:
@@ -235,7 +235,7 @@ def _refined(
 ) -> CurrentSource:
     """Return a current with the sign, and the torque's shaft, that inertia and friction need."""
     if found is None or abs(found[1]) < 0.4:
-        remarks.append("nothing tells whether sign and unit of the current are right")
+        remarks.append("sign and unit of the current cannot be checked")
         return current
     size, correlation = found
     if correlation < 0.0:
@@ -250,7 +250,7 @@ def _refined(
             f"the current is {size:.3g} times as large as inertia and friction of the description "
             "need: is it a torque?"
         )
-    remarks.append("current.sampling cannot be told from data: mean, filtered or instantaneous?")
+    remarks.append("current.sampling cannot be found from data: mean, filtered or instantaneous?")
     return current
 
 

@@ -93,7 +93,7 @@ class Source:
     names_topic: str = text("", "topic with the names that the message itself does not have")
     joint: str = text("", "joint whose element of an array is meant")
     unit: str = text("", "unit of the source")
-    scale: float = quantity(1.0, "-", -1e12, 1e12, "factor, beside that of the unit")
+    scale: float = quantity(1.0, "-", -1e12, 1e12, "factor, beside the unit's")
     sign: int = quantity(1, "-", -1, 1, "-1 where the source counts the other way")
     offset: float = quantity(0.0, "-", -1e12, 1e12, "added at last, in rad, rad/s or A")
     encoding: str = text("", "how a register has its sign", tuple(ENCODINGS))
