@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_bags.inputs.defects import find_defects, refused, stream_defects
+from ema_bags.inputs.defects import find_defects, not_finite, refused, stream_defects
 from ema_bags.inputs.resampling import Losses
 from ema_sim import simulate
 
@@ -25,7 +25,8 @@ def found(telemetry, columns, mapped):
         for name, change in changes.items():
             values = columns[name]
             spoiled[name] = change(values) if callable(change) else values * change
-        return find_defects(spoiled, telemetry.stamps_ns, mapping or mapped(), FLAP)
+        own = find_defects(spoiled, telemetry.stamps_ns, mapping or mapped(), FLAP)
+        return [*not_finite(spoiled), *own]
 
     return find
 
@@ -60,7 +61,7 @@ def test_nothing_is_wrong_with_what_is_right(found):
         ({"position": 1 / TAU}, "position_shaft", "motor was", "position: {shaft: motor}"),
         ({"speed": 0.8}, "gear_ratio", "the description has 1/500", "tau: 0.0025"),
         ({"command": 0.25}, "command_position", "3.9", "command: {scale: 3.9"),
-        ({"position": np.nan}, "not_finite", "any of 1700", "choose another source"),
+        ({"position": np.nan}, "not_finite", "in 1700 of 1700", "choose another one"),
     ],
 )
 def test_defect_is_named_with_value_and_remedy(found, changes, name, value, remedy):
@@ -158,11 +159,10 @@ def test_no_fault_and_no_cause_of_the_simulator_is_taken_for_a_wrong_mapping(rat
 
 
 def test_losses_and_stamps_are_named_with_their_number():
-    losses = Losses(samples=1000, lost=3, gaps=2, jumps=1, repeated=4, missing=5)
+    losses = Losses(samples=1000, lost=3, gaps=2, jumps=1, repeated=4)
     found = {item.name: item for item in stream_defects(losses, 6)}
     assert "3 samples of 1003 missing in 2 places" in found["lost_samples"].text
     assert "goes back 1 time and stands still 4 times" in found["time_not_monotonic"].text
-    assert "5 of 1000 samples" in found["not_finite"].text
     assert "6 stamps of 1000 rebuilt" in found["stamps_rebuilt"].text
     assert not any(item.is_error for item in found.values())
     [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)

@@ -118,6 +118,7 @@ class Session:
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.states = other.create_publisher(JointState, STATES, best_effort)
         self.commands = other.create_publisher(Float64, "/command", 10)
+        self.joint = "flap_joint"
         self._number = 0
 
     def publish_next(self, **factors: float) -> None:
@@ -126,7 +127,7 @@ class Session:
         t = self._number * 1e-3
         angle, rate = 0.01 * math.sin(20.0 * t), 0.2 * math.cos(20.0 * t)
         rows = {"position": angle, "velocity": rate, "effort": math.sin(t)}
-        message = JointState(name=["other", "flap_joint"])
+        message = JointState(name=["other", self.joint])
         message.header.stamp = stamp_to_message(START_NS + round(t * 1e9))
         for name, value in rows.items():
             setattr(message, name, array.array("d", [0.0, value * factors.get(name, 1.0)]))
@@ -197,6 +198,27 @@ def test_defect_withholds_telemetry_and_is_named_in_the_status(session):
     assert "telemetry is withheld: current_zero: current is 0 in all" in task.message
     assert "leave current out" in task.values["current_zero"]
     session.publish_until(lambda: session.bridge.tasks()[1].level != ERROR, "the end of it")
+
+
+def test_column_that_becomes_nan_makes_input_and_mapping_errors_that_name_it(session):
+    session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
+    session.publish_until(
+        lambda: session.task("mapping").level == ERROR, "the error", effort=math.nan
+    )
+    mapping, incoming = session.task("mapping"), session.task("input")
+    assert "current is not a finite number in" in mapping.message
+    assert "current: repair its source or choose another one, or leave" in mapping.message
+    assert incoming.level == ERROR
+    assert "Hz received, no telemetry is published: see mapping" in incoming.message
+
+
+def test_position_that_is_not_in_the_messages_any_more_is_an_error_with_the_reason(session):
+    session.publish_until(lambda: session.blocks, "blocks")
+    session.joint = "wing"
+    session.publish_until(lambda: session.task("input").level == ERROR, "the error")
+    message = session.task("input").message
+    assert "no telemetry is published" in message
+    assert "'flap_joint' is not in name, which has other, wing" in message
 
 
 def test_topic_of_another_type_is_named(context, make_node, make_bridge, spin, mapping_file):

@@ -2,7 +2,14 @@
 
 import re
 
+import numpy as np
+
+from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.telemetry import Telemetry
+from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
 
@@ -44,3 +51,17 @@ def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
     told = throttle.passed("flap: window 4 is dropped", 30.0)
     assert told == "flap: window 4 is dropped (and 2 like it before)"
     assert throttle.passed("flap: window 5 is dropped", 70.0) == "flap: window 5 is dropped"
+
+
+def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
+    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    unit.finder.describe(ActuatorDescription())
+    zeros = np.zeros(10)
+    unit.finder.feed(Telemetry(0, 1e-4, 1, zeros, zeros, zeros, zeros))
+    unit.valid = 6
+    seen = []
+    for now_s in (9, 11):
+        unit.publish_if_stale(1e6, now_s * 10**9)
+        task = unit_tasks(unit, 0)[0]
+        seen.append((task.level, task.message))
+    assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]

@@ -18,6 +18,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import hardware_name
 
 _MOST_NAMED = 5
+_SILENT_S = 10.0
 _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 
@@ -251,7 +252,7 @@ class Actuator:
         """Publish the health if it has just become stale; return it if it was published."""
         if not self._added_ns or now_ns < self._added_ns:
             self._added_ns = now_ns  # simulated time has begun, or gone back
-        self.is_silent = self.silent_s(now_ns) > good_for_s
+        self.is_silent = self.silent_s(now_ns) > min(_SILENT_S, good_for_s)
         if self._is_withdrawn:
             return None
         if self.outlook is _NOTHING_KNOWN:

@@ -59,9 +59,7 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
 
 def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     finder, category = unit.finder, ""
-    if unit.is_silent and finder.blocks:
-        level, message = STALE, "no telemetry any more"
-    elif unit.is_listed and unit.description is None and not finder.blocks:
+    if unit.is_listed and unit.description is None and not finder.blocks:
         level, message = WARN, "listed, and nothing received from it yet"
     elif unit.description is None:
         level, message = ERROR, "no description of the actuator: the telemetry has to wait"
@@ -80,6 +78,8 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
         level, message = WARN, f"no window can be complete: {finder.obstacle}"
     else:
         level, message = OK, f"{unit.valid} valid estimates"
+    if unit.is_silent and finder.blocks:
+        level, message = max(level, STALE), f"no telemetry any more; {message}"
     if unit.is_calibrating:
         category = DIAGNOSTICS_ACTIVE
     counts = {

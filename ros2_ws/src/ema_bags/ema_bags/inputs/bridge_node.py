@@ -1,5 +1,6 @@
 """The bridge: topics of other makes in, telemetry of an actuator out."""
 
+import math
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -105,13 +106,15 @@ class BridgeNode(ManagedNode):
     def _begin(self) -> None:
         self._bridge = Bridge(self._mapping, self._description, self._settings)
         self._described: ActuatorDescription | None = None
-        self._last_s = time.monotonic()
+        self._last_s = self._used_s = time.monotonic()
+        self._left_out_s = -math.inf
 
     def _input_task(self) -> Task:
         bridge, losses = self._bridge, self._bridge.losses
         rate, problem = bridge.rate, bridge.collector.problem()
         values: dict[str, Any] = {
-            "rate [Hz]": 1.0 / rate.measured_period if rate else 0.0,
+            "rate [Hz]": bridge.received_hz,
+            "published [Hz]": bridge.published_hz,
             "nominal rate [Hz]": 1.0 / rate.period if rate else 0.0,
             "jitter [us]": 1e6 * rate.jitter if rate else 0.0,
             "interpolated": bool(rate and not rate.is_regular),
@@ -127,13 +130,21 @@ class BridgeNode(ManagedNode):
         }
         waits = [topic for topic in bridge.collector.topics if topic not in self._inputs]
         level, message = OK, f"{1.0 / rate.period:g} Hz" if rate else "learning the rate"
+        now_s, source = time.monotonic(), self._mapping.position.topic
         if self._missing:
             level, message = ERROR, "; ".join(self._missing.values())
         elif waits:
             level, message = WARN, f"nobody publishes {', '.join(waits)}"
-        elif self.state == "active" and time.monotonic() - self._last_s > _SILENT_S:
-            level, message = STALE, f"nothing received for {_SILENT_S:g} s"
-        elif problem:
+        elif self.state == "active" and now_s - self._last_s > _SILENT_S:
+            level, message = STALE, f"nothing received on {source} for {_SILENT_S:g} s"
+        elif self.state == "active" and now_s - self._used_s > _SILENT_S:
+            level, message = ERROR, f"no telemetry is published: {problem}"
+        elif bridge.refused:
+            level = ERROR
+            message = (
+                f"{bridge.received_hz:.4g} Hz received, no telemetry is published: see mapping"
+            )
+        elif now_s - self._left_out_s < _SILENT_S:
             level, message = WARN, problem
         return Task("input", level, message, self.hardware_id, values)
 
@@ -177,10 +188,14 @@ class BridgeNode(ManagedNode):
         return _class_of(topic, next(iter(there)))
 
     def _receive(self, topic: str, message: Any, information: Mapping[str, Any]) -> None:
-        self._last_s = time.monotonic()
+        now_s = time.monotonic()
         sent_ns = int(information.get("source_timestamp") or 0)
         received_ns = int(information.get("received_timestamp") or time.time_ns())
-        self._bridge.collector.add(topic, message, sent_ns, received_ns)
+        is_used = self._bridge.collector.add(topic, message, sent_ns, received_ns)
+        if not is_used:
+            self._left_out_s = now_s
+        if topic == self._mapping.position.topic:
+            self._last_s, self._used_s = now_s, now_s if is_used else self._used_s
 
     def _advance(self) -> None:
         """Publish what is complete, after the description that it is of."""

@@ -2,13 +2,19 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
-from ema_bags.inputs.defects import InputDefect, find_defects, refused, stream_defects
+from ema_bags.inputs.defects import (
+    InputDefect,
+    find_defects,
+    not_finite,
+    refused,
+    stream_defects,
+)
 from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
@@ -20,8 +26,20 @@ from ema_core.telemetry import COLUMNS, Telemetry
 
 _LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
+_NOT_FINITE_S: Final = 3.0
 _CHECK_S: Final = 0.2
 _MOST_WAITING: Final = 200_000
+
+
+class _Part(NamedTuple):
+    """Samples that were converted at once, and the counts before them."""
+
+    arrival_ns: int
+    stamps_ns: NDArray[np.int64]
+    columns: dict[str, NDArray[np.float64]]
+    losses: Losses
+    rebuilt: int
+    published: int
 
 
 @dataclass(frozen=True)
@@ -68,9 +86,11 @@ class Bridge:
     rate
         Rate of the samples; None until it is known.
     defects
-        What is wrong.
-    withheld
-        Samples that were withheld as a defect forbids estimates.
+        What is wrong in the samples of the last 10 s.
+    received_hz, published_hz
+        Samples a second of the last 10 s, as they came and as telemetry [Hz].
+    withheld, published
+        Samples that were withheld as a defect forbids estimates, and those that were not.
 
     Raises
     ------
@@ -89,7 +109,8 @@ class Bridge:
         self.collector = Collector(mapping)
         self.rate: Rate | None = None
         self.defects: list[InputDefect] = []
-        self.withheld = 0
+        self.received_hz = self.published_hz = 0.0
+        self.withheld = self.published = 0
         self._stream: SampleStream | None = None
         self._clock: ArrivalClock | None = None
         self._filled = 0
@@ -98,7 +119,7 @@ class Bridge:
         self._settled = np.empty(0, dtype=np.int64)
         self._stamped = 0
         # The latest converted samples, in which defects are looked for.
-        self._latest: deque[tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]] = deque()
+        self._latest: deque[_Part] = deque()
         self._unchecked = 0
 
     @property
@@ -142,12 +163,16 @@ class Bridge:
         stamps = self._settled[: self._complete(len(self._settled))]
         if not len(stamps):
             return []
+        arrival_ns = int(self._waiting[primary].arrivals_ns[0])
+        counts = replace(self.losses), self.rebuilt, self.published
         columns, runs = self._stream.push(self._waiting, stamps)
         self._forget(len(stamps))
-        self._check(stamps, columns)
+        self._check(_Part(arrival_ns, stamps, columns, *counts))
+        count = sum(len(run.stamps_ns) for run in runs)
         if self.refused:
-            self.withheld += sum(len(run.stamps_ns) for run in runs)
+            self.withheld += count
             return []
+        self.published += count
         block_s = self._settings.block_s
         return [block for run in runs for block in self._stream.blocks(run, block_s)]
 
@@ -200,21 +225,28 @@ class Bridge:
                 old = int(np.searchsorted(series.arrivals_ns, series.arrivals_ns[-1] - span_ns))
                 self._waiting[topic] = series[max(0, old - 2) :]
 
-    def _check(self, stamps: NDArray[np.int64], columns: dict[str, NDArray[np.float64]]) -> None:
+    def _check(self, part: _Part) -> None:
         """Look for defects in the latest samples, now and then."""
         assert self._stream is not None
         h = self._stream.description.sample_period
         latest = self._latest
-        latest.append((stamps, columns))
-        while sum(len(part) for part, _ in latest) - len(latest[0][0]) > _LOOK_BACK_S / h:
+        latest.append(part)
+        while (
+            sum(len(one.stamps_ns) for one in latest) - len(latest[0].stamps_ns) > _LOOK_BACK_S / h
+        ):
             latest.popleft()
-        self._unchecked += len(stamps)
+        self._unchecked += len(part.stamps_ns)
         if self._unchecked * h < _CHECK_S:
             return
         self._unchecked = 0
-        times = np.concatenate([part for part, _ in latest])
-        whole = {name: np.concatenate([part[name] for _, part in latest]) for name in COLUMNS}
+        times = np.concatenate([one.stamps_ns for one in latest])
+        whole = {name: np.concatenate([one.columns[name] for one in latest]) for name in COLUMNS}
+        first, last_s = latest[0], round(_NOT_FINITE_S / h)
+        if (span_s := 1e-9 * (part.arrival_ns - first.arrival_ns)) > 0.0:
+            self.received_hz = (len(times) - len(part.stamps_ns)) / span_s
+            self.published_hz = (self.published - first.published) / span_s
         self.defects = [
-            *stream_defects(self.losses, self.rebuilt),
+            *stream_defects(self.losses - first.losses, self.rebuilt - first.rebuilt),
+            *not_finite({name: column[-last_s:] for name, column in whole.items()}),
             *find_defects(whole, times, self._mapping, self._stream.description),
         ]

@@ -64,7 +64,7 @@ def find_defects(
     stamps_ns
         Stamps of the samples, ``(n,)`` [ns].
     """
-    found = [*_other_drive(mapping, description), *_not_finite(columns)]
+    found = list(_other_drive(mapping, description))
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
@@ -108,15 +108,27 @@ def stream_defects(
             rebuild = "clock: {source: arrival} rebuilds the stamps"
             remedy = f"is clock.source the right one? {order if of_table else rebuild}"
         yield InputDefect("time_not_monotonic", text, remedy, is_error)
-    if losses.missing:
-        of = f"{losses.missing} of {counted(n, 'sample')}"
-        text = f"{of} have a value that is not a finite number"
-        remedy = "they are left out; a column that is mostly empty should not be mapped"
-        yield InputDefect("not_finite", text, remedy, losses.missing > 0.5 * n)
     if rebuilt:
         text = f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival"
         remedy = "have the source fill header.stamp, if it can"
         yield InputDefect("stamps_rebuilt", text, remedy, False)
+
+
+def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
+    """Yield which columns, as of ``find_defects``, have values that are not finite numbers."""
+    bad = {name: ~np.isfinite(values) for name, values in columns.items() if len(values)}
+    is_bad = np.any(list(bad.values()), axis=0)
+    if not np.any(is_bad):
+        return
+    parts = [(name, int(np.count_nonzero(one))) for name, one in bad.items() if np.any(one)]
+    text = ", ".join(f"{name} is not a finite number in {count}" for name, count in parts)
+    remedy = "these samples are left out"
+    if is_error := bool(np.mean(is_bad) > 0.5):
+        name = max(parts, key=lambda item: item[1])[0]
+        remedy = f"{name}: repair its source or choose another one"
+        if name in ("current", "speed"):
+            remedy += f", or leave {name} out if it is not measured"
+    yield InputDefect("not_finite", f"{text} of {counted(len(is_bad), 'sample')}", remedy, is_error)
 
 
 def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
@@ -134,14 +146,6 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
             "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
             "current: {kind: equivalent}",
         )
-
-
-def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
-    for name, values in columns.items():
-        if len(values) and not np.any(np.isfinite(values)):
-            text = f"{name} is not a finite number in any of {counted(len(values), 'sample')}"
-            remedy = f"{name}: choose another source, or leave {name} out if it is not measured"
-            yield InputDefect("not_finite", text, remedy)
 
 
 def _frozen(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
 from ema_bags.inputs.conversion import convert
-from ema_bags.inputs.defects import InputDefect, find_defects, stream_defects
+from ema_bags.inputs.defects import InputDefect, find_defects, not_finite, stream_defects
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
@@ -147,6 +147,7 @@ def import_series(
         )
     defects = [
         *stream_defects(stream.losses, rebuilt, of_table=mapping.is_table),
+        *not_finite(columns),
         *find_defects(columns, stamps, mapping, stream.description),
     ]
     return Imported(mapping, stream, rate, columns, runs, rebuilt, defects)

@@ -1,7 +1,7 @@
 """Samples at a fixed period from samples whose stamps jitter, jump and miss some."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Final
 
 import numpy as np
@@ -41,6 +41,11 @@ class Losses:
     jumps: int = 0
     repeated: int = 0
     missing: int = 0
+
+    def __sub__(self, earlier: "Losses") -> "Losses":
+        return Losses(
+            *(one - other for one, other in zip(astuple(self), astuple(earlier), strict=True))
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,8 +137,8 @@ class Collector:
         """Topics that are wanted, those of names as well."""
         return [*self._topics, *self._names]
 
-    def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> None:
-        """Take a message; one that does not have what is wanted is counted and left out.
+    def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> bool:
+        """Take a message; one that does not have what is wanted is counted and left out: False.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class Collector:
         if topic in self._names:
             self._names[topic] = message
         if topic not in self._topics:
-            return
+            return True
         own = self._topics[topic]
         try:
             stamp = self._stamp(own, message)
@@ -158,8 +158,9 @@ class Collector:
         except ValueError as error:
             self._refused += 1
             self.reason = f"{topic}: {error}"
-            return
+            return False
         own.rows.append((stamp, sent_ns if sent_ns and self._sent_first else received_ns, row))
+        return True
 
     def take(self) -> dict[str, Series]:
         """Return what has been collected since the last time, by topic."""
