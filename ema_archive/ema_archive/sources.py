@@ -19,6 +19,8 @@ from ema_bags.metadata import METADATA_FILE
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""
 
+# What is in sqlite3 storage is not read: it is listed so that it is refused with the remedy.
+_BAG_SUFFIXES: Final = (".mcap", ".db3")
 _OF_THE_LOCAL_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE)
 _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
 
@@ -79,7 +81,7 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
 
 def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
     """Return the bags of one folder; those of its folders that are bags are not walked further."""
-    found = [(info, [info]) for name, info in entries.items() if name.endswith(".mcap")]
+    found = [(info, [info]) for name, info in entries.items() if name.endswith(_BAG_SUFFIXES)]
     for name, info in sorted(folders.items()):
         inside = files.ls(info["name"], detail=True)
         if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):

@@ -44,7 +44,7 @@ SELECT bag, number, tested, verdict AS what, reason FROM estimates WHERE NOT val
 -- The same reasons, whatever figures are in them, counted.
 CREATE VIEW refused_why AS
 SELECT
-    what, regexp_replace(replace(reason, bag, 'BAG'), '-?[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?', '#', 'g') AS reason,
+    what, regexp_replace(replace(reason, bag, 'BAG'), '-?\b[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?', '#', 'g') AS reason,
     count(*) AS count, min(bag) AS for_instance
 FROM refused GROUP BY ALL ORDER BY count DESC, 1, 2;
 

@@ -1,18 +1,21 @@
 """Bags of other makes, of both storages of rosbag2, give the telemetry that was published."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 
 from ema_bags.inputs.bags import AnyBag
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.mapping import mapping_from
 
+from ..commands import ema
 from . import other_makes
 from .conftest import described
-from .other_makes import OtherBag
+from .other_makes import START_NS, OtherBag
 
 FLAP = described(1000)
 
@@ -162,3 +165,44 @@ def test_folder_without_a_bag_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match="is not a recording"):
         InputFile(tmp_path / "empty")
+
+
+def other_storage(kind: str, folder: Path) -> Path:
+    """Make a bag that is not read as telemetry of this monitor: a folder, or a file of one."""
+    with OtherBag(folder / "flight") as bag:
+        bag.write("/topic", bag.header(START_NS), START_NS)
+    [file] = (folder / "flight").glob("*.db3")
+    if kind == "folder":
+        return folder / "flight"
+    if kind == "folder without metadata":
+        (folder / "flight" / "metadata.yaml").unlink()
+        return folder / "flight"
+    path = folder / f"flight.{kind}"
+    # Of lz4 the frame's head is enough: rosbag2 ships no lz4 files, plugins of others do.
+    heads = {"db3": file.read_bytes(), "mcap.lz4": b"\x04\x22\x4d\x18" + bytes(100)}
+    heads["db3.zstd"] = zstandard.compress(heads["db3"])
+    path.write_bytes(heads[kind])
+    return path
+
+
+@pytest.mark.parametrize(
+    "kind", ["folder", "folder without metadata", "db3", "db3.zstd", "mcap.lz4"]
+)
+@pytest.mark.parametrize("command", ["info", "estimate", "report", "recover"])
+def test_bag_in_another_storage_is_refused_with_the_command_that_rewrites_it(
+    tmp_path, kind, command
+):
+    output = ["-o", tmp_path / "new.mcap"] if command == "recover" else []
+    result = ema(command, other_storage(kind, tmp_path), *output)
+    assert result.exit_code == 1
+    assert "`ros2 bag convert -i BAG -o FILE`" in result.stderr
+    assert "storage_id: mcap" in result.stderr
+
+
+@pytest.mark.parametrize("kind", ["folder", "folder without metadata", "db3"])
+def test_archive_refuses_a_bag_in_another_storage_with_the_command_that_rewrites_it(tmp_path, kind):
+    other_storage(kind, tmp_path / "bags")
+    assert ema("archive", "scan", tmp_path / "archive", tmp_path / "bags").exit_code == 0
+    assert "refused_why" in ema("archive", "run", tmp_path / "archive").stderr
+    why = ema("archive", "query", tmp_path / "archive", "SELECT * FROM refused_why", "--json")
+    assert "`ros2 bag convert -i BAG -o FILE`" in why.stdout

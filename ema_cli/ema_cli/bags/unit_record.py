@@ -161,7 +161,7 @@ def _bags_in(path: Path) -> list[Path]:
     if not path.is_dir() or (path / METADATA_FILE).exists():
         return [path]
     folders = (item.parent for item in path.glob(f"*/{METADATA_FILE}"))
-    return sorted([*path.glob("*.mcap"), *folders])
+    return sorted([*path.glob("*.mcap"), *path.glob("*.db3"), *folders])
 
 
 def _unreadable(path: Path, error: ValueError | OSError) -> str:

@@ -22,8 +22,10 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Metad
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from ema_bags.gaps import GAP, Gap
+from ema_bags.metadata import CONVERT
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
+_LZ4_MAGIC: Final = b"\x04\x22\x4d\x18"
 _COMPRESSIONS: Final = ("", "zstd", "lz4")
 _CHUNK_HEAD_BYTES: Final = 9 + 40
 _STRETCH_BYTES: Final = 1 << 20
@@ -116,8 +118,10 @@ def read_contents(file: BinaryIO) -> Contents:
     begin = file.read(len(_MAGIC))
     if not _MAGIC.startswith(begin):
         remedy = (
-            "a bag in sqlite3 storage: `ros2 bag convert` makes an MCAP file, `ema import` reads it"
+            f"a bag in sqlite3 storage; {CONVERT}"
             if begin == b"SQLite f"
+            else f"a file compressed by lz4; {CONVERT}"
+            if begin.startswith(_LZ4_MAGIC)
             else "a table, or another bag? `ema import FILE --preview` shows how to read it"
         )
         raise ValueError(f"is not an MCAP file: it begins with {begin!r} ({remedy})")

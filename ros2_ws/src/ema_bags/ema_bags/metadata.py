@@ -16,6 +16,12 @@ from ema_core.yaml_file import load_yaml
 PACKED_SUFFIX: Final = ".zstd"
 """What rosbag2 appends to the name of a file that it compresses."""
 
+CONVERT: Final = (
+    "`ros2 bag convert -i BAG -o FILE`, with "
+    "`output_bags: [{uri: NEW, storage_id: mcap, all: true}]` in FILE, rewrites it as MCAP"
+)
+"""Remedy for a bag in a storage or compression that is not read."""
+
 METADATA_FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
 _VERSION = 9  # of Jazzy: QoS as mappings in words
@@ -127,12 +133,11 @@ def folder_contents(folder: Path) -> FolderContents:
         reason = f"{METADATA_FILE} cannot be read ({type(error).__name__})"
         return _without_metadata(folder, present, reason)
     if storage != "mcap":
-        raise ValueError(f"{folder}: storage is {storage!r}, expected 'mcap'")
+        raise ValueError(f"{folder}: storage is {storage!r}, expected 'mcap'; {CONVERT}")
     if mode not in ("", "none", "message", "file") or packing not in ("", "zstd"):
         raise ValueError(
             f"{folder}: compressed by {packing!r} in mode {mode!r}, expected 'zstd' in mode "
-            "'message' or 'file', or none; rewrite it by `ros2 bag convert -i BAG -o FILE`, with "
-            "`output_bags: [{uri: NEW, all: true}]` in FILE"
+            f"'message' or 'file', or none; {CONVERT}"
         )
     wanted = [Path(name).name.removesuffix(PACKED_SUFFIX) for name in listed]
     missing = [name for name in wanted if name not in present]
@@ -170,6 +175,8 @@ def _is_later(name: str, last: str) -> bool:
 
 
 def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> FolderContents:
+    if other := sorted(path.name for path in folder.glob("*.db3*")):
+        raise ValueError(f"{folder}: {other[0]} is in sqlite3 storage, expected MCAP; {CONVERT}")
     if not present:
         raise FileNotFoundError(f"{folder} is not a recording: {reason}, and no .mcap file")
     return FolderContents(list(present.values()), None, [reason])
