@@ -61,7 +61,7 @@ def _row(descriptor: ParameterDescriptor, value: Any) -> str:
         values = f"{limits.from_value:g} to {limits.to_value:g}"
     change = _CHANGES.get(constraint.removesuffix("; "), "start")
     if descriptor.name == "use_sim_time":
-        change = "start"
+        change = "unconfigured"
     cells = (f"`{descriptor.name}`", f"`{json.dumps(value)}`", unit, values, change, meaning)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 

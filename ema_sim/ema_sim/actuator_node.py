@@ -85,7 +85,7 @@ class ActuatorNode(ManagedNode):
     def hardware_id(self) -> str:
         """Namespace, name and serial number of the simulated unit."""
         unit = self._description
-        return hardware_name(self.get_namespace(), unit.actuator_id, unit.serial_number)
+        return hardware_name(self.unit_namespace, unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
         """Set up the bench, the publishers and the services."""

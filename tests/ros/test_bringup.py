@@ -199,8 +199,16 @@ def test_recorder_is_launched_when_a_bag_is_named_and_ends_all_when_it_fails():
     recorder = nodes_of("ema.launch.py", bag="worn")["recorder"]
     assert own_of(recorder) == {"output": "worn"}
     assert recorder["on_exit"] == "shutdown: the recorder has ended"
-    nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params="own.yaml")
-    assert nodes["actuator"]["parameters"][0] == "own.yaml"
+
+
+@pytest.mark.usefixtures("launch_modules")
+def test_parameter_file_may_be_another_one_and_has_to_be_there(tmp_path):
+    with pytest.raises(RuntimeError, match=r"actuator_params:=no\.yaml: there is no such file"):
+        nodes_of("ema.launch.py", actuator_params="no.yaml")
+    (tmp_path / "own.yaml").touch()
+    own = str(tmp_path / "own.yaml")
+    nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params=own)
+    assert nodes["actuator"]["parameters"][0] == own
     assert {node["namespace"] for node in nodes.values()} == {"/left"}
 
 

@@ -4,6 +4,7 @@ import contextlib
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -38,9 +39,10 @@ class Recorded(ManagedNode):
         parameters: dict[str, Any] | None = None,
         *,
         context: Context,
+        **kwargs: Any,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
-        super().__init__("recorded", context=context, parameter_overrides=overrides)
+        super().__init__("recorded", context=context, parameter_overrides=overrides, **kwargs)
         self.steps: list[str] = []
         self.refuse = refuse or {}
         self.made: Callable[[], Any] = lambda: None
@@ -274,3 +276,31 @@ def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_r
     told = capfd.readouterr().err
     assert "use_sim_tme is not one of this node and has no effect: is use_sim_time meant?" in told
     assert "colour is not one of this node" in told
+
+
+def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(
+    make_recorded, context: Context
+):
+    node = make_recorded(parameters={"use_sim_time": True})
+    observer, seen = Node("observer", context=context), list[DiagnosticArray]()
+    observer.create_subscription(DiagnosticArray, "/diagnostics", seen.append, 100)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(observer)
+
+    def told() -> bool:
+        node.report()
+        executor.spin_once(timeout_sec=0.05)
+        return bool(seen)
+
+    try:
+        wait_for(told, "the status")
+    finally:
+        executor.shutdown()
+        observer.destroy_node()
+    assert abs(seen[0].header.stamp.sec - time.time()) < 60.0
+
+
+def test_unit_has_one_name_in_every_namespace_that_its_telemetry_is_remapped_from(make_recorded):
+    remapped = ["--ros-args", "-r", "__ns:=/ema/flap", "-r", "telemetry:=/ema/telemetry"]
+    nodes = [make_recorded(cli_args=remapped), make_recorded()]
+    assert [node.unit_namespace for node in nodes] == ["/ema", "/ema"]

@@ -86,12 +86,14 @@ def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
         ({"actuator_id": "rudder"}, ["rudder", "not monitored", "flap"]),
     ],
 )
-def test_impossible_goal_is_rejected_and_the_log_has_the_reason(
+def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
     session: MonitorSession, goal: dict[str, Any], texts: list[str], capfd
 ):
     assert not Goal(session, **goal).is_accepted
     said = capfd.readouterr().err
     assert all(text in said for text in ("rejected", *texts)), said
+    [task] = [item for item in session.node.tasks() if item.name == "identification"]
+    assert all(text in task.values["goal rejected"] for text in texts)
 
 
 @pytest.mark.parametrize(

@@ -150,3 +150,10 @@ def test_monitor_that_is_not_active_says_ok_of_nothing():
         assert session.change_state(Transition.TRANSITION_ACTIVATE)
         session.feed(Source().cycle())
         session.until(lambda: session.healths()[-1].level == OK)
+
+
+def test_parameter_that_does_not_exist_is_answered_once():
+    with monitor() as session:
+        [answer] = session.set_parameters(no_such_parameter=1)
+        assert not answer.successful
+        assert answer.reason.count("no_such_parameter") == 1

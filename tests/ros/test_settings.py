@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -132,6 +133,20 @@ def test_number_keeps_its_type_whatever_it_came_as(make_oven: Callable[..., Node
     assert repr(node.get_parameter("left.temperature").value) == "120.0"
     assert left.value.temperature == 120.0
     assert not set_one(node, "left.temperature", "warm").successful
+
+
+def test_each_parameter_is_answered_once_however_many_settings_a_node_has(
+    make_oven: Callable[..., Node],
+):
+    node, told = make_oven(), []
+    for side in ("left.", "middle.", "right."):
+        LiveSettings(node, Oven, side)
+    node.add_on_set_parameters_callback(
+        lambda parameters: told.extend(parameters) or SetParametersResult(successful=True)
+    )
+    [answer] = node.set_parameters([Parameter("left.temperature", value=100)])
+    assert answer.successful
+    assert [repr(item.value) for item in told] == ["100.0"]
 
 
 @dataclass(frozen=True)

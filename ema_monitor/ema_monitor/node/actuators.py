@@ -285,7 +285,7 @@ class Actuators(dict[str, Actuator]):
             if reason:
                 self._node.warn(actuator_id, reason, is_first=True)
             return None
-        publish, namespace = self._node.add_publishers(actuator_id), self._node.get_namespace()
+        publish, namespace = self._node.add_publishers(actuator_id), self._node.unit_namespace
         unit = Actuator(actuator_id, self._trigger, publish, self._node.now_ns(), namespace)
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit

@@ -39,6 +39,11 @@ class MonitorCalls:
     """The services ``~/calibrate`` and ``~/forget_actuator`` and the action ``~/identify_faults``.
 
     Calibration and identification may last long, in threads that receive no telemetry.
+
+    Attributes
+    ----------
+    rejected
+        Why the latest goal was rejected; empty when it was accepted.
     """
 
     def __init__(self, node: "MonitorNode", store: CalibrationStore) -> None:
@@ -47,6 +52,7 @@ class MonitorCalls:
         self._log = node.get_logger()
         self._queues: list[SimpleQueue[Segment]] = []
         self._queues_lock = threading.Lock()
+        self.rejected = ""
         self._free_goals = threading.Semaphore(_MOST_GOALS)
         node.create_service(
             Calibrate, "~/calibrate", self._calibrate, callback_group=SeparateCallbackGroup()
@@ -175,8 +181,11 @@ class MonitorCalls:
             if not self._free_goals.acquire(blocking=False):
                 raise ValueError(f"{_MOST_GOALS} run already")
         except ValueError as error:
+            self.rejected = str(error)
             self._log.warning(f"a goal of identify_faults is rejected: {error}")
+            self._node.report()
             return GoalResponse.REJECT
+        self.rejected = ""
         return GoalResponse.ACCEPT
 
     def _identify(self, goal: Any) -> IdentifyFaults.Result:

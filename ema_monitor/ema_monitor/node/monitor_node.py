@@ -174,6 +174,7 @@ class MonitorNode(ManagedNode):
             "follow-ups waiting": self._follow_ups.waiting,
             "follow-ups dropped": self._follow_ups.dropped,
             "ends of threads": self._worker.ends + self._follow_ups.ends,
+            "goal rejected": self._calls.rejected or "none",
         }
         return [
             *units,

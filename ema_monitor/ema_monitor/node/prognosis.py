@@ -235,7 +235,7 @@ class MonitorPrognosis:
                     f"{key[0]} history",
                     WARN if wrong else OK,
                     wrong or counted(len(unit.history.entries), "test"),
-                    hardware_name(self._node.get_namespace(), *key),
+                    hardware_name(self._node.unit_namespace, *key),
                     {"file": unit.history.path or "none, in memory only"},
                 )
             )

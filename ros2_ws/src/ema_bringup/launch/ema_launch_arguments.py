@@ -117,6 +117,10 @@ def node(
     Its parameters override those of its parameter file. If everything ends with it, or it does not
     respawn, it is never started again.
     """
+    file = file or value_of(context, f"{name}_params")
+    # Launch would start the node with its defaults.
+    if not Path(file).is_file():
+        raise RuntimeError(f"{name}_params:={file}: there is no such file")
     own = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
     if flag_of(context, "use_sim_time"):
         own["use_sim_time"] = True
@@ -133,7 +137,7 @@ def node(
         executable=f"{name}_node",
         name=node_name or name,
         namespace=place,
-        parameters=[file or value_of(context, f"{name}_params"), own],
+        parameters=[file, own],
         ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,

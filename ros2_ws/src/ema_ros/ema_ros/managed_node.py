@@ -112,6 +112,11 @@ class ManagedNode(LifecycleNode):
         return self.get_fully_qualified_name()
 
     @property
+    def unit_namespace(self) -> str:
+        """Namespace of the telemetry: part of the name of a unit, the same from all nodes."""
+        return self.resolve_topic_name(topics.TELEMETRY).rpartition("/")[0]
+
+    @property
     def is_configured(self) -> bool:
         """Whether what ``configure`` made is there."""
         return self._configured
@@ -205,7 +210,9 @@ class ManagedNode(LifecycleNode):
                 tasks += self.tasks()
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
-        message.header.stamp = self.get_clock().now().to_msg()
+        now = self.get_clock().now()
+        # Simulated time is 0 as long as there is no /clock.
+        message.header.stamp = (now if now.nanoseconds else Clock().now()).to_msg()
         self._diagnostics.publish(message)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -1,8 +1,10 @@
 """ROS parameters declared from, and read into, the dataclasses that validate them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final, Generic, TypeVar
+from weakref import WeakKeyDictionary
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -10,7 +12,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterValueException
+from rclpy.exceptions import InvalidParameterValueException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -74,6 +76,9 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
         raise ValueError(f"parameter {prefix}{error}") from error
 
 
+_LIVE_PARAMETERS: Final[WeakKeyDictionary[Node, dict[str, SettingsParameter]]] = WeakKeyDictionary()
+
+
 class LiveSettings(Generic[Definition]):
     """Settings that can be changed; impossible values are refused with the reason.
 
@@ -107,7 +112,11 @@ class LiveSettings(Generic[Definition]):
         constraint = WHILE_UNCONFIGURED if why_fixed else LIVE
         declare(node, definition, prefix, read_only=False, constraint=constraint)
         self.value: Definition = read(node, definition, prefix)
-        node.add_pre_set_parameters_callback(self._read_numbers)
+        # One such callback a node: rclpy answers each parameter as often as there are some.
+        known = _LIVE_PARAMETERS.setdefault(node, {})
+        if not known:
+            node.add_pre_set_parameters_callback(partial(_read_numbers, node, known))
+        known |= self._parameters
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
@@ -119,15 +128,6 @@ class LiveSettings(Generic[Definition]):
         ]
         changes = {known.field.name: known.from_node(item.value) for known, item in own}
         return replace(self.value, **changes) if changes else None  # pyright: ignore
-
-    def _read_numbers(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Return the parameters, numbers as the types of their fields."""
-        return [
-            Parameter(item.name, value=self._parameters[item.name].number_of(item.value))
-            if item.name in self._parameters and item.value is not None
-            else item
-            for item in parameters
-        ]
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -146,6 +146,22 @@ class LiveSettings(Generic[Definition]):
             self.value = changed
             if self._on_change is not None:
                 self._on_change(changed)
+
+
+def _read_numbers(
+    node: Node, known: Mapping[str, SettingsParameter], parameters: list[Parameter]
+) -> list[Parameter]:
+    """Return the parameters, numbers as the types of their fields; refuse what is not declared."""
+    for item in parameters:
+        # rclpy would not name it.
+        if not node.has_parameter(item.name):
+            raise ParameterNotDeclaredException(item.name)
+    return [
+        Parameter(item.name, value=known[item.name].number_of(item.value))
+        if item.name in known and item.value is not None
+        else item
+        for item in parameters
+    ]
 
 
 def _descriptor(

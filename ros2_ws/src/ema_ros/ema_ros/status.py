@@ -91,7 +91,7 @@ def fault_code(name: str) -> str:
 
 
 def hardware_name(namespace: str, actuator_id: str, serial_number: str = "") -> str:
-    """Return the name of a unit in the status: namespace of the node, actuator, serial number."""
+    """Return the name of a unit in the status: namespace of telemetry, actuator, serial number."""
     parts = (namespace.rstrip("/"), actuator_id, serial_number)
     return "/".join(parts if serial_number else parts[:2])
 

@@ -47,7 +47,7 @@ class BridgeNode(ManagedNode):
     def hardware_id(self) -> str:
         """Namespace, name and serial number of the actuator."""
         unit = self._description
-        return hardware_name(self.get_namespace(), unit.actuator_id, unit.serial_number)
+        return hardware_name(self.unit_namespace, unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
         """Read mapping and description."""
