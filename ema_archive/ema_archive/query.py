@@ -24,6 +24,7 @@ VIEWS: Final = (
     "refused",
     "refused_why",
     "copies",
+    "unordered",
     "runs_to_failure",
 )
 """Ready views, beside the tables."""

@@ -17,7 +17,7 @@ from ema_archive.settings import ArchiveSettings, prognosis_software
 from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR
-from ema_monitor.identification.estimate import DEGRADED, FAILED, REFUSED, VALID
+from ema_monitor.identification.estimate import FAILED, REFUSED
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
@@ -26,11 +26,18 @@ from ema_monitor.unit import Unit
 
 Row = Mapping[str, Any]
 
-_TELLING: Final = (VALID, DEGRADED, FAILED)
-_FOUND: Final = ("verdict", "fitness", *FAULT_NAMES)
+_SAME: Final = ("end_ns", "verdict", "fitness", *FAULT_NAMES)
 """What copies of a test have in common."""
 
-_IDENTITY: Final = ("end_ns", "bag_sha256", "number", "calibration_id", "software", "settings")
+_IDENTITY: Final = (
+    "end_ns",
+    "valid",
+    "bag_sha256",
+    "number",
+    "calibration_id",
+    "software",
+    "settings",
+)
 
 
 @dataclass(frozen=True)
@@ -166,22 +173,38 @@ def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:
 def _windows(table: pa.Table) -> list[dict[str, Any]]:
     """Return rows of estimates, of a window that is in several bags the first that tells most.
 
-    Two different tests that end at the same time are none: nothing shows which came first.
+    Two bags with different tests at the same time do not show which came first: all tests of both
+    are refused.
     """
     found: dict[int, dict[str, Any]] = {}
+    reasons: dict[str, str] = {}
+    last: dict[str, Any] | None = None
     for row in table.to_pylist():
         other = found.setdefault(row["end_ns"], row)
-        if other is row or row["verdict"] not in _TELLING:
+        if not _tells(row):
             continue
-        if other["verdict"] not in _TELLING:
-            found[row["end_ns"]] = row
-        elif any(str(row[name]) != str(other[name]) for name in _FOUND):
+        if not _tells(other):
+            found[row["end_ns"]] = other = row
+        if last and last["bag"] != row["bag"] and row["start_ns"] < last["end_ns"]:
+            is_copy = all(str(row[name]) == str(last[name]) for name in _SAME)
             reason = (
-                f"{other['bag']} and {row['bag']} have different tests that end at the same time: "
-                "their stamps must show which came first"
+                "two bags have different tests at the same time, their stamps must show which came "
+                f"first: {last['bag']} and {row['bag']}"
             )
-            found[row["end_ns"]] = other | {"valid": False, "verdict": REFUSED, "reason": reason}
-    return list(found.values())
+            if not is_copy:
+                reasons = dict.fromkeys((last["bag"], row["bag"]), reason) | reasons
+        last = other
+    return [
+        row | {"valid": False, "verdict": REFUSED, "reason": reasons[row["bag"]]}
+        if row["bag"] in reasons
+        else row
+        for row in found.values()
+    ]
+
+
+def _tells(row: Row) -> bool:
+    """Return whether a window shows how the unit is: it is valid, or shows a failure."""
+    return row["valid"] or row["verdict"] == FAILED
 
 
 def _counts(table: pa.Table) -> list[Count]:

@@ -34,12 +34,23 @@ SELECT model, unit, end_ns, any_value(tested) AS tested, list(bag ORDER BY bag) 
 FROM estimates GROUP BY model, unit, end_ns
 HAVING count(*) > 1 AND count(DISTINCT fitness) <= 1 ORDER BY model, unit, end_ns;
 
--- What gave no estimate: bags that cannot be read or have no window, and refused windows.
+-- Valid windows that health and life do not follow from: their bag has the time of another one.
+CREATE VIEW unordered AS
+SELECT
+    model, unit, bag, number, estimates.tested,
+    replace(health.reason, 'the newest test was refused: ', '') AS reason
+FROM estimates JOIN health USING (model, unit)
+WHERE estimates.valid AND estimates.end_ns = health.stamp_ns
+    AND health.reason LIKE '%their stamps must show which came first%';
+
+-- What gave no estimate or is not used: bags that cannot be read or have no window, and refused windows.
 CREATE VIEW refused AS
 SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, reason
 FROM bags WHERE state <> 'new' AND reason <> ''
 UNION ALL
-SELECT bag, number, tested, verdict AS what, reason FROM estimates WHERE NOT valid;
+SELECT bag, number, tested, verdict AS what, reason FROM estimates WHERE NOT valid
+UNION ALL
+SELECT bag, number, tested, 'refused' AS what, reason FROM unordered;
 
 -- The same reasons, whatever figures are in them, counted.
 CREATE VIEW refused_why AS
@@ -73,6 +84,7 @@ SELECT
 FROM lives
 JOIN ends USING (model, unit, life)
 JOIN estimates USING (model, unit)
+ANTI JOIN unordered USING (bag, number)
 WHERE estimates.valid AND estimates.end_ns = lives.stamp_ns
 QUALIFY row_number() OVER (PARTITION BY model, unit, estimates.end_ns ORDER BY estimates.bag) = 1
 ORDER BY model, unit, lives.stamp_ns;

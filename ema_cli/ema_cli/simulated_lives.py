@@ -60,7 +60,7 @@ class LifeTest:
     hours
         Service hour [h].
     start_ns
-        Stamp of its start: the service hour [ns].
+        Stamp of its start: so many hours after the life began [ns].
     faults
         True faults, ``(8,)``.
     window
@@ -78,9 +78,12 @@ class LifeTest:
 
 
 def simulated_tests(
-    life: SimulatedLife, description: ActuatorDescription, rng: np.random.Generator
+    life: SimulatedLife,
+    description: ActuatorDescription,
+    rng: np.random.Generator,
+    begin_ns: int = 0,
 ) -> Iterator[LifeTest]:
-    """Simulate the tests of a life that are not missing, one by one."""
+    """Simulate the tests of a life that are not missing, one by one; it begins at a time [ns]."""
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
     noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(
@@ -89,7 +92,7 @@ def simulated_tests(
         if window == "missing":
             continue
         bench.set_faults(faults)
-        start_ns = round(float(hours) * _NS_PER_HOUR)
+        start_ns = begin_ns + round(float(hours) * _NS_PER_HOUR)
         blocks = [block for block, _ in bench.begin_cycle(start_ns).blocks]
         if window == "noisy":
             blocks = [noise.measure(block) for block in blocks]
@@ -151,6 +154,8 @@ class LifeJob:
         Dominant fault; drawn when None.
     form
         "bags" or "estimates".
+    start_ns
+        When the life begins [ns].
     """
 
     folder: Path
@@ -160,6 +165,7 @@ class LifeJob:
     form: str
     is_constant: bool
     with_repair: bool
+    start_ns: int = 0
 
     @property
     def name(self) -> str:
@@ -173,7 +179,7 @@ def make_life(job: LifeJob) -> dict[str, object]:
     of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
     life = _drawn(job, of_life)
     description = unit_of_life(job.seed, job.number)
-    tests = simulated_tests(life, description, of_sensors)
+    tests = simulated_tests(life, description, of_sensors, job.start_ns)
     # Under another name until it is complete; a worker that was killed may have left one.
     part = job.folder / f"{job.name}{_PART}"
     _remove(part)

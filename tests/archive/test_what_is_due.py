@@ -94,6 +94,38 @@ def test_run_tells_how_many_windows_are_refused_and_why(ema, archive, fleet, tmp
 
 
 @pytest.mark.slow
+def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_come(ema, tmp_path):
+    bags, archive = tmp_path / "bags", tmp_path / "archive"
+    bags.mkdir()
+    ema("simulate", "--cycles", 2, "-o", bags / "new.mcap")
+    ema("archive", "scan", archive, bags)
+    assert ema("archive", "run", archive).exit_code == 0
+    ema("simulate", "--fault", "friction=0.6", "-o", bags / "worn.mcap")
+    ema("archive", "scan", archive)
+    result = ema("archive", "run", archive)
+    assert result.exit_code == 3
+    # The second test of the healthy bag has a time of its own, and yet it may be the older one.
+    assert "3 of 3 windows refused, most of them: " in result.output
+    assert "their stamps must show which came first" in result.output
+    assert "3 windows, 0 valid" in ema("archive", "status", archive).output
+    question = "select health from worst_first"
+    assert json.loads(ema("archive", "query", archive, question, "--json").stdout) == [
+        {"health": "STALE"}
+    ]
+    question = "select bag from refused where what = 'refused'"
+    assert len(json.loads(ema("archive", "query", archive, question, "--json").stdout)) == 3
+
+    worn = ("--fault", "friction=0.6", "--start", "2026-03-01", "-o", bags / "worn.mcap")
+    assert ema("simulate", *worn, "--replace").exit_code == 0
+    ema("archive", "scan", archive)
+    assert ema("archive", "run", archive).exit_code == 0
+    question = "select health, tested from worst_first"
+    [row] = json.loads(ema("archive", "query", archive, question, "--json").stdout)
+    assert (row["health"], row["tested"][:10]) == ("ERROR", "2026-03-01")
+    assert ema("prognose", bags, "--hours-per-cycle", 10).exit_code == 0
+
+
+@pytest.mark.slow
 def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp_path):
     """And those before are not repeated, unless one comes late."""
     bags, other = tmp_path / "coming", tmp_path / "other"

@@ -167,6 +167,19 @@ def test_lives_side_by_side_are_those_one_by_one(ema, tmp_path, short, two_lives
         assert telemetry[0] == telemetry[1]
 
 
+def test_life_begins_when_it_is_said_to(ema, tmp_path, short):
+    for name, start in (("early", "1970-01-01"), ("late", "2026-03-01T06:00:00")):
+        ema("lives", *HERE, "-o", tmp_path / name, "--fault", "friction", "--start", start)
+    bags = [sorted((tmp_path / name / "life_0000").glob("*.mcap")) for name in ("early", "late")]
+    later_ns = {
+        (Bag(other).start_ns or 0) - (Bag(one).start_ns or 0)
+        for one, other in zip(*bags, strict=True)
+    }
+    assert later_ns == {1_772_344_800_000_000_000}
+    result = ema("lives", "-o", tmp_path / "never", "--start", "2038-02-01")
+    assert (result.exit_code, "from 1970 to 2037" in result.stderr) == (2, True)
+
+
 def test_repair_is_told(ema, tmp_path, short):
     folder = tmp_path / "lives"
     ema("lives", *HERE, "-o", folder, "--repair", "--fault", "gain", "--as", "estimates")

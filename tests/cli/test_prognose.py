@@ -330,6 +330,15 @@ def test_two_bags_of_the_same_stamp_are_refused(written):
     assert len(read_unit([one, one], Source()).windows) == 1
 
 
+def test_two_bags_whose_windows_overlap_are_refused(ema, tmp_path):
+    """Windows of different commands end at different times; these are no order of the tests."""
+    paths = [tmp_path / "swing.mcap", tmp_path / "chirp.mcap"]
+    ema("simulate", "--command", "swing", "-o", paths[0])
+    ema("simulate", "-o", paths[1])
+    result = ema("prognose", *paths)
+    assert (result.exit_code, "which test came first" in result.stderr) == (1, True)
+
+
 def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
     description = ActuatorDescription()
     test = one_test(description)

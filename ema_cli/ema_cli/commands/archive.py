@@ -41,7 +41,8 @@ from ema_monitor.windows.trigger import TEST_CYCLE
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
 _LONGEST_REASON: Final = 200
 _USUAL_REASON: Final = (
-    "SELECT reason FROM estimates WHERE NOT valid GROUP BY 1 ORDER BY count(*) DESC, 1 LIMIT 1"
+    "SELECT reason FROM refused WHERE number IS NOT NULL "
+    "GROUP BY 1 ORDER BY count(*) DESC, 1 LIMIT 1"
 )
 
 
@@ -135,7 +136,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     """Do what is to be done: bags to estimates, then units to health and life.
 
     Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
-    with their reason. Exit code 3 says that there were such, or that no window is valid.
+    with their reason. Exit code 3 says that there were such, that two bags of a unit have different
+    tests at the same time, or that no window is valid.
     """
     with _clear_of_clusters(), one_clear_line(), Manifest(folder) as manifest:
         with progress_bar() as progress:
@@ -166,6 +168,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
             finally:
                 limit_threads(None)
         status = manifest.status(manifest.settings)
+        unordered = _unordered(folder, status)
+        status = replace(status, valid=status.valid - unordered)
     click.echo(
         f"{counted(tally.bags, 'bag')} done, {counted(tally.units, 'unit')} followed; "
         f"{tally.damaged} damaged, {tally.failed} could not be read"
@@ -179,7 +183,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     if tally.damaged or tally.failed:
         click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
     is_useless = bool(status.windows) and not status.valid
-    if tally.damaged or tally.failed or tally.not_followed or is_useless:
+    if tally.damaged or tally.failed or tally.not_followed or unordered or is_useless:
         sys.exit(REFUSED)
 
 
@@ -191,6 +195,7 @@ def status_(folder: Path, as_json: bool) -> None:
     with one_clear_line(), Manifest(folder, writes=False) as manifest:
         settings = manifest.settings
         status, sources = manifest.status(settings), manifest.sources
+        status = replace(status, valid=status.valid - _unordered(folder, status))
     if as_json:
         values = asdict(status) | {"sources": sources, "settings": settings.as_mapping()}
         click.echo(json.dumps(values, indent=2))
@@ -263,6 +268,14 @@ def _clear_of_clusters() -> Iterator[None]:
         raise click.ClickException(
             f"{error}; what was done is kept, the same command resumes"
         ) from error
+
+
+def _unordered(folder: Path, status: Status) -> int:
+    """Return how many valid windows are refused as other ones have their time."""
+    if status.damaged_files:
+        return 0
+    _, [(count,)] = answer(folder, "SELECT count(*) FROM unordered")
+    return count
 
 
 def _refused_in_words(folder: Path, status: Status) -> str:

@@ -8,6 +8,7 @@ import pandas as pd
 
 from ema_cli.errors import NameChoice, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
+from ema_cli.new_bag import START_OPTION
 from ema_cli.show.progress import progress_bar
 from ema_cli.simulated_lives import LifeJob, make_life, remove_parts
 from ema_core.faults import TYPICAL
@@ -52,6 +53,7 @@ INDEX: Final = "lives.csv"
 @click.option(
     "--repair", "with_repair", is_flag=True, help="Repair the dominant fault once in each life."
 )
+@START_OPTION
 @executor_options
 def lives(
     folder: Path,
@@ -61,6 +63,7 @@ def lives(
     form: str,
     is_constant: bool,
     with_repair: bool,
+    start_ns: int,
     executor: ExecutorOptions,
 ) -> None:
     """Simulate actuators from new until a fault reaches its limit, test by test.
@@ -76,7 +79,7 @@ def lives(
             raise ValueError(f"{folder} is there already: give a folder that is not")
         folder.mkdir(parents=True)
         jobs = [
-            LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair)
+            LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair, start_ns)
             for number in range(count)
         ]
         index: dict[int, dict[str, object]] = {}

@@ -12,7 +12,7 @@ from rich.table import Column, Table
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.errors import Assignments, merged, one_clear_line
-from ema_cli.new_bag import new_bag
+from ema_cli.new_bag import START_OPTION, new_bag
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
@@ -48,6 +48,7 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help="Draw a multiple fault by the law of the thesis, most of it small, from --seed.",
 )
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
+@START_OPTION
 @settings_options(Bench, "actuator", more=[COMMAND_OPTION])
 @click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
 @click.option(
@@ -63,6 +64,7 @@ def simulate(
     causes: tuple[str, ...],
     draws_faults: bool,
     cycles: int,
+    start_ns: int,
     overwrite: bool,
     output: Path,
 ) -> None:
@@ -88,11 +90,12 @@ def simulate(
         with (
             deferred_signals() as stop,
             new_bag(output, overwrite=overwrite) as bag,
-            SimulatedActuatorBag(bag, description) as recording,
+            SimulatedActuatorBag(bag, description, start_ns) as recording,
             progress_bar() as progress,
         ):
             recording.note_causes(bench.causes)
             task = progress.add_task("simulating", total=None)
+            bench.end_ns = start_ns
             for _ in range(cycles):
                 cycle = bench.begin_cycle()
                 progress.update(
@@ -108,7 +111,7 @@ def simulate(
                     progress.advance(task, len(block))
     if drawn is not None:
         _print_drawn(drawn, seed)
-    seconds = 1e-9 * bench.end_ns
+    seconds = 1e-9 * (bench.end_ns - start_ns)
     click.echo(
         f"{output}: {counted(cycles, 'cycle')} of {description.actuator_id} "
         f"({description.serial_number}), {seconds:.1f} s of telemetry"
