@@ -7,6 +7,9 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from catkin_pkg.changelog import get_changelog_from_path
+from catkin_pkg.package_version import get_forthcoming_label, update_changelog_sections
+from catkin_pkg.packages import find_packages
 from packaging.requirements import Requirement
 
 from ..packages import FOLDERS
@@ -18,12 +21,13 @@ DISTRIBUTIONS = {
     "sklearn": "scikit-learn",
     "prometheus_client": "prometheus-client",
 }
-WITHOUT_KEY = {"distributed", "duckdb", "fsspec", "pyarrow"}
-"""Modules that rosdep does not know: pip installs them."""
+WITHOUT_KEY = {
+    *("distributed", "duckdb", "fsspec", "llvmlite", "markupsafe", "mcap", "pyarrow", "zstandard"),
+}
+"""Modules without a key in rosdistro: pip installs them, mcap with lz4."""
 
 KEYS = {
     "yaml": "python3-yaml",
-    "mcap": "python3-mcap-pip",
     "prometheus_client": "python3-prometheus-client",
     "rosbags": "python3-rosbags-pip",
 }
@@ -84,6 +88,35 @@ def test_package_depends_on_what_is_imported(package):
     }
     # Its parameter files are found by name rather than imported.
     assert declared == expected
+
+
+def test_document_has_the_pip_line_of_what_rosdep_does_not_know():
+    text = (ROOT / "docs" / "nodes.md").read_text(encoding="utf-8")
+    [line] = re.findall(r"^ *pip install --break-system-packages (.+)$", text, re.MULTILINE)
+    assert set(line.split()) == WITHOUT_KEY
+
+
+def test_clone_in_a_workspace_has_each_package_once():
+    # As rosdep looks for them: it stops at a name that is there twice.
+    packages = find_packages(ROOT)
+    assert {item.name: ROOT / path for path, item in packages.items()} == FOLDERS
+    for item in packages.values():
+        item.validate()
+
+
+@pytest.mark.filterwarnings("ignore:nodes.Node.traverse:DeprecationWarning")
+@pytest.mark.parametrize("package", FOLDERS)
+def test_package_has_a_changelog_that_a_release_takes(package, tmp_path):
+    copy = tmp_path / "CHANGELOG.rst"
+    changelog = get_changelog_from_path(str(FOLDERS[package]))
+    assert changelog is not None
+    # What catkin_prepare_release does, and then bloom.
+    label = get_forthcoming_label(changelog.rst)
+    update_changelog_sections({package: (copy, changelog, label)}, "9.9.9")
+    released = get_changelog_from_path(str(copy))
+    assert released is not None
+    [(version, _, content)] = released.foreach_version()
+    assert (version, len(content)) == ("9.9.9", 1)
 
 
 def test_bounds_are_the_same_everywhere_and_hold_for_the_lock():
