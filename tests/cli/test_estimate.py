@@ -193,11 +193,31 @@ def test_another_command_than_the_calibrated_one_is_estimated(ema, tmp_path):
         assert abs(estimate["faults"][name] - healthy) < 3.0 * estimate["sigma"][name]
 
 
-def test_calibration_on_a_faulty_bag_warns(ema, tmp_path):
-    result = ema("calibrate", SAMPLE, "-o", tmp_path / "c.yaml")
-    assert result.exit_code == 0
+def test_calibration_on_a_faulty_bag_is_refused_unless_it_is_accepted(ema, tmp_path):
+    output = tmp_path / "c.yaml"
+    result = ema("calibrate", SAMPLE, "-o", output)
+    assert (result.exit_code, output.exists()) == (3, False)
     assert "records simulated faults" in result.stderr
+    assert "--accept-defects" in result.stderr
+    result = ema("calibrate", SAMPLE, "--accept-defects", "-o", output)
+    assert result.exit_code == 0
+    assert "warning: " in result.stderr
     assert "residual of a healthy window unknown" in result.stdout
+
+
+def test_fault_within_its_uncertainty_is_none(ema, tmp_path):
+    """Beside other faults, 0.03 of phase A is needed to explain the window, and is ± 0.06."""
+    bag = tmp_path / "case.mcap"
+    faults = "friction=0.378,short_circuit_a=0.029,short_circuit_b=0.1718,short_circuit_c=0.0965"
+    more = "eccentricity=0.5385,eccentricity_phase=0.8604,gain=0.6433"
+    ema("simulate", "--fault", faults, "--fault", more, "--seed", 9, "-o", bag)
+    [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
+    assert "short_circuit_a" not in estimate["insignificant"]
+    assert 0.0 < estimate["faults"]["short_circuit_a"] < estimate["sigma"]["short_circuit_a"]
+    told = ema("estimate", bag).stdout
+    [found] = [line for line in told.splitlines() if line.startswith("found: ")]
+    assert "short circuit B" in found
+    assert "short circuit A" not in found
 
 
 def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, faulty_blocks):

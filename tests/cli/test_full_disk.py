@@ -40,7 +40,7 @@ def _kernels(ema, tmp_path_factory) -> None:
         (("recover", SAMPLE), "whole.mcap"),
         (("plot", SAMPLE), "case.png"),
         (("plot", SAMPLE, "--window", "0"), "fit.png"),
-        (("calibrate", SAMPLE), "c.yaml"),
+        (("calibrate", SAMPLE, "--accept-defects"), "c.yaml"),
         (("compare", SAMPLE, "--algorithms", "least_squares"), "compared.png"),
     ],
 )

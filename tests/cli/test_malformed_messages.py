@@ -61,7 +61,7 @@ def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("compare", "--algorithms", "least_squares"),
         ("prognose", "--hours-per-cycle", "10"),
         ("report", "-o", "out.html"),
-        ("calibrate", "-o", "out.yaml"),
+        ("calibrate", "--accept-defects", "-o", "out.yaml"),
     ],
     ids=" ".join,
 )

@@ -1,17 +1,24 @@
 """What is published on /diagnostics follows the rules of those who read it."""
 
 import re
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.telemetry import Telemetry
+from ema_monitor.health import HealthLimits
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.prognosis.outlook import outlook_of_one
+from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
+
+from ..prognosis.made_tests import made_test
 
 
 def values_of(task: Task) -> dict[str, str]:
@@ -65,3 +72,24 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
         task = unit_tasks(unit, 0)[0]
         seen.append((task.level, task.message))
     assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]
+
+
+def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
+    unit, description = (
+        Actuator("flap", TriggerSettings(), lambda _: None, 0),
+        ActuatorDescription(),
+    )
+    unit.finder.describe(description)
+    segment = cast(Segment, SimpleNamespace(number=0, last_stretch=None, description=description))
+    seen = []
+    for number, friction in enumerate((0.45, 0.5113, 0.02, 0.02)):
+        estimate = made_test(number, friction=friction)
+        unit.record(segment, estimate, outlook_of_one(estimate, HealthLimits(), ""), 0, 2)
+        [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap friction"]
+        seen.append((task.level, task.message))
+    assert seen == [
+        (WARN, "0.45, limit 0.5"),
+        (ERROR, "0.5113, limit 0.5"),
+        (ERROR, "0.02, limit 0.5; OK once later tests confirm it"),
+        (OK, "0.02, limit 0.5"),
+    ]

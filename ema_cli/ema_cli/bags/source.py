@@ -62,7 +62,7 @@ class Source:
         click.option(
             "--accept-defects",
             is_flag=True,
-            help="Use --actuator and --calibration even against BAG.",
+            help="Use --actuator and --calibration even against BAG; calibrate with a faulty unit.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = ()

@@ -1,5 +1,6 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
+import sys
 from pathlib import Path
 
 import click
@@ -7,7 +8,7 @@ import click
 from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.output_path import require_free
 from ema_cli.bags.source import MEASURED_OPTION, REPLACE_OPTION, Source, identifiable_windows
-from ema_cli.errors import one_clear_line
+from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -43,6 +44,8 @@ def calibrate(
 
     A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,
     is taken for known within its sigma. What the windows did not show is named at the end.
+
+    Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """
     with one_clear_line():
         read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
@@ -61,7 +64,7 @@ def calibrate(
                     f"{bags[0]} ({descriptions[0].serial_number}), or described otherwise"
                 )
             if found.simulated_faults:
-                click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
+                _require_accepted(bag, given)
         with progress_bar() as progress:
             progress.add_task("calibrating", total=None)
             calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
@@ -77,3 +80,12 @@ def calibrate(
             err=True,
         )
     click.echo(f"{output}: {calibration}")
+
+
+def _require_accepted(bag: Path, given: Source) -> None:
+    """Refuse a bag of a faulty unit, unless the options accept it."""
+    words = f"{bag} records simulated faults: the unit is not healthy"
+    if not given.accept_defects:
+        click.echo(f"Error: {words}; --accept-defects calibrates with it all the same", err=True)
+        sys.exit(REFUSED)
+    click.echo(f"warning: {words}", err=True)

@@ -128,8 +128,7 @@ def _assessed() -> list[int]:
 
 def _significant(one: Estimate) -> list[int]:
     """Return which faults are significant, the largest first."""
-    found = [i for i in _assessed() if not one.insignificant[i] and not one.unobservable[i]]
-    return sorted(found, key=lambda i: -_distance(one, i))
+    return sorted(filter(lambda i: one.found[i], _assessed()), key=lambda i: -_distance(one, i))
 
 
 def _line(number: int, one: Estimate, found: BagWindows) -> str:

@@ -59,7 +59,6 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
     rows = []
     for number, (one, outlook) in enumerate(course.steps):
         path = course.record.bags.get(one.end_ns)
-        found = ~(one.insignificant | one.unobservable)
         # The reason names the hidden causes.
         remarks = [one.reason, *(f"measured: {cause}" for cause in one.measured)]
         remarks += [f"event: {event}" for event in (outlook.events if outlook else ())]
@@ -75,7 +74,7 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
                 "goodness_limit": one.goodness_limit,
                 "unexplained": one.unexplained_share,
                 "remarks": [*filter(None, remarks)],
-                "faults": list(zip(one.faults, one.sigma, found.tolist(), strict=True)),
+                "faults": list(zip(one.faults, one.sigma, one.found.tolist(), strict=True)),
             }
         )
     return rows

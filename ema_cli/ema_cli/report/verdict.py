@@ -82,14 +82,8 @@ def _state(course: Course, last: Outlook) -> str:
 
 def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     items = {item.name: item for item in (*last.health.faults, *last.health.requirements)}
-    healthy = {
-        fault.name
-        for fault, is_healthy, is_unknown in zip(
-            FAULTS, valid.insignificant, valid.unobservable, strict=True
-        )
-        if is_healthy or is_unknown
-    }
-    worn = [item for item in last.health.faults if item.name not in healthy]
+    found = {fault.name for fault, is_found in zip(FAULTS, valid.found, strict=True) if is_found}
+    worn = [item for item in last.health.faults if item.name in found]
     worst = max(worn, key=lambda item: item.share, default=None)
     named = [items[last.dominant]] if last.dominant in items else []
     if worst is not None and worst not in named:

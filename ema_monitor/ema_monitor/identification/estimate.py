@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.causes import CauseEstimate
-from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector
+from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector, healthy_faults
 from ema_core.wording import text_table
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
@@ -141,16 +141,24 @@ class Estimate:
         return FaultVector.of(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def found(self) -> NDArray[np.bool_]:
+        """Which components differ from healthy, faults by more than their sigma, ``(8,)``."""
+        distance = np.abs(np.subtract(self.faults, healthy_faults()))
+        is_fault = np.array([fault.limit is not None for fault in FAULTS])
+        is_within = is_fault & (distance <= np.asarray(self.sigma))
+        return ~(self.insignificant | self.unobservable | is_within)
+
+    @property
     def meanings(self) -> tuple[str, ...]:
         """What each fault amounts to, in words."""
         return tuple(
             "not shown"
             if is_unknown
-            else "healthy (not significant)"
-            if is_healthy
             else fault.physical(value)
-            for fault, value, is_healthy, is_unknown in zip(
-                FAULTS, self.faults, self.insignificant, self.unobservable, strict=True
+            if is_found
+            else "healthy (not significant)"
+            for fault, value, is_found, is_unknown in zip(
+                FAULTS, self.faults, self.found, self.unobservable, strict=True
             )
         )
 

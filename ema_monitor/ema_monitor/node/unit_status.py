@@ -112,6 +112,8 @@ def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> T
     message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
     if is_finite_number(item.held):
         message = f"{item.held:.4g} in the latest test, before {message}"
+    elif level != STALE and item.level < level:
+        message += f"; {LEVEL_NAMES[item.level]} once later tests confirm it"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
     figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
     category = _category(level, end, level == STALE)
