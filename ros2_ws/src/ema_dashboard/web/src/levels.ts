@@ -4,6 +4,7 @@ export interface Level {
   word: string;
   name: "ok" | "warn" | "error" | "stale";
   rank: number; // the worst first
+  isOld?: boolean; // it was the last one that was known
 }
 
 export const LEVELS: Level[] = [
@@ -15,3 +16,12 @@ export const LEVELS: Level[] = [
 
 /** Of an actuator of which no health has come yet. */
 export const UNKNOWN: Level = { word: "NO HEALTH", name: "stale", rank: 2.5 };
+
+/** What a level is worth now: a warning or an error that nobody confirms any more stays, as old. */
+export function levelNow(level: number, last: number, isSilent = false): Level {
+  const [, warn, error, stale] = LEVELS;
+  const known = level === 3 ? last : level;
+  if (level !== 3 && !isSilent) return LEVELS[level] ?? UNKNOWN;
+  const alarm = known === 2 ? error! : known === 1 ? warn! : undefined;
+  return alarm ? { ...alarm, word: `${alarm.word}, old`, isOld: true } : stale!;
+}

@@ -7,6 +7,7 @@ import { load } from "./sources.mjs";
 const format = await load("format.ts");
 const { Telemetry } = await load("telemetry.ts");
 const { UnitRecord } = await load("unit_history.ts");
+const { levelNow } = await load("levels.ts");
 const { actuatorOf } = await load("peek.ts");
 const { State, isOf } = await load("state.ts");
 
@@ -156,6 +157,18 @@ test("no level is known while the dashboard is not heard, until it is heard agai
   assert.equal(flap().isSilent, false);
   delete globalThis.requestAnimationFrame;
   mock.timers.reset();
+});
+
+test("an alarm of a monitor that is not heard any more stays, marked as old", () => {
+  const now = (...of) => { const { word, name, isOld } = levelNow(...of); return [word, name, isOld]; };
+  assert.deepEqual(now(2, 2), ["ERROR", "error", undefined]);
+  assert.deepEqual(now(3, 2), ["ERROR, old", "error", true]); // the monitor is silent
+  assert.deepEqual(now(2, 2, true), ["ERROR, old", "error", true]); // the dashboard is
+  assert.deepEqual(now(3, 1), ["WARN, old", "warn", true]);
+  // Nothing is said to be well that nobody knows.
+  assert.deepEqual(now(0, 0, true), ["STALE", "stale", undefined]);
+  assert.deepEqual(now(3, 0), ["STALE", "stale", undefined]);
+  assert.deepEqual(now(3, 3), ["STALE", "stale", undefined]);
 });
 
 test("a status is of the actuator of its own namespace", () => {

@@ -12,7 +12,7 @@ import { History } from "./history.tsx";
 import { useApp, useSecond } from "./hooks.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
 import { Live } from "./live.tsx";
-import { Badge, Bar, Empty, Figure, Since, levelOf, silence } from "./parts.tsx";
+import { Badge, Bar, Empty, Figure, Since, classOf, levelOf, silence } from "./parts.tsx";
 import { Remaining } from "./remaining.tsx";
 import { Diagnostics } from "./system.tsx";
 import { FaultVector, Requirements, TrackedFaults } from "./tables.tsx";
@@ -60,7 +60,7 @@ function Head({ actuator }: { actuator: Actuator }) {
   const worst = labelOf(health?.dominant_fault ?? "");
   const isRefused = estimate !== undefined && !estimate.valid;
   return (
-    <section class={`card head ${level.name}`} aria-labelledby="name">
+    <section class={`card head ${classOf(level)}`} aria-labelledby="name">
       <div class="head-line">
         <div>
           <h1 id="name">{actuator.id}</h1>

@@ -9,7 +9,7 @@ import { ACTIONS, seconds } from "../messages.ts";
 import type { Actuator, State } from "../state.ts";
 import { useApp, useStored } from "./hooks.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
-import { Badge, Bar, Shape, Since, levelOf, silence } from "./parts.tsx";
+import { Badge, Bar, Shape, Since, classOf, levelOf, silence } from "./parts.tsx";
 import { addressOf } from "./route.ts";
 
 interface Column {
@@ -181,7 +181,7 @@ const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace
     send({ kind: "watch", address: actuator });
   };
   return (
-    <tr role="row" class={level.name} data-actuator={actuator.key} onClick={open}>
+    <tr role="row" class={classOf(level)} data-actuator={actuator.key} onClick={open}>
       <td role="cell" class="c-level"><Badge level={level} /></td>
       <th scope="row" role="rowheader" class="c-actuator">
         <a href={addressOf(actuator)}>{actuator.id}</a>

@@ -1,7 +1,7 @@
 // Remaining life and removal in words.
 
 import { lifeHours } from "../format.ts";
-import { ERROR, OK, type Health, type RemainingUsefulLife } from "../messages.ts";
+import { ERROR, OK, STALE, type Health, type RemainingUsefulLife } from "../messages.ts";
 
 const SOON_HOURS = 0.5;
 const LONGEST_REASON = 40;
@@ -28,7 +28,8 @@ export function Life({ life }: { life: RemainingUsefulLife }) {
 
 /** Service hour before which to remove the unit, at the risk of failure that is accepted. */
 export function RemoveBefore({ health }: { health: Health }) {
-  if (health.level === ERROR) return <strong>now</strong>;
+  const known = health.level === STALE ? health.last_level : health.level;
+  if (known === ERROR) return <strong>now</strong>;
   const life = health.rul;
   // Recordings of earlier versions have none.
   const hours = health.removal_risk > 0 ? health.removal_hours : life.hours_05;

@@ -2,14 +2,14 @@
 
 import type { ComponentChildren } from "preact";
 import { duration } from "../format.ts";
-import { LEVELS, type Level, UNKNOWN } from "../levels.ts";
+import { LEVELS, type Level, UNKNOWN, levelNow } from "../levels.ts";
 import { type Health, OK, STALE, seconds } from "../messages.ts";
 import type { Actuator } from "../state.ts";
 import { useApp, useSecond } from "./hooks.ts";
 
 export function levelOf({ health, isSilent }: Actuator): Level {
   if (!health) return UNKNOWN;
-  return LEVELS[isSilent ? STALE : health.level] ?? UNKNOWN;
+  return levelNow(health.level, health.last_level, isSilent);
 }
 
 /** Level of a fault or requirement: nothing is OK where nothing is heard. */
@@ -52,9 +52,13 @@ const SHAPES = {
   ),
 };
 
+export function classOf(level: Level): string {
+  return level.isOld ? `${level.name} old` : level.name;
+}
+
 export function Shape({ level, size = 24 }: { level: Level; size?: number }) {
   return (
-    <svg class={`level-shape ${level.name}`} width={size} height={size} viewBox="0 0 24 24"
+    <svg class={`level-shape ${classOf(level)}`} width={size} height={size} viewBox="0 0 24 24"
       aria-hidden="true">
       {SHAPES[level.name]}
     </svg>
@@ -63,7 +67,7 @@ export function Shape({ level, size = 24 }: { level: Level; size?: number }) {
 
 export function Badge({ level, large = false }: { level: Level; large?: boolean }) {
   return (
-    <span class={`badge ${level.name} ${large ? "large" : ""}`}>
+    <span class={`badge ${classOf(level)} ${large ? "large" : ""}`}>
       <Shape level={level} size={large ? 36 : 22} />
       <span>{level.word}</span>
     </span>
