@@ -15,7 +15,6 @@ setup(
         "ema_archive",
         "ema_core",
         "ema_dashboard",
-        "ema_bags",
         "ema_monitor",
         "ema_bags",
         "ema_ros",

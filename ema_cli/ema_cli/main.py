@@ -39,6 +39,7 @@ _COMMANDS: Final = {
     "recover": "Write what is intact of BAG, left by a recorder that was killed, to a "
     "bag with an index.",
     "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
+    "completion": "Print the completion of commands and options for SHELL.",
 }
 """Commands and their first sentences, so that help imports none of them."""
 

@@ -1,0 +1,22 @@
+"""``ema completion``: names of commands, options and files by the tab key."""
+
+from typing import Final
+
+import click
+from click.shell_completion import get_completion_class
+
+_SHELLS: Final = ("bash", "zsh", "fish")
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(_SHELLS))
+@click.pass_context
+def completion(ctx: click.Context, shell: str) -> None:
+    """Print the completion of commands and options for SHELL.
+
+    Example for bash: `ema completion bash >> ~/.bashrc`, then a new shell.
+    """
+    root = ctx.find_root()
+    found = get_completion_class(shell)
+    assert found is not None, shell
+    click.echo(found(root.command, {}, "ema", "_EMA_COMPLETE").source())
