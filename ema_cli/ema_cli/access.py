@@ -129,7 +129,7 @@ def node_access(
             ),
         ),
         _plain("watch", full(_WATCHED)),
-        _plain("demo", full(_WATCHED_BY_DEMO)),
+        _plain("demo", full(_WATCHED_BY_DEMO), requests=full(("actuator/set_faults",))),
     ]
     return {item.name: item for item in found}
 
@@ -158,10 +158,11 @@ def _managed(
     )
 
 
-def _plain(name: str, subscribes: Iterable[str]) -> GraphNames:
-    """Return what a node of a command has, which only listens, in a namespace of its name."""
+def _plain(name: str, subscribes: Iterable[str], requests: Iterable[str] = ()) -> GraphNames:
+    """Return what a node of a command has, which publishes nothing, in a namespace of its name."""
     services = _sorted(*(f"/{name}/{name}/{item}" for item in _OF_ALL))
-    return GraphNames(f"/{name}", name, _sorted(*_SAID_BY_ALL), _sorted(*subscribes), services)
+    heard, asked = _sorted(*subscribes), _sorted(*requests)
+    return GraphNames(f"/{name}", name, _sorted(*_SAID_BY_ALL), heard, services, asked)
 
 
 def _sorted(*names: str) -> tuple[str, ...]:

@@ -19,12 +19,13 @@ from ema_bags.telemetry import HEALTH_TYPE
 from ema_bags.windows import truth_at
 from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog, read_history
 from ema_cli.figures.history import draw_history
-from ema_cli.processes.demo_run import SHOWN
+from ema_cli.processes.demo_run import SHOWN, Technician
 from ema_cli.processes.observer import Observer
 from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import Health
+from ema_monitor.prognosis.history import read_history as read_history_file
 from ema_ros.messages import StampedFaults
 from ema_ros.stamps import stamp_from_message
 
@@ -123,6 +124,10 @@ def test_demo_leaves_bag_and_picture_and_no_process(finished):
         cycle = truth_at(truths, stamp_from_message(item.message.header.stamp))
         assert cycle is not None
         assert item.message.flight_hours == 10.0 * cycle.cycle
+    # A monitor that is started anew with the same folder goes on with these tests.
+    [history] = (finished.folder / "history").glob("flap+*.sqlite")
+    tests = read_history_file(history).entries
+    assert len(tests) == sum(one.valid for one in read_history(finished.folder / "bag").diagnoses())
     picture = imread(finished.folder / "history.png")
     assert picture.shape[0] > 400
     assert picture.shape[1] > 800
@@ -211,6 +216,30 @@ def test_demo_is_refused_where_an_actuator_runs(tmp_path):
             actuator.send_signal(signal.SIGTERM)
     assert f"a node /ema/actuator runs in domain {domain} already" in demo.said
     assert not demo.folder.exists()
+
+
+def test_failed_actuator_is_repaired_once_and_wears_again():
+    failed = DiagnosedWindow(
+        30, 0, 1, fault_vector({"friction": 0.6}), np.full(8, 0.004), True, "", 0.8,
+        cycle=30, level=ERROR, cause="friction 0.6 (failed: above 0.5)",
+    )  # fmt: skip
+    well = replace(failed, window=31, cycle=31, level=OK, cause="")
+    technician = Technician()
+    command = ["ema", "up", "actuator", "-p", "faults.friction=0.6", "-p", "rate=4.0"]
+    with started(command, stderr=subprocess.DEVNULL) as actuator, Observer("demo") as observer:
+        frictions = lambda: [one.faults[0] for one in observer._history.truths]  # noqa: E731
+        try:
+            wait_for(lambda: frictions()[-1:] == [0.6], "a cycle of the worn actuator")
+            assert technician.look([well], observer) == ""
+            told = technician.look([well, failed], observer)
+            assert "failed in cycle 30: friction 0.6 (failed: above 0.5)" in told
+            assert "repairs" in told
+            assert technician.look([failed], observer) == ""  # until it is seen to be well
+            wait_for(lambda: 0.0 < frictions()[-1] < 0.1, "the growth of the repaired one")
+            assert technician.look([failed, well], observer) == ""
+            assert technician.look([well, failed], observer) != ""
+        finally:
+            actuator.send_signal(signal.SIGTERM)
 
 
 def test_folder_that_is_not_empty_is_refused(tmp_path):

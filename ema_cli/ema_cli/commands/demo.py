@@ -28,6 +28,9 @@ from ema_cli.processes.stop_request import ENDING, deferred_signals
 def demo(duration_s: float, output: Path | None, network: bool) -> None:
     """Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.
 
+    When a test shows a failure, a simulated technician repairs the actuator, and it wears again.
+    The folder keeps the history of the tests, with which a restarted monitor goes on.
+
     ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
     """
     with deferred_signals(*ENDING) as stop, one_clear_line():

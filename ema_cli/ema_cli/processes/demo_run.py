@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from shutil import which
@@ -11,7 +11,7 @@ from typing import Final
 import click
 import numpy as np
 
-from ema_cli.bags.diagnoses import read_history
+from ema_cli.bags.diagnoses import DiagnosedWindow, read_history
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
 from ema_cli.processes.domains import Domain
 from ema_cli.processes.observer import Observer
@@ -19,6 +19,8 @@ from ema_cli.processes.reach import RANGE, set_reach
 from ema_cli.processes.stop_request import StopRequest
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
+from ema_core.levels import ERROR, OK, WARN
+from ema_core.yaml_file import load_yaml
 
 SHOWN: Final = ("friction", "backlash", "short_circuit_a")
 """The faults that grow in the demo."""
@@ -46,8 +48,11 @@ def run_demo(
         return
     folder = _make_folder(output)
     bag, picture = folder / "bag", folder / "history.png"
-    [assignment] = assignments_of({"output": str(bag)})
-    commands["recorder"] += ["-p", assignment]
+    for node, name, path in (
+        ("recorder", "output", bag),
+        ("monitor", "history_folder", folder / "history"),
+    ):
+        commands[node] += ["-p", *assignments_of({name: str(path)})]
     with LiveTable(SHOWN) as table, Supervisor(table.report, "recorder") as processes:
         _announce(table.report, folder)
         for node, command in commands.items():
@@ -84,6 +89,28 @@ def _refuse_if_occupied(stop: StopRequest) -> None:
             time.sleep(POLL_S)
 
 
+class Technician:
+    """Repairs the actuator of the demo once a test shows that it has failed."""
+
+    def __init__(self) -> None:
+        demo = load_yaml(parameter_file("demo"))["/**/actuator"]["ros__parameters"]
+        self._growth = demo["growth"]
+        self._waits = False
+
+    def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
+        """Repair after a failure that was not seen before; return what was done, in words."""
+        last = next((one for one in reversed(diagnoses) if one.level in (OK, WARN, ERROR)), None)
+        if last is None or last.level != ERROR or self._waits:
+            self._waits = self._waits and last is not None and last.level == ERROR
+            return ""
+        self._waits = True
+        observer.begin_life(self._growth)
+        return (
+            f"failed in cycle {last.cycle}: {last.cause}; a technician removes and repairs the "
+            "unit, and its wear begins again"
+        )
+
+
 def _make_folder(output: Path | None) -> Path:
     folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
     if folder.exists() and any(folder.iterdir()):
@@ -108,7 +135,7 @@ def _watch(
     stop: StopRequest,
 ) -> None:
     """Show what is found until the time is over, a node has failed or a signal came."""
-    began = time.monotonic()
+    began, technician = time.monotonic(), Technician()
     first_cycle: float | None = None
     address = ""
     while not stop and not processes.failed:
@@ -128,6 +155,8 @@ def _watch(
             if left_s < 0.0 and (diagnoses or now - began > duration_s + _START_S):
                 break
         table.show(diagnoses, state)
+        if words := technician.look(diagnoses, observer):
+            table.report(words)
         _await(lambda: False, _REFRESH_S, processes, stop)
 
 

@@ -67,6 +67,10 @@ class Listener:
             if wanted in types and self._node.count_publishers(topic)
         )
 
+    def call(self, service_class: type, name: str, request: Any) -> None:
+        """Call a service and do not wait for the answer."""
+        self._node.create_client(service_class, name).call_async(request)
+
     def _spin(self) -> None:
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self._node)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -10,6 +11,10 @@ from rclpy.qos import qos_profile_sensor_data
 from ema_bags.message_type import type_name
 from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog
 from ema_cli.processes.listener import Listener
+from ema_core.faults import healthy_faults
+from ema_interfaces.msg import FaultGrowth
+from ema_interfaces.srv import SetSimulatedFaults
+from ema_ros.messages import faults_to_message
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
     ACTUATOR_TOPICS,
@@ -25,6 +30,7 @@ from ema_ros.topics import (
 _MARGIN_NS: Final = 100_000_000
 _TELEMETRY: Final = f"{NAMESPACE}/{TELEMETRY}"
 _STATUS: Final = "/diagnostics"
+_SET_FAULTS: Final = f"{NAMESPACE}/actuator/set_faults"
 _TOPICS: Final = {
     f"{NAMESPACE}/{SIMULATED_FAULTS}": ACTUATOR_TOPICS[SIMULATED_FAULTS],
     **{f"{NAMESPACE}/{name}": MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
@@ -86,6 +92,17 @@ class Observer:
     def has_diagnosed(self, cycle: int) -> bool:
         """Return whether there is a diagnosis of a test cycle."""
         return any(one.cycle == cycle for one in self.diagnoses())
+
+    def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> None:
+        """Have the actuator be healthy and wear again, from the next test cycle on.
+
+        ``growth`` has the parameters of growth by fault.
+        """
+        request = SetSimulatedFaults.Request(
+            faults=faults_to_message(healthy_faults()),
+            growth=[FaultGrowth(fault=name, **law) for name, law in growth.items()],
+        )
+        self._listener.call(SetSimulatedFaults, _SET_FAULTS, request)
 
     def _take(self, topic: str, message: Any) -> None:
         with self._lock:
