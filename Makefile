@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers campaign size words calibration sample lock sbom clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -99,14 +99,10 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python resume.py --json resume.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
 	$(activate) && cd benchmarks && python archive.py --json archive.json
-	cd benchmarks && ../tools/peers.sh python -m prognosis.own_laws --json prognosis.json
-	cd benchmarks && ../tools/peers.sh python -m prognosis.foreign_laws --json foreign_prognosis.json
+	cd benchmarks && ../tools/peers.sh python -m prognosis.own_laws --json own_laws.json
+	cd benchmarks && ../tools/peers.sh python -m prognosis.foreign_laws --json foreign_laws.json
 	$(activate) && cd benchmarks && python advisory.py --json advisory.json
 	$(activate) && cd benchmarks && python summary.py
-
-bench-peers: setup ## identification and a drive beside those of others
-	tools/peers.sh python benchmarks/peers.py --json benchmarks/peers.json
-	tools/peers.sh python benchmarks/drive_peer.py --json benchmarks/drive_peer.json
 
 campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks, fuzzing, a soak (docs/campaign.md)
 	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 tests/attacks $(ARGS)

@@ -14,28 +14,20 @@ the same tests. The cost is that of all lives over the hours of all lives, relat
 - fixed interval: removal at one age, the best on other lives of the same population.
 - to failure: no removal before a failure.
 - known end: a removal just before each failure, which nobody can do.
-
-Prints a table and writes JSON.
 """
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 from typing import Any, Final
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 from prognosis.estimates import drawn
 from prognosis.lives import ScoredLife, lives_of
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
-from tables import target_table
-from targets import Row
-from trials import workers
+from script import Figures, Workers, command
+from targets import Row, at_most, grid
 
 from ema_monitor.prognosis.advice import Costs, Decision
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -58,28 +50,16 @@ _AGES: Final = np.arange(100.0, 2500.0, 5.0)
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What is known after each test of a life, and when it ends.
+    """What is known after each test of a life, and when it ends."""
 
-    Attributes
-    ----------
-    hours
-        Service hours of the tests with a known remaining life, ``(n,)`` [h].
-    lives
-        Samples of the remaining life in ascending order, ``(n, m)`` [h].
-    missing
-        Probability that a test gives no estimate, by Laplace's rule, ``(n,)`` [-].
-    end
-        Service hour of the failure [h].
-    """
-
-    hours: NDArray[np.float64]
-    lives: NDArray[np.float32]
-    missing: NDArray[np.float64]
-    end: float
+    hours: NDArray[np.float64]  # service hours of tests with a known remaining life, (n,) [h]
+    lives: NDArray[np.float32]  # samples of the remaining life in ascending order, (n, m) [h]
+    missing: NDArray[np.float64]  # probability of no estimate, by Laplace's rule, (n,) [-]
+    end: float  # service hour of the failure [h]
 
 
-Policy = Callable[[Course], NDArray[np.float64]]
-"""Hours from each test to the removal, ``(n,)`` [h]; NaN to go on."""
+Policy = Callable[[Course], float]
+"""Service hour at which a unit is removed [h]; infinite when never."""
 
 
 def follow(scored: ScoredLife) -> Course:
@@ -111,16 +91,14 @@ def end_of(scored: ScoredLife) -> float:
 def advice(costs: Costs) -> Policy:
     """Return the policy of the advice that is published."""
 
-    def policy(course: Course) -> NDArray[np.float64]:
-        until = np.full(len(course.hours), np.nan)
-        for k, (hours, lives) in enumerate(zip(course.hours, course.lives, strict=True)):
-            samples, missing = lives.astype(np.float64), float(course.missing[k])
-            decision = Decision(costs, float(hours), _INTERVAL, samples, missing)
+    def policy(course: Course) -> float:
+        for hours, lives, missing in zip(course.hours, course.lives, course.missing, strict=True):
+            samples = lives.astype(np.float64)
+            decision = Decision(costs, float(hours), _INTERVAL, samples, float(missing))
             removal = decision.remove()
             if removal.rate <= decision.wait().rate:
-                until[k] = removal.removal_hours
-                break
-        return until
+                return float(hours + removal.removal_hours)
+        return np.inf
 
     return policy
 
@@ -128,10 +106,12 @@ def advice(costs: Costs) -> Policy:
 def threshold(costs: Costs, quantile: float, margin: float) -> Policy:
     """Return the policy that removes when a quantile of the life is near by a margin [h]."""
 
-    def policy(course: Course) -> NDArray[np.float64]:
+    def policy(course: Course) -> float:
         left = course.lives[:, int(quantile * course.lives.shape[1])] - margin
-        is_near = left < _INTERVAL + costs.lead_time
-        return np.where(is_near, np.maximum(left, costs.lead_time), np.nan)
+        near = np.flatnonzero(left < _INTERVAL + costs.lead_time)
+        if not near.size:
+            return np.inf
+        return float(course.hours[near[0]] + np.maximum(left[near[0]], costs.lead_time))
 
     return policy
 
@@ -139,9 +119,8 @@ def threshold(costs: Costs, quantile: float, margin: float) -> Policy:
 def replacement(costs: Costs, rate: float) -> Policy:
     """Return age replacement at a given cost rate [1/h], which expects no further test."""
 
-    def policy(course: Course) -> NDArray[np.float64]:
-        until = np.full(len(course.hours), np.nan)
-        for k, row in enumerate(course.lives):
+    def policy(course: Course) -> float:
+        for hours, row in zip(course.hours, course.lives, strict=True):
             lives = row.astype(np.float64)
             at = np.concatenate([[costs.lead_time], lives[lives > costs.lead_time]])
             fail = np.searchsorted(lives, at, "left")
@@ -150,30 +129,22 @@ def replacement(costs: Costs, rate: float) -> Policy:
             lost = costs.removal + (costs.failure - costs.removal) * risk - rate * used
             best = float(at[int(np.argmin(lost))])
             if best < _INTERVAL + costs.lead_time:
-                until[k] = best
-                break
-        return until
+                return float(hours + best)
+        return np.inf
 
     return policy
 
 
 def outcome(courses: Sequence[Course], policy: Policy, costs: Costs) -> dict[str, float]:
     """Return cost rate, failures and mean hours of lives under a policy."""
-    cost, hours, failures = 0.0, 0.0, 0
-    for course in courses:
-        until = policy(course)
-        decided = np.flatnonzero(~np.isnan(until) & (course.hours < course.end))
-        removed = np.inf
-        if decided.size:
-            removed = float(course.hours[decided[0]] + until[decided[0]])
-        failed = removed >= course.end
-        failures += failed
-        cost += costs.failure if failed else costs.removal
-        hours += min(removed, course.end)
+    ends = np.array([course.end for course in courses])
+    removed = np.array([policy(course) for course in courses])
+    failed = removed >= ends
+    hours = np.sum(np.minimum(removed, ends))
     return {
-        "cost_rate": cost / hours,
-        "failures": int(failures),
-        "mean_hours": hours / len(courses),
+        "cost_rate": float(np.sum(np.where(failed, costs.failure, costs.removal)) / hours),
+        "failures": int(np.sum(failed)),
+        "mean_hours": float(hours / len(courses)),
     }
 
 
@@ -210,69 +181,50 @@ def compare(
     }
 
 
-def rows(figures: dict[str, Any]) -> list[Row]:
-    """Return what was measured with its targets."""
-    result = []
-    for one in figures["cases"]:
-        case = f"failure {one['failure']:g} removals, lead {one['lead_hours']:g} h"
-        rate = one["advice"]["cost_rate"]
-        over, share = rate / one["oracle"]["cost_rate"], rate / one["fixed"]["cost_rate"]
-        limit = f"<= {MOST_OVER_ORACLE:g}"
-        over_fixed = f"{case}: cost over the best fixed interval"
-        result += [
-            Row(f"{case}: cost over the oracle", limit, f"{over:.3f}", over <= MOST_OVER_ORACLE),
-            Row(over_fixed, "< 1", f"{share:.3f}", share < 1.0),
-        ]
-    return result
-
-
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables."""
-    table = Table(title=f"cost per 1,000 flight hours over {figures['lives']} lives, in removals")
-    headings = ("failure", "lead [h]", "advice", "(failed)", "oracle", "(failed)", "its policy")
-    for heading in (*headings, "fixed", "(age)", "to failure", "known end"):
-        table.add_column(heading, justify="left" if heading == "its policy" else "right")
-    for one in figures["cases"]:
-        advised_, best, fixed = one["advice"], one["oracle"], one["fixed"]
-        table.add_row(
-            f"{one['failure']:g}",
-            f"{one['lead_hours']:g}",
-            f"{1e3 * advised_['cost_rate']:.3f}",
-            f"{advised_['failures']}",
-            f"{1e3 * best['cost_rate']:.3f}",
-            f"{best['failures']}",
-            best["policy"],
-            f"{1e3 * fixed['cost_rate']:.3f}",
-            f"{fixed['age']:g} h",
-            f"{1e3 * one['to_failure']['cost_rate']:.3f}",
-            f"{1e3 * one['known_end']['cost_rate']:.3f}",
-        )
-    console.print(table)
-    console.print(target_table("targets", rows(figures)))
-
-
-@click.command()
-@click.option("--lives", default=300, show_default=True, type=click.IntRange(5))
-@click.option("--others", default=1000, show_default=True, type=click.IntRange(5))
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(lives: int, others: int, output: Path | None) -> None:
-    """Print the tables and write the JSON file."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with (
-        Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
-        workers(progress) as pool,
-    ):
-        courses = pool.map("lives", follow, lives_of("advised", lives))
-        ends = np.array(pool.map("other lives", end_of, lives_of("advised_others", others)))
+def measure(pool: Workers, lives: int, others: int) -> Figures:
+    """Print the cost of the advice over so many lives; fixed intervals are fitted to others."""
+    courses = pool.map("lives", follow, lives_of("advised", lives))
+    ends = np.array(pool.map("other lives", end_of, lives_of("advised_others", others)))
     cases = [
         compare(courses, ends, Costs(removal=1.0, failure=failure, lead_time=lead))
         for failure, lead in product(FAILURES, LEADS)
     ]
-    figures = {"lives": lives, "others": others, "cases": cases}
-    show(Console(width=150), figures)
-    if output:
-        output.write_text(json.dumps(figures))
+    return {"lives": lives, "others": others, "cases": cases}
 
+
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    for one in figures["cases"]:
+        case = f"failure {one['failure']:g} removals, lead {one['lead_hours']:g} h"
+        rate = one["advice"]["cost_rate"]
+        over, share = rate / one["oracle"]["cost_rate"], rate / one["fixed"]["cost_rate"]
+        yield at_most(f"{case}: cost over the oracle", over, MOST_OVER_ORACLE, f"{over:.3f}")
+        what = f"{case}: cost over the best fixed interval"
+        yield Row(what, "< 1", f"{share:.3f}", share < 1.0)
+
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    headings = ("failure", "lead [h]", "advice", "(failed)", "oracle", "(failed)", "its policy")
+    yield grid(
+        f"cost per 1,000 flight hours over {figures['lives']} lives, in removals",
+        (*headings, "fixed", "(age) [h]", "to failure", "known end"),
+        (
+            (
+                *(f"{one[key]:g}" for key in ("failure", "lead_hours")),
+                *(1e3 * one["advice"]["cost_rate"], one["advice"]["failures"]),
+                *(1e3 * one["oracle"]["cost_rate"], one["oracle"]["failures"]),
+                one["oracle"]["policy"],
+                *(1e3 * one["fixed"]["cost_rate"], f"{one['fixed']['age']:g}"),
+                *(1e3 * one[key]["cost_rate"] for key in ("to_failure", "known_end")),
+            )
+            for one in figures["cases"]
+        ),
+        digits=3,
+    )
+
+
+main = command(measure, "advice", rows, tables, width=150, lives=300, others=1000)
 
 if __name__ == "__main__":
     main()

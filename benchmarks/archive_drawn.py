@@ -5,21 +5,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from prognosis.whole import estimate_of_measurement
+from prognosis.whole import worn
 
 from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
 from ema_archive.partitions import write_health
 from ema_archive.settings import estimation_software
 from ema_archive.sources import content_digest
 from ema_archive.tables import HEALTH, count_row, estimate_row
-from ema_core.faults import N_FAULTS, fault_vector
-from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.history_entry import Count
 
 MODEL: Final = "drawn"
 HOURS_A_TEST: Final = 24.0
-_SIGMA: Final = 0.004
 _NS_PER_HOUR: Final = 3_600_000_000_000
 
 
@@ -38,16 +34,8 @@ def draw(task: BagTask) -> BagResult:
     path = Path(task.url)
     test = json.loads(path.read_text())
     unit, number = test["unit"], test["number"]
-    rng = np.random.default_rng([unit, number])
-    share = number / test["of"]
-    shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
-    truth = fault_vector({"friction": 0.4 * share**2, "backlash": 0.3 * share})
-    faults = np.clip(truth + shown * _SIGMA * rng.standard_normal(N_FAULTS), 0.0, 0.99)
-    hours = number * HOURS_A_TEST
-    covariance, hidden = _SIGMA**2 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
-    measurement = Measurement(hours, faults, covariance, hidden)
-    calibration = Calibration.builtin()
-    estimate = estimate_of_measurement(measurement, calibration)
+    rng, hours = np.random.default_rng([unit, number]), number * HOURS_A_TEST
+    estimate = worn(hours, number / test["of"], rng)
     names = {"actuator_id": "flap", "serial_number": f"drawn-{unit:04d}"}
     sha256 = content_digest(path)
     made = {
@@ -60,7 +48,7 @@ def draw(task: BagTask) -> BagResult:
     rows = UnitRows(
         **names,
         model=MODEL,
-        calibration_id=calibration.calibration_id,
+        calibration_id=estimate.calibration_id,
         estimates=[estimate_row(estimate, 0) | names | made],
         usage=[count_row(count, 0) | names | {"bag": task.url}],
     )

@@ -44,6 +44,9 @@ PLANT_TOLERANCE: Final = 0.05
 THESIS_FAULTS: Final = {name: case.faults for name, case in CASES.items()}
 """The thesis's ten single faults and its multiple one."""
 
+HEALTHY: Final = tuple(healthy_faults().tolist())
+"""Fault vector of a healthy actuator."""
+
 DETECTABLE: Final = tuple(n for n in range(N_FAULTS) if n != ECCENTRICITY_PHASE)
 """Components that can be a fault by themselves: the direction of eccentricity cannot."""
 
@@ -56,37 +59,17 @@ _SIMPLY_OFF = ("R_s", "L_s", "k_t", "k_e")
 _JOINTLY_OFF = (("J_m", "J_u"), ("C_m", "C_u"), ("f_sm", "f_su"))
 
 # Each set draws from a stream of its own, so that a change of one leaves the others alone.
-_STREAMS = (
-    "first",
-    "single",
-    "law",
-    "wide",
-    "plant",
-    "play",
-    "healthy",
-    "calibration",
-    "step",
-)
+_STREAMS = ["first", "single", "law", "wide", "plant", "play", "healthy", "calibration", "step"]
 
 
 @dataclass(frozen=True)
 class Case:
     """What a window was recorded on.
 
-    Attributes
-    ----------
-    faults
-        Fault vector, eight values.
-    seed
-        Seed of everything random in the recording.
-    plant
-        What the actuator really is; the monitor always knows the nominal parameters only.
-    start
-        How the window was begun: "approach" stirs, then approaches as the test cycle does;
-        "anywhere" stirs and starts without approach, at a random place in the play; "first cycle"
-        is the whole test cycle from the very start of the simulation, without stirring.
-    drive
-        How the motor is driven.
+    ``plant`` is what the actuator really is; the monitor knows the nominal parameters only.
+    ``start`` "approach" stirs, then approaches as the test cycle does; "anywhere" stirs and starts
+    without approach, at a random place in the play; "first cycle" is the whole test cycle from the
+    very start of the simulation, without stirring.
     """
 
     faults: tuple[float, ...]
@@ -146,11 +129,8 @@ def first_cycles() -> dict[str, Case]:
 def thesis_faults(repetitions: int) -> dict[str, list[Case]]:
     """Return the thesis's faults, each with several realisations of the modulation."""
     return {
-        name: [
-            Case(_tuple(fault_vector(faults)), _seed("single", number, i))
-            for i in range(repetitions)
-        ]
-        for number, (name, faults) in enumerate(THESIS_FAULTS.items())
+        name: [Case(case.faults, _seed("single", number, i)) for i in range(repetitions)]
+        for number, (name, case) in enumerate(first_cycles().items())
     }
 
 
@@ -192,16 +172,13 @@ def plants(faulty: list[Case], count: int, healthy_count: int) -> list[Plant]:
     result = []
     for number in range(count):
         parameters = _off_nominal(np.random.default_rng(_seed("plant", number)))
+        dealt = [HEALTHY] * healthy_count, [case.faults for case in faulty[number::count]]
         result.append(
             Plant(
-                [
-                    Case(_tuple(healthy_faults()), _seed("plant", number, 0, i), parameters)
-                    for i in range(healthy_count)
-                ],
-                [
-                    Case(case.faults, _seed("plant", number, 1, i), parameters)
-                    for i, case in enumerate(faulty[number::count])
-                ],
+                *(
+                    [Case(k, _seed("plant", number, kind, i), parameters) for i, k in enumerate(ks)]
+                    for kind, ks in enumerate(dealt)
+                )
             )
         )
     return result

@@ -4,27 +4,22 @@
 
 The monitor model in windows of 0.5 s per second, and as a ratio to the yardstick; the reference
 actuator in time per step, and as a ratio to the same steps in scalar C++. What is compared
-alternates, and each ratio is taken within one turn. Prints a table and writes JSON. Needs g++.
+alternates, and each ratio is taken within one turn. Needs g++.
 """
 
-import json
 import os
 import statistics
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import click
 import numpy as np
 import yardstick_form
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
+from script import Figures, Workers, command, in_a_process
+from targets import Row, at_least, at_most, grid, untargeted
 from yardstick import HERE, build, seconds_per_window
 
 from ema_core.commands import Command
@@ -36,7 +31,6 @@ from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
-TURNS: Final = 11
 CALLS: Final = 10
 YARDSTICK_FORM: Final = "yardstick form"
 BATCHES: Final = (16, 32, 64, 256)
@@ -47,7 +41,11 @@ FAULTS: Final = {
     "healthy": {},
     "faulty": {"eccentricity": 0.3, "short_circuit_a": 0.2, "friction": 0.25},
 }
-BUILDS: Final = {"C++": (), "C++ -ffast-math": ("-ffast-math",)}
+SHARE: Final = 0.9
+"""Least speed of the batch kernel in the yardstick's form, over the yardstick's [-]."""
+SCALING: Final = 1.7
+"""Least speed of two cores over one, from batches of 64 on [-]."""
+LARGE_BATCH: Final = 64
 
 
 def monitor_seconds(cores: int) -> dict[str, float]:
@@ -65,12 +63,10 @@ def monitor_seconds(cores: int) -> dict[str, float]:
             faults = population[:batch]
             times[f"{dt:g} {batch}"] = best_time(partial(model.respond, window, faults)) / batch
     if cores == 1:
-        lanes, command = yardstick_form.individuals(), yardstick_form.command()
-        current = np.empty((LANES, len(command) // yardstick_form.DECIMATION))
-        dt = yardstick_form.STEP_S
-        times[YARDSTICK_FORM] = (
-            best_time(lambda: yardstick_form.run(lanes, command, dt, current)) / LANES
-        )
+        lanes, chirp = yardstick_form.individuals(), yardstick_form.command()
+        current = np.empty((LANES, len(chirp) // yardstick_form.DECIMATION))
+        work = partial(yardstick_form.run, lanes, chirp, yardstick_form.STEP_S, current)
+        times[YARDSTICK_FORM] = best_time(work) / LANES
     return times
 
 
@@ -85,13 +81,6 @@ def best_time(work: Callable[[], object]) -> float:
     return min(times)
 
 
-def in_process(cores: int) -> dict[str, float]:
-    """Measure in a process of its own, which keeps to so many cores."""
-    command = [sys.executable, __file__, "--cores", str(cores)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return json.loads(done.stdout)
-
-
 def reference_step(case: str) -> float:
     """Time of a step of the reference actuator [s]."""
     actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD)
@@ -101,11 +90,10 @@ def reference_step(case: str) -> float:
     return (time.perf_counter() - start) / round(len(COMMAND) * SAMPLE_PERIOD / 1e-6)
 
 
-def cpp_steps(flags: Iterable[str]) -> dict[str, float]:
-    """Time of a step of the C++ twin [s] by case, median of its repetitions."""
-    program = build(HERE / "reference_step.cpp", *flags)
-    printed = subprocess.run([program], check=True, capture_output=True, text=True).stdout
-    return {case: 1e-9 * float(median) for case, _, median in map(str.split, printed.splitlines())}
+def cpp(*arguments: str) -> str:
+    """Return what the C++ twin of the reference actuator prints."""
+    program = build(HERE / "reference_step.cpp")
+    return subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
 
 
 def cpp_difference() -> float:
@@ -114,103 +102,124 @@ def cpp_difference() -> float:
     Smoothed by a Hann window of 2 ms, as single samples are chaotic once a leg switches a step
     earlier in one of them.
     """
-    program = build(HERE / "reference_step.cpp")
-    printed = subprocess.run(
-        [program, "--current"], check=True, capture_output=True, text=True
-    ).stdout
-    hann = np.hanning(round(2e-3 / SAMPLE_PERIOD) + 2)
-    worst = 0.0
-    for case, cpp in zip(FAULTS, np.split(np.array(printed.split(), float), 2), strict=True):
+    hann, worst = np.hanning(round(2e-3 / SAMPLE_PERIOD) + 2), 0.0
+    currents = np.split(np.array(cpp("--current").split(), float), 2)
+    for case, other in zip(FAULTS, currents, strict=True):
         actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD)
         actuator.faults = fault_vector(FAULTS[case])
-        difference = actuator.advance(COMMAND).current - cpp
+        difference = actuator.advance(COMMAND).current - other
         worst = max(worst, float(np.abs(np.convolve(difference, hann / hann.sum())).max()))
     return worst
 
 
-def summary(values: list[float]) -> dict[str, float]:
+def summary(values: Sequence[float]) -> dict[str, float]:
     """Median and 95th percentile."""
     return {"median": statistics.median(values), "p95": float(np.percentile(values, 95))}
 
 
-@click.command()
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--cores", type=int, hidden=True)
-def main(output: Path | None, cores: int | None) -> None:
-    """Print the table and write the JSON file."""
-    if cores is not None:
-        click.echo(json.dumps(monitor_seconds(cores)))
-        return
-    console = Console(width=100)
+def compared(values: Iterable[float], ratios: Iterable[float]) -> Figures:
+    """Return the summaries of what is measured, and of its ratio to another."""
+    return {"value": summary([*values]), "ratio": summary([*ratios])}
+
+
+def measure(pool: Workers, turns: int) -> Figures:
+    """Print the speeds of so many turns."""
     unit: list[float] = []
-    monitor: dict[str, dict[str, list[float]]] = {"1": {}, "2": {}}
-    reference: dict[str, dict[str, list[float]]] = {case: {} for case in FAULTS}
+    # Seconds of each turn by cores and run, and by case and build.
+    monitor: dict[int, list[dict[str, float]]] = {1: [], 2: []}
+    reference: dict[str, dict[str, list[float]]] = {
+        case: {name: [] for name in ("C++", "numba")} for case in FAULTS
+    }
     difference = cpp_difference()
-    for _ in track(range(TURNS), "turns", console=Console(stderr=True)):
+    for _ in pool.track("turns", range(turns)):
         unit.append(seconds_per_window())
-        for cores_text, by_run in monitor.items():
-            for run, seconds in in_process(int(cores_text)).items():
-                by_run.setdefault(run, []).append(seconds)
-        for name, flags in BUILDS.items():
-            for case, seconds in cpp_steps(flags).items():
-                reference[case].setdefault(name, []).append(seconds)
+        for cores, found in monitor.items():
+            found.append(in_a_process(monitor_seconds, cores))
+        for case, _, nanoseconds in map(str.split, cpp().splitlines()):
+            reference[case]["C++"].append(1e-9 * float(nanoseconds))
         for case, by_name in reference.items():
-            by_name.setdefault("numba", []).append(
-                statistics.median(reference_step(case) for _ in range(5))
-            )
-    results: dict[str, Any] = {
-        "yardstick_windows_per_s": summary([1 / u for u in unit]),
-        "monitor": {},
-        "reference": {},
+            by_name["numba"].append(statistics.median(reference_step(case) for _ in range(5)))
+
+    def speed(run: str, cores: int) -> Figures:
+        seconds = [one[run] for one in monitor[cores]]
+        ratios = (u / s for u, s in zip(unit, seconds, strict=True))
+        return compared((1.0 / s for s in seconds), ratios)
+
+    return {
+        "yardstick_windows_per_s": summary([1.0 / u for u in unit]),
+        "yardstick_form": speed(YARDSTICK_FORM, 1),
+        "monitor": {
+            f"{dt:g} {batch}": {
+                "dt_s": dt,
+                "batch": batch,
+                "cores_1": speed(f"{dt:g} {batch}", 1),
+                "cores_2": speed(f"{dt:g} {batch}", 2),
+                "scaling": summary(
+                    [
+                        one[f"{dt:g} {batch}"] / two[f"{dt:g} {batch}"]
+                        for one, two in zip(*monitor.values(), strict=True)
+                    ]
+                ),
+            }
+            for dt in STEPS_S
+            for batch in BATCHES
+        },
+        "reference": {
+            case: {
+                name: compared(
+                    (1e9 * s for s in seconds),
+                    (n / s for n, s in zip(by_name["numba"], seconds, strict=True)),
+                )
+                for name, seconds in by_name.items()
+            }
+            for case, by_name in reference.items()
+        },
         "reference_difference_A": difference,
     }
-    table = Table("what", "median", "95 %", "ratio", "95 %", title="kernels")
-    for column in table.columns[1:]:
-        column.justify = "right"
 
-    def row(name: str, values: list[float], ratios: list[float], digits: int) -> dict[str, Any]:
-        result = {"value": summary(values), "ratio": summary(ratios)}
-        cells = [f"{x:.{digits}f}" for x in result["value"].values()]
-        table.add_row(escape(name), *cells, *(f"{x:.2f}" for x in result["ratio"].values()))
-        return result
 
-    row("yardstick [windows/s], one core", [1 / u for u in unit], [1.0], 0)
-    form = monitor["1"].pop(YARDSTICK_FORM)
-    results["yardstick_form"] = row(
-        f"its form through our lanes [windows/s], {LANES}, one core",
-        [1 / t for t in form],
-        [u / t for u, t in zip(unit, form, strict=True)],
-        0,
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    form = figures["yardstick_form"]["ratio"]["median"]
+    yield at_least("kernel, yardstick's form, 16 lanes, of the yardstick's speed", form, SHARE)
+    for run in figures["monitor"].values():
+        ratio = run["cores_1"]["ratio"]["median"]
+        what = f"  shipped form, {1e6 * run['dt_s']:.0f} us steps, {run['batch']} individuals"
+        yield untargeted(what, f"{ratio:.2f}")
+        if run["batch"] >= LARGE_BATCH:
+            yield at_least("  two cores over one", run["scaling"]["median"], SCALING)
+    for case, by_name in figures["reference"].items():
+        ratio, time_ns = by_name["C++"]["ratio"]["median"], by_name["numba"]["value"]["median"]
+        what = f"reference step, {case}, time over that of C++"
+        yield at_most(what, ratio, 1.0, f"{ratio:.2f} ({time_ns:.0f} ns)")
+
+
+def tables(figures: Figures) -> Iterator[Table | str]:
+    """Return what is printed below the targets."""
+    measured = {f"its form through our {LANES} lanes": figures["yardstick_form"]}
+    for run in figures["monitor"].values():
+        what = f"pair form, {1e6 * run['dt_s']:.0f} us, {run['batch']}"
+        measured[f"{what}, one core"] = run["cores_1"]
+        measured[f"{what}, two cores"] = run["cores_2"]
+    yield grid(
+        f"windows/s; the yardstick, one core: {figures['yardstick_windows_per_s']['median']:.0f}",
+        ("what", "median", "95 %", "ratio", "95 %"),
+        ((what, *one["value"].values(), *one["ratio"].values()) for what, one in measured.items()),
     )
-    for run in monitor["1"]:
-        dt, batch = run.split()
-        rates = {n: [1 / t for t in monitor[n][run]] for n in monitor}
-        results["monitor"][run] = {
-            "dt_s": float(dt),
-            "batch": int(batch),
-            "scaling": summary([b / a for a, b in zip(rates["1"], rates["2"], strict=True)]),
-        }
-        for n, values in rates.items():
-            name = f"pair form [windows/s], {1e6 * float(dt):.0f} us, {batch}, cores: {n}"
-            ratios = [rate * u for rate, u in zip(values, unit, strict=True)]
-            results["monitor"][run][f"cores_{n}"] = row(name, values, ratios, 0)
-        scaling = results["monitor"][run]["scaling"]
-        table.add_row("  two cores over one", "", "", *(f"{x:.2f}" for x in scaling.values()))
-    for case, by_name in reference.items():
-        results["reference"][case] = {}
-        for name, seconds in by_name.items():
-            ratios = [n / s for n, s in zip(by_name["numba"], seconds, strict=True)]
-            results["reference"][case][name] = row(
-                f"reference {case} [ns/step], {name}; numba over it",
-                [1e9 * s for s in seconds],
-                ratios,
-                1,
-            )
-    console.print(table)
-    console.print(f"reference, numba less C++, smoothed current: {difference:.2g} A at most")
-    if output:
-        output.write_text(json.dumps(results, indent=2))
+    yield grid(
+        "reference [ns/step]; numba over it",
+        ("what", "median", "95 %", "ratio", "95 %"),
+        (
+            (f"{case}, {name}", *one["value"].values(), *one["ratio"].values())
+            for case, by_name in figures["reference"].items()
+            for name, one in by_name.items()
+        ),
+    )
+    difference = figures["reference_difference_A"]
+    yield f"reference, numba less C++, smoothed current: {difference:.2g} A at most"
 
+
+main = command(measure, "kernels", rows, tables, width=100, turns=11)
 
 if __name__ == "__main__":
     main()

@@ -10,16 +10,15 @@ reception of its estimate; writes JSON.
 
 import subprocess
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
-from trials import command
+from script import Figures, Workers, command
+from targets import Row, at_least, at_most, grid, none_of
 
 from ema_bags.reader import Bag
 from ema_ros.stamps import stamp_from_message
@@ -29,108 +28,91 @@ _ESTIMATES: Final = "/ema/fault_estimate"
 _STATUS: Final = "/diagnostics"
 
 
-@dataclass(frozen=True)
-class Demo:
-    """What the bag of a demo contains.
-
-    Attributes
-    ----------
-    counts
-        Of samples, blocks, windows and estimates.
-    latencies_s
-        From a window's last sample to the reception of its estimate, by the recorder [s].
-    computing_s
-        From window to estimate, as the monitor says [s].
-    evaluations
-        Windows of the model that an estimate took.
-    reasons
-        Why estimates were not valid.
-    """
-
-    counts: dict[str, int]
-    latencies_s: list[float]
-    computing_s: list[float]
-    evaluations: list[int]
-    reasons: list[str]
-
-
-def read(path: Path) -> Demo:
-    """Return what a demo's bag contains."""
+def read(path: Path) -> Figures:
+    """Return what a demo's bag contains: counts, and lists by estimate or refusal."""
     bag = Bag(path)
     blocks = [
         (item.message.first_index, len(item.message.command)) for item in bag.messages([_TELEMETRY])
     ]
-    missing = [after[0] - before[0] - before[1] for before, after in pairwise(blocks)]
     estimates = list(bag.messages([_ESTIMATES]))
     valid = [item for item in estimates if item.message.valid]
-    statuses = [
+    *_, status = (
         {pair.key: pair.value for pair in status.values}
         for item in bag.messages([_STATUS])
         for status in item.message.status
         if status.name.startswith("/ema/monitor: ") and status.name.endswith(" telemetry")
-    ]
-    last = statuses[-1]
-    return Demo(
-        {
-            "samples": sum(count for _, count in blocks),
-            "samples_lost_by_recorder": sum(missing),
-            "blocks_heard_by_monitor": int(last["blocks"]),
-            "samples_lost_by_monitor": int(last["samples lost"]),
-            "windows": int(last["windows"]),
-            "estimates": len(valid),
-            "warm_estimates": sum(item.message.warm_start for item in valid),
-        },
-        [(item.log_time_ns - stamp_from_message(item.message.window_end)) * 1e-9 for item in valid],
-        [item.message.computing_time for item in valid],
-        [item.message.evaluations for item in valid],
-        [item.message.reason for item in estimates if not item.message.valid],
     )
+    return {
+        "samples": sum(count for _, count in blocks),
+        "samples_lost_by_recorder": sum(b[0] - a[0] - a[1] for a, b in pairwise(blocks)),
+        "blocks_heard_by_monitor": int(status["blocks"]),
+        "samples_lost_by_monitor": int(status["samples lost"]),
+        "windows": int(status["windows"]),
+        "estimates": len(valid),
+        "warm_estimates": sum(item.message.warm_start for item in valid),
+        # By the recorder, and as the monitor says.
+        "latency": [
+            (item.log_time_ns - stamp_from_message(item.message.window_end)) * 1e-9
+            for item in valid
+        ],
+        "computing": [item.message.computing_time for item in valid],
+        "evaluations": [item.message.evaluations for item in valid],
+        "reasons": [item.message.reason for item in estimates if not item.message.valid],
+    }
 
 
-def pooled(demos: list[Demo]) -> dict[str, Any]:
+def pooled(demos: Sequence[Figures]) -> Figures:
     """Return the figures of all demos together."""
-    rows = {
-        "latency": [value for demo in demos for value in demo.latencies_s],
-        "computing": [value for demo in demos for value in demo.computing_s],
+    # Numbers are added up, lists joined.
+    figures: Figures = {
+        name: sum((one[name] for one in demos), type(first)()) for name, first in demos[0].items()
     }
-    figures: dict[str, Any] = {
-        name: sum(demo.counts[name] for demo in demos) for name in demos[0].counts
-    }
-    for name, values in rows.items():
-        figures[f"{name}_median_s"] = float(np.median(values))
-        figures[f"{name}_95_percent_s"] = float(np.quantile(values, 0.95))
-    evaluations = [value for demo in demos for value in demo.evaluations]
-    return figures | {
-        "evaluations_median": float(np.median(evaluations)),
-        "reasons": [reason for demo in demos for reason in demo.reasons],
-    }
+    for name in ("latency", "computing"):
+        seconds = figures.pop(name)
+        figures[f"{name}_median_s"] = float(np.median(seconds))
+        figures[f"{name}_95_percent_s"] = float(np.quantile(seconds, 0.95))
+    figures["evaluations_median"] = float(np.median(figures.pop("evaluations")))
+    return figures
 
 
-def measure(progress: Progress, demos: int, duration: int) -> dict[str, Any]:
+def measure(pool: Workers, demos: int, duration: int) -> Figures:
     """Print what is lost and how late estimates are in so many demos, each of a duration [s]."""
-    read_demos = []
+    found = []
     with tempfile.TemporaryDirectory() as folder:
-        for number in progress.track(range(demos), description="demos"):
+        for number in pool.track("demos", range(demos)):
             place = Path(folder, str(number))
             words = ["ema", "demo", "--duration", str(duration), "-o", str(place)]
             subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-            read_demos.append(read(place / "bag"))
-    return pooled(read_demos)
+            found.append(read(place / "bag"))
+    return pooled(found)
 
 
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the figures, and why estimates were not valid."""
-    table = Table("live graph at 10 kHz", "")
-    for name, value in figures.items():
-        text = f"{value:.3f}" if isinstance(value, float) else str(value)
-        if name != "reasons":
-            table.add_row(name.replace("_", " "), text)
-    console.print(table)
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    count = figures["windows"]
+    median, late = figures["latency_median_s"], figures["latency_95_percent_s"]
+    lost = figures["samples_lost_by_monitor"] + figures["samples_lost_by_recorder"]
+    what = f"live, {count} windows: last sample to estimate, median [s]"
+    yield at_most(what, median, 0.1, f"{median:.3f}")
+    yield at_least("  windows", count, 100, str(count))
+    yield at_most("  95th percentile [s]", late, 0.3, f"{late:.3f}")
+    yield none_of("  samples lost", lost, f"{lost} of {figures['samples']}")
+
+
+def tables(figures: Figures) -> Iterator[Table | str]:
+    """Return all figures, and why estimates were not valid."""
+    shown = {name: value for name, value in figures.items() if name != "reasons"}
+    yield grid(
+        "live graph at 10 kHz",
+        ("what", ""),
+        ((name.replace("_", " "), value) for name, value in shown.items()),
+        digits=3,
+    )
     for reason in figures["reasons"]:
-        console.print(f"no valid estimate: {reason}")
+        yield f"no valid estimate: {reason}"
 
 
-main = command(measure, show, 100, demos=4, duration=55)
+main = command(measure, "live graph", rows, tables, width=100, demos=4, duration=55)
 
 if __name__ == "__main__":
     main()

@@ -1,320 +1,361 @@
 """How many actuators 1, 2 and 4 monitor processes follow, and what happens beyond.
 
-    python benchmarks/many_actuators.py [--monitors 1,2,4] [--actuators 4,8,...] [--json FILE]
+    python benchmarks/many_actuators.py [--monitors 1,2,4] [--actuators 8,16,...] [--bursts N]
+        [--beyond N] [--json FILE]
 
-One process publishes the telemetry of all actuators in real time, as `fleet.py` says: each streams
-0.7 s of test in every 5 s, in blocks of 10 ms at 10,000 samples a second, in turn. The monitors
-share the actuators by the parameter `shard` and write their histories in one folder.
+One process publishes the telemetry of all actuators in real time: each streams 0.7 s of test in
+every 5 s, in blocks of 10 ms at 10,000 samples a second, in turn. It was simulated beforehand, with
+other faults in each actuator and noise of 0.02 A on the current. A test is a rest 1.5 mrad below,
+0.15 s of approach, 0.05 s of rest and the thesis's chirp of 0.5 s, so that the monitor knows where
+in its play the motor stands. The monitors share the actuators by the parameter `shard` and write
+their histories in one folder.
 
 For each number of monitors the largest number of actuators is searched, of those given, that is
 followed: no window is dropped or missing, no block lost, and each estimate comes before the next
-test of its actuator, once kernels are compiled and every actuator has had three windows. Then twice
-as many as the first one follows are sent to it: what is dropped, and whether its memory grows.
+test of its actuator, once kernels are compiled and every actuator has had three windows, in so many
+bursts. Then twice as many as the first one follows are sent to it, in --beyond bursts: what is
+dropped, and whether its memory grows.
 
-Prints a table; writes JSON. All run on the same machine: the processor time of what publishes and
-listens is beside that of the monitors.
+All run on the same machine: the processor time of what publishes and listens is beside that of the
+monitors.
 """
 
-import json
 import multiprocessing
 import os
-import signal
-import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import Final
 
-import click
-import fleet
 import numpy as np
 import rclpy
-from rclpy.serialization import serialize_message
-from rich.console import Console
+from graph import Graph
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message, serialize_message
 from rich.table import Table
+from script import Figures, Workers, command, cpu_s
+from targets import Row, at_least, grid, untargeted
 
 from ema_cli.processes.fleet_commands import Common, monitor_commands
+from ema_core.commands import THESIS_CHIRP
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_interfaces.msg import FaultEstimate, TelemetryBlock
+from ema_ros.messages import description_to_message, telemetry_to_message
+from ema_ros.stamps import stamp_from_message, stamp_to_message
+from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPACE, TELEMETRY
+from ema_sim.actuator import SimulatedActuator
 
+LEAST_ACTUATORS: Final = 16
+"""Actuators that one monitor is to follow."""
+
+PERIOD_S: Final = 5.0
+TEST_S: Final = 0.7
+BLOCK_S: Final = 0.01
+
+_DEPTH: Final = 1.5e-3
+_APPROACH_S: Final = 0.15
+_REST_S: Final = 0.047
+_CURRENT_NOISE: Final = 0.02
+_VARIANTS: Final = 8
+_CYCLES: Final = 3
+_DISCOVERY_S: Final = 2.0
 _SETTLING: Final = 3
 _LAST_S: Final = 10.0
 _QUEUE_S: Final = 30.0
-_MB: Final = 1e-6
-
-
-@dataclass(frozen=True)
-class Row:
-    """How a number of monitors fares with a number of actuators, once it has settled.
-
-    Attributes
-    ----------
-    monitors, actuators
-        How many there were.
-    windows, missing, dropped, refused
-        How many windows there were, and how many of them without estimate, given up for later
-        ones, and with an estimate that is not valid for another reason.
-    dropped_before
-        How many windows were given up while it settled.
-    blocks_lost
-        Blocks of telemetry that did not reach their monitor.
-    latency_median_s, latency_longest_s
-        From a window's last sample to the reception of its estimate, of the valid ones [s].
-    least_served
-        Valid estimates of the actuator that had fewest, over those of the one that had most [-].
-    waiting_most
-        Windows of a monitor that waited at the same time, at most.
-    cores
-        Processor time of the monitors over time [-].
-    other_cores
-        Processor time of what publishes and listens over time [-].
-    memory_mb
-        Resident memory of the largest monitor at the end [MB].
-    memory_slope_mb_per_min
-        Its growth over the second half of the time that is measured [MB/min].
-    publisher_late_s
-        How much too late a block was sent at most [s].
-    """
-
-    monitors: int
-    actuators: int
-    windows: int
-    missing: int
-    dropped: int
-    refused: int
-    dropped_before: int
-    blocks_lost: int
-    latency_median_s: float
-    latency_longest_s: float
-    least_served: float
-    waiting_most: int
-    cores: float
-    other_cores: float
-    memory_mb: float
-    memory_slope_mb_per_min: float
-    publisher_late_s: float
-
-    @property
-    def is_followed(self) -> bool:
-        """Whether nothing was lost, and each estimate came before the next test of its actuator."""
-        is_complete = not (self.missing or self.dropped or self.blocks_lost)
-        return is_complete and self.latency_longest_s < fleet.PERIOD_S
-
-
-@contextmanager
-def running(monitors: int, actuators: list[str]) -> Iterator[list["subprocess.Popen[bytes]"]]:
-    """Run monitors that share actuators, with histories in a folder of their own."""
-    with tempfile.TemporaryDirectory(prefix="ema_many_") as place:
-        folder = Path(place, "history")
-        given = [f'history_folder:="{folder}"', f"most_actuators:={len(actuators)}"]
-        files = Path(place, "parameters")
-        files.mkdir()
-        commands = monitor_commands(monitors, Common(assignments=given), files, actuators)
-        started = [
-            subprocess.Popen(command, stderr=subprocess.DEVNULL) for command in commands.values()
-        ]
-        try:
-            yield started
-        finally:
-            for process in started:
-                process.send_signal(signal.SIGINT)
-            for process in started:
-                try:
-                    process.wait(_LAST_S)
-                except subprocess.TimeoutExpired:
-                    process.kill()
 
 
 class Course:
     """Memory of monitors over time, and the windows that wait, noted while one listens."""
 
-    def __init__(self, observer: fleet.Observer, processes: list["subprocess.Popen[bytes]"]):
-        self._observer = observer
+    def __init__(self, graph: Graph, processes: Sequence[int]) -> None:
+        self._graph = graph
         self._processes = processes
         self._next_s = 0.0
-        self.memory: list[tuple[float, list[float]]] = []
+        self._times_min: list[float] = []
+        self._memory_mb: list[list[float]] = []
         self.waiting_most = 0
 
     def note(self) -> None:
         """Note both, once a second."""
-        now_s = time.time()
-        if now_s < self._next_s:
+        if time.time() < self._next_s:
             return
-        self._next_s = now_s + 1.0
-        self.memory.append((now_s, [resident_mb(one.pid) for one in self._processes]))
-        waiting = [
-            int(values["windows waiting"])
-            for values in self._observer.statuses.values()
-            if "windows waiting" in values
-        ]
+        self._next_s = time.time() + 1.0
+        self._times_min.append(time.time() / 60.0)
+        self._memory_mb.append([resident_mb(one) for one in self._processes])
+        waiting = [int(one.get("windows waiting", 0)) for one in self._graph.statuses.values()]
         self.waiting_most = max([self.waiting_most, *waiting])
 
     def memory_at_end(self) -> tuple[float, float]:
         """Return memory [MB] and its growth over the second half [MB/min] of the largest."""
-        half = self.memory[len(self.memory) // 2 :]
-        largest = int(np.argmax(half[-1][1]))
-        times = np.array([at_s for at_s, _ in half]) / 60.0
-        course = np.array([values[largest] for _, values in half])
-        slope = float(np.polyfit(times - times[0], course, 1)[0]) if len(half) > 2 else float("nan")
-        return float(course[-1]), slope
+        half = len(self._memory_mb) // 2
+        courses = np.array(self._memory_mb[half:]).T
+        course = courses[np.argmax(courses[:, -1])]
+        times = np.array(self._times_min[half:])
+        slope = np.polyfit(times - times[0], course, 1)[0] if course.size > 2 else np.nan
+        return float(course[-1]), float(slope)
 
 
-def measure(monitors: int, actuators: int, bursts: int, tests: list[list[bytes]]) -> Row:
-    """Let monitors follow a number of actuators, and return how they fare."""
+def try_out(
+    tests: Sequence[Sequence[bytes]], monitors: int, actuators: int, bursts: int
+) -> Figures:
+    """Let monitors follow a number of actuators, and return how they fare once settled."""
     names = [f"flap_{number}" for number in range(actuators)]
     total = _SETTLING + bursts
     context = multiprocessing.get_context("spawn")
     times: SimpleQueue[float] = context.SimpleQueue()
-    observer = fleet.Observer()
-    publisher = context.Process(
-        target=fleet.publish, args=(actuators, total, times, monitors, tests)
-    )
-    with running(monitors, names) as processes:
+    latencies_s: dict[tuple[str, int], float] = {}
+    invalid: dict[tuple[str, int], str] = {}
+
+    def note(message: FaultEstimate) -> None:
+        window = (message.actuator_id, message.window)
+        latencies_s[window] = time.time() - 1e-9 * stamp_from_message(message.window_end)
+        if not message.valid:
+            invalid[window] = message.reason
+
+    def until(end_s: float) -> Callable[[], bool]:
+        return lambda: time.time() > end_s
+
+    expected = {(name, number) for name in names for number in range(_SETTLING, total)}
+    with tempfile.TemporaryDirectory(prefix="ema_many_") as place, Graph() as graph:
+        graph.listen(FaultEstimate, f"{NAMESPACE}/{FAULT_ESTIMATE}", note, 1000)
+        given = [f'history_folder:="{place}/history"', f"most_actuators:={actuators}"]
+        commands = monitor_commands(monitors, Common(assignments=given), Path(place), names)
+        processes = [graph.run(command).pid for command in commands.values()]
+        given = (actuators, total, times, monitors, tests)
+        publisher = context.Process(target=publish, args=given)
         publisher.start()
         try:
-            observer.listen_until(lambda: not times.empty())
+            graph.wait(lambda: not times.empty())
             began_s = times.get()
-            course = Course(observer, processes)
-            observer.listen_until(lambda: time.time() > began_s + _SETTLING * fleet.PERIOD_S)
+            course = Course(graph, processes)
+            graph.wait(until(began_s + _SETTLING * PERIOD_S))
             others = [publisher.pid or 0, os.getpid()]
-            before_s, at_s = cpu_s(processes, others), time.time()
+            at_s, before_s = time.time(), [sum(map(cpu_s, some)) for some in (processes, others)]
 
             def is_over() -> bool:
                 course.note()
-                return time.time() > began_s + total * fleet.PERIOD_S
+                return time.time() > began_s + total * PERIOD_S
 
-            observer.listen_until(is_over)
-            used_s = np.subtract(cpu_s(processes, others), before_s) / (time.time() - at_s)
-            memory_mb, slope = course.memory_at_end()
-            observer.listen_until(lambda: not times.empty())
+            graph.wait(is_over)
+            used_s = np.subtract([sum(map(cpu_s, some)) for some in (processes, others)], before_s)
+            cores, other_cores = (used_s / (time.time() - at_s)).tolist()
+            graph.wait(lambda: not times.empty())
             late_s = times.get()
-            expected = {(name, number) for name in names for number in range(_SETTLING, total)}
-            deadline_s = time.time() + _QUEUE_S
-            observer.listen_until(
-                lambda: expected <= observer.latencies_s.keys() or time.time() > deadline_s
-            )
-            said_s = time.time() + 1.5
+            is_late = until(time.time() + _QUEUE_S)
+            graph.wait(lambda: expected <= latencies_s.keys() or is_late())
             # The status of all, once more.
-            observer.listen_until(lambda: time.time() > said_s)
+            graph.wait(until(time.time() + 1.5))
         finally:
             publisher.join(_LAST_S)
             publisher.kill()
-            observer.close()
-    heard = expected & observer.latencies_s.keys()
-    valid = heard - observer.invalid.keys()
-    dropped = [key for key, why in observer.invalid.items() if why.startswith("dropped: ")]
-    given_up = len(expected & set(dropped))
-    served = [sum((name, number) in valid for number in range(_SETTLING, total)) for name in names]
-    blocks = [int(values["blocks"]) for values in observer.statuses.values() if "blocks" in values]
-    latencies_s = [observer.latencies_s[key] for key in valid] or [float("nan")]
-    sent = actuators * total * round(fleet.TEST_S / fleet.BLOCK_S)
-    return Row(
-        monitors=monitors,
-        actuators=actuators,
-        windows=len(expected),
-        missing=len(expected - heard),
-        dropped=given_up,
-        refused=len(heard) - len(valid) - given_up,
-        dropped_before=len(dropped) - given_up,
-        blocks_lost=sent - sum(blocks),
-        latency_median_s=float(np.median(latencies_s)),
-        latency_longest_s=float(np.max(latencies_s)),
-        least_served=min(served) / max(1, *served),
-        waiting_most=course.waiting_most,
-        cores=float(used_s[0]),
-        other_cores=float(used_s[1]),
-        memory_mb=memory_mb,
-        memory_slope_mb_per_min=slope,
-        publisher_late_s=late_s,
+        blocks = sum(int(one.get("blocks", 0)) for one in graph.statuses.values())
+    heard = expected & latencies_s.keys()
+    valid = heard - invalid.keys()
+    dropped = {window for window, why in invalid.items() if why.startswith("dropped: ")}
+    served = [sum(window[0] == name for window in valid) for name in names]
+    of_valid_s = [latencies_s[window] for window in valid] or [float("nan")]
+    memory_mb, slope = course.memory_at_end()
+    return {
+        "monitors": monitors,
+        "actuators": actuators,
+        "windows": len(expected),
+        "missing": len(expected - heard),  # without an estimate
+        "dropped": len(expected & dropped),  # given up for later ones
+        "refused": len(heard - valid - dropped),  # not valid for another reason
+        "dropped_before": len(dropped - expected),  # while it settled
+        "blocks_lost": actuators * total * round(TEST_S / BLOCK_S) - blocks,
+        # From a window's last sample to the reception of its estimate, of the valid ones.
+        "latency_median_s": float(np.median(of_valid_s)),
+        "latency_longest_s": float(np.max(of_valid_s)),
+        # Valid estimates of the actuator that had fewest, over those of the one that had most.
+        "least_served": min(served) / max(1, *served),
+        "waiting_most": course.waiting_most,
+        "cores": cores,
+        "other_cores": other_cores,  # of what publishes and listens
+        "memory_mb": memory_mb,  # of the largest monitor
+        "memory_slope_mb_per_min": slope,
+        "publisher_late_s": late_s,
+    }
+
+
+def commands_of_test(h: float) -> tuple[NDArray[np.float64], ...]:
+    """Return the command before, during and after what is sent, at a sample period [rad]."""
+
+    def glide(start: float, stop: float, duration_s: float) -> NDArray[np.float64]:
+        u = np.arange(1, round(duration_s / h) + 1) / round(duration_s / h)
+        return start + (stop - start) * (1.0 - np.cos(np.pi * u)) / 2.0
+
+    chirp = THESIS_CHIRP.sample(h)
+    approach = [glide(-_DEPTH, 0.0, _APPROACH_S), np.zeros(round(_REST_S / h))]
+    sent = np.concatenate([*approach, chirp])
+    sent = np.append(sent, np.full(round(TEST_S / h) - len(sent), chirp[-1]))
+    return (
+        np.concatenate([glide(0.0, -_DEPTH, 0.1), np.full(round(0.2 / h), -_DEPTH)]),
+        sent,
+        np.concatenate([glide(chirp[-1], 0.0, 0.3), np.zeros(round(0.1 / h))]),
     )
 
 
-def cpu_s(processes: list["subprocess.Popen[bytes]"], others: list[int]) -> tuple[float, float]:
-    """Return the processor time of the monitors, and of others, so far [s]."""
-    own = sum(fleet.cpu_time_s(process.pid) for process in processes)
-    return own, sum(fleet.cpu_time_s(number) for number in others)
+def simulated_tests() -> list[list[bytes]]:
+    """Return the serialised blocks of tests of actuators with other faults, several of each."""
+    h, rng = ActuatorDescription().sample_period, np.random.default_rng(20)
+    before, sent, after = commands_of_test(h)
+    size = round(BLOCK_S / h)
+    tests = []
+    for _ in range(_VARIANTS):
+        actuator = SimulatedActuator()
+        names = ("friction", "backlash", "short_circuit_b", "eccentricity", "eccentricity_phase")
+        sizes = rng.uniform(0.0, (0.3, 0.3, 0.3, 0.3, 0.9))
+        actuator.faults = fault_vector(dict(zip(names, sizes.tolist(), strict=True)))
+        for _ in range(_CYCLES):
+            actuator.advance(before)
+            blocks = [actuator.advance(part) for part in np.split(sent, len(sent) // size)]
+            actuator.advance(after)
+            noisy = [
+                replace(b, current=b.current + rng.normal(0.0, _CURRENT_NOISE, len(b)))
+                for b in blocks
+            ]
+            tests.append([serialize_message(telemetry_to_message(one, "")) for one in noisy])
+    return tests
+
+
+def publish(
+    actuators: int,
+    bursts: int,
+    times: "SimpleQueue[float]",
+    monitors: int,
+    simulated: Sequence[Sequence[bytes]],
+) -> None:
+    """Publish the tests of all actuators in real time, once there are as many monitors.
+
+    Tells when the first period began [s since the epoch], and in the end how late a block was
+    sent at most [s]. ``simulated`` has the tests as serialised messages.
+    """
+    tests = [[deserialize_message(item, TelemetryBlock) for item in test] for test in simulated]
+    rclpy.init()
+    node = rclpy.create_node("fleet", namespace=NAMESPACE)
+    message_class, qos = ACTUATOR_TOPICS[DESCRIPTION]
+    units = [replace(ActuatorDescription(), actuator_id=f"flap_{i}") for i in range(actuators)]
+    latched = [node.create_publisher(message_class, DESCRIPTION, qos) for _ in units]
+    for publisher, unit in zip(latched, units, strict=True):
+        publisher.publish(description_to_message(unit))
+    message_class, qos = ACTUATOR_TOPICS[TELEMETRY]
+    telemetry = node.create_publisher(message_class, TELEMETRY, qos)
+    while telemetry.get_subscription_count() < monitors:
+        time.sleep(0.05)
+    time.sleep(_DISCOVERY_S)
+    began_ns, latest_ns = time.time_ns(), 0
+    times.put(began_ns * 1e-9)
+    size, h_ns = round(BLOCK_S / units[0].sample_period), round(units[0].sample_period * 1e9)
+    for due_ns, number, burst, block in schedule(actuators, bursts):
+        time.sleep(max(0, began_ns + due_ns - time.time_ns()) * 1e-9)
+        latest_ns = max(latest_ns, time.time_ns() - began_ns - due_ns)
+        message = tests[number % _VARIANTS * _CYCLES + burst % _CYCLES][block]
+        message.actuator_id = units[number].actuator_id
+        message.header.stamp = stamp_to_message(began_ns + due_ns - (size - 1) * h_ns)
+        message.first_index = due_ns // h_ns - size + 1
+        telemetry.publish(message)
+    time.sleep(_DISCOVERY_S)  # a reader may still ask for what it missed
+    times.put(latest_ns * 1e-9)
+    rclpy.shutdown()
+
+
+def schedule(actuators: int, bursts: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yield when each block is due [ns], and the numbers of actuator, burst and block."""
+    a_period, a_test = round(PERIOD_S / BLOCK_S), round(TEST_S / BLOCK_S)
+    starts = [a_period * number // actuators for number in range(actuators)]
+    for tick in range(bursts * a_period + max(starts)):
+        for number, start in enumerate(starts):
+            burst, block = divmod(tick - start, a_period)
+            if 0 <= burst < bursts and block < a_test:
+                yield round((tick + 1) * BLOCK_S * 1e9), number, burst, block
+
+
+def is_followed(one: Figures) -> bool:
+    """Whether nothing was lost, and each estimate came before the next test of its actuator."""
+    lost = one["missing"] or one["dropped"] or one["blocks_lost"]
+    return not lost and one["latency_longest_s"] < PERIOD_S
 
 
 def resident_mb(process: int) -> float:
     """Return the resident memory of a process [MB]."""
     pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") * _MB
+    return 1e-6 * pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def search(
-    monitors: int, numbers: list[int], start: int, bursts: int, tests: list[list[bytes]]
-) -> list[Row]:
-    """Return rows up to and beyond the largest number that is followed, sought from a start on."""
+def search(numbers: Sequence[int], start: int, run: Callable[[int], Figures]) -> list[Figures]:
+    """Return runs up to and beyond the largest number that is followed, sought from a start on."""
     place = min(range(len(numbers)), key=lambda i: abs(numbers[i] - start))
-    rows = [measure(monitors, numbers[place], bursts, tests)]
-    step = 1 if rows[0].is_followed else -1
+    found = [run(numbers[place])]
+    step = 1 if is_followed(found[0]) else -1
     while 0 <= place + step < len(numbers):
         place += step
-        rows.append(measure(monitors, numbers[place], bursts, tests))
-        if rows[-1].is_followed != (step > 0):
+        found.append(run(numbers[place]))
+        if is_followed(found[-1]) != (step > 0):
             break
-    return sorted(rows, key=lambda row: row.actuators)
+    return sorted(found, key=lambda one: one["actuators"])
 
 
-def followed(rows: list[Row]) -> int:
+def followed(runs: Sequence[Figures], monitors: int) -> int:
     """Return the largest number of actuators that was followed; 0 when none was."""
-    return max((row.actuators for row in rows if row.is_followed), default=0)
+    mine = (one for one in runs if one["monitors"] == monitors and is_followed(one))
+    return max((one["actuators"] for one in mine), default=0)
 
 
-@click.command()
-@click.option("--monitors", default="1,2,4", show_default=True, help="Numbers of processes.")
-@click.option(
-    "--actuators",
-    default="8,16,32,48,64,96,128",
-    show_default=True,
-    help="Numbers of them, from the least on.",
-)
-@click.option("--bursts", default=3, show_default=True, help="Tests of each that are measured.")
-@click.option(
-    "--beyond",
-    default=9,
-    show_default=True,
-    help="Tests of each of twice as many actuators that are sent to the first one; 0: none.",
-)
-@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(monitors: str, actuators: str, bursts: int, beyond: int, output: Path | None) -> None:
-    """Print the table and write the JSON file."""
-    rclpy.init()
-    tests = [[serialize_message(item) for item in test] for test in fleet.simulated_tests()]
-    numbers = sorted(int(number) for number in actuators.split(","))
-    counts = [int(number) for number in monitors.split(",")]
-    rows: list[Row] = []
+def measure(pool: Workers, monitors: str, actuators: str, bursts: int, beyond: int) -> Figures:
+    """Print how many actuators numbers of monitors follow, of numbers of them from the least on."""
+    tests = simulated_tests()
+    numbers = sorted(map(int, actuators.split(",")))
+    counts = list(map(int, monitors.split(",")))
+    runs: list[Figures] = []
     start = numbers[len(numbers) // 2]
-    for count in counts:
-        found = search(count, numbers, start, bursts, tests)
-        start = followed(found) or numbers[0]
-        rows += found
-    most = followed([row for row in rows if row.monitors == counts[0]]) or numbers[0]
-    overload = []
-    if beyond:
-        overload.append(measure(counts[0], 2 * most, beyond, tests))
-    rclpy.shutdown()
-    columns = [item.name for item in fields(Row)]
-    title = f"{fleet.TEST_S:g} s of test in every {fleet.PERIOD_S:g} s of each actuator, in turn"
-    table = Table(*(name.replace("_", " ") for name in columns), "followed", title=title)
-    for row in (*rows, *overload):
-        values = [getattr(row, name) for name in columns]
-        texts = [f"{value:.3g}" if isinstance(value, float) else str(value) for value in values]
-        table.add_row(*texts, "yes" if row.is_followed else "no", end_section=row is rows[-1])
-    Console(width=200).print(table)
-    for count in counts:
-        most = followed([row for row in rows if row.monitors == count])
-        print(f"{count} monitors: {most} actuators followed")
-    if output:
-        kept = {"rows": rows, "beyond": overload}
-        content = {
-            name: [asdict(row) | {"is_followed": row.is_followed} for row in those]
-            for name, those in kept.items()
-        }
-        output.write_text(json.dumps(content, indent=2))
+    for count in pool.track("monitors", counts):
+        runs += search(numbers, start, partial(try_out, tests, count, bursts=bursts))
+        start = followed(runs, count) or numbers[0]
+    most = followed(runs, counts[0]) or numbers[0]
+    overload = [try_out(tests, counts[0], 2 * most, beyond)] if beyond else []
+    return {"rows": runs, "beyond": overload}
 
+
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    runs = figures["rows"]
+    for monitors in sorted({one["monitors"] for one in runs}):
+        most = followed(runs, monitors)
+        tried = max(one["actuators"] for one in runs if one["monitors"] == monitors)
+        what, measured = f"actuators that {monitors} monitors follow", f"{most} of {tried} tried"
+        if monitors == 1:
+            yield at_least(what, most, LEAST_ACTUATORS, measured)
+        else:
+            yield untargeted(what, measured)
+
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    runs = [*figures["rows"], *figures["beyond"]]
+    yield grid(
+        f"{TEST_S:g} s of test in every {PERIOD_S:g} s of each actuator, in turn",
+        (*(name.replace("_", " ") for name in runs[0]), "followed"),
+        ((*one.values(), "yes" if is_followed(one) else "no") for one in runs),
+    )
+
+
+main = command(
+    measure,
+    "many actuators",
+    rows,
+    tables,
+    width=200,
+    monitors="1,2,4",
+    actuators="8,16,32,48,64,96,128",
+    bursts=3,
+    beyond=9,
+)
 
 if __name__ == "__main__":
     main()

@@ -6,16 +6,14 @@ Under the thesis's chirp, of the simulator's own actuator and of foreign ones he
 tests beyond the twelve that each normal is learned from, and the hidden causes of trust.py.
 """
 
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
+from plants import HIDDEN, Kind, Task, Unit, dealt, hidden
 from rich.table import Table
-from tables import target_table
-from targets import Row, at_least, at_most
-from trials import command, workers
-from trust_cases import HIDDEN, Kind, Task, Unit, hidden, units
+from script import Figures, Workers, command
+from targets import Row, at_least, at_most, grid
 
 from ema_monitor.normal.features import mean_of, parts_of
 from ema_monitor.normal.normal import DEPARTED, HealthyTest, Normal
@@ -38,76 +36,62 @@ def test_of(task: Task) -> HealthyTest | str:
         return str(error)
 
 
-def measure(progress: Progress, healthy: int, each: int) -> dict[str, Any]:
+def normal_of(unit: Unit) -> Normal:
+    """Return what is normal for a unit, by its healthy windows."""
+    tests = [test_of(task) for task in Task(unit, ()).healthy()]
+    return Normal([one for one in tests if not isinstance(one, str)])
+
+
+def measure(pool: Workers, healthy: int, each: int) -> Figures:
     """Print departures of healthy tests of each kind of unit, and of tests of each hidden cause."""
-    figures: dict[str, Any] = {"kinds": {}}
-    with workers(progress) as pool:
-        for kind in KINDS:
-            chosen = units(kind, PLANTS)
-            learned = [task for unit in chosen for task in Task(unit, ()).healthy()]
-            tests = pool.map(f"{kind}: normals", test_of, learned)
-            count = len(learned) // len(chosen)
-            normals = {
-                unit: Normal(
-                    [one for one in tests[n * count :][:count] if not isinstance(one, str)]
-                )
-                for n, unit in enumerate(chosen)
-            }
-            later = [
-                Task(chosen[i % len(chosen)], (_STREAM, chosen[i % len(chosen)].number, i))
-                for i in range(healthy)
+    figures: Figures = {}
+    for kind in KINDS:
+        tasks = {name: hidden(kind, PLANTS, name, each) for name in HIDDEN}
+        later = [Task(unit, (_STREAM, unit.number, i)) for i, unit in dealt(kind, PLANTS, healthy)]
+        units = list(dict.fromkeys(unit for _, unit in dealt(kind, PLANTS, PLANTS)))
+        normals = dict(zip(units, pool.map(f"{kind}: normals", normal_of, units), strict=True))
+        figures[kind] = {
+            name: [
+                # One that shows no motion is as no healthy one.
+                0.0 if isinstance(test, str) else normals[task.unit].departure(test).probability
+                for task, test in zip(some, pool.map(f"{kind}: {name}", test_of, some), strict=True)
             ]
-            found = pool.map(f"{kind}: healthy", test_of, later)
-            rows = {"healthy": _probabilities(normals, later, found)}
-            for name in HIDDEN:
-                tasks = hidden(kind, PLANTS, name, each)
-                found = pool.map(f"{kind}: {name}", test_of, tasks)
-                rows[name] = _probabilities(normals, tasks, found)
-            figures["kinds"][kind] = rows
+            for name, some in {"healthy": later, **tasks}.items()
+        }
     return figures
 
 
-def _probabilities(
-    normals: dict[Unit, Normal], tasks: list[Task], tests: list[HealthyTest | str]
-) -> list[float]:
-    """Return the probability of each test; 0 where it shows no motion, as no healthy one."""
-    return [
-        0.0 if isinstance(test, str) else normals[task.unit].departure(test).probability
-        for task, test in zip(tasks, tests, strict=True)
-    ]
-
-
-def rows(figures: dict[str, Any]) -> list[Row]:
+def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    result = []
-    for kind, by_name in figures["kinds"].items():
+    for kind, by_name in figures.items():
         healthy = np.array(by_name["healthy"])
-        alarms = int(np.sum(healthy < DEPARTED))
+        alarms = 1000.0 * float(np.mean(healthy < DEPARTED))
+        what = f"{kind}: departures of {len(healthy)} healthy tests, in 1000"
+        yield at_most(what, alarms, 1000.0 * MOST_ALARMS)
         failed = np.concatenate([by_name[name] for name in FAILURES]) < DEPARTED
-        share = 100.0 * float(np.mean(failed))
-        result += [
-            at_most(
-                f"{kind}: departures of {len(healthy)} healthy tests, in 1000",
-                1000.0 * alarms / len(healthy),
-                1000.0 * MOST_ALARMS,
-            ),
-            at_least(f"{kind}: {', '.join(FAILURES)} depart [%]", share, 100.0 * FOUND),
-        ]
-    return result
+        what = f"{kind}: {', '.join(FAILURES)} depart [%]"
+        yield at_least(what, 100.0 * float(np.mean(failed)), 100.0 * FOUND)
 
 
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables."""
-    console.print(target_table("a unit's own normal", rows(figures), beside=""))
-    kinds = figures["kinds"]
-    table = Table("on a healthy actuator", *kinds, title="tests that depart")
-    for name in next(iter(kinds.values())):
-        cells = [np.array(by_name[name]) < DEPARTED for by_name in kinds.values()]
-        table.add_row(name, *(f"{int(cell.sum())} of {len(cell)}" for cell in cells))
-    console.print(table)
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    yield grid(
+        "tests that depart",
+        ("on a healthy actuator", *figures),
+        (
+            (
+                name,
+                *(
+                    f"{sum(one < DEPARTED for one in by_name[name])} of {len(by_name[name])}"
+                    for by_name in figures.values()
+                ),
+            )
+            for name in ("healthy", *HIDDEN)
+        ),
+    )
 
 
-main = command(measure, show, 110, healthy=1000, each=12)
+main = command(measure, "a unit's own normal", rows, tables, width=110, healthy=1000, each=12)
 
 if __name__ == "__main__":
     main()

@@ -9,7 +9,6 @@ healthy trials, a state's by all of them; labelled states by the other trials of
 of the aircraft are judged by those before them, the first four as reference.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Iterator
 from itertools import product
@@ -17,17 +16,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from rich.console import Console
 from rich.table import Table
-from tables import target_table
-from targets import Row
+from script import Figures, Workers, command
+from targets import Row, at_least, grid, none_of, percent, share_at_least
 
 from ema_core.telemetry import Telemetry
 from ema_monitor.normal.features import Part, mean_of, parts_of
 from ema_monitor.normal.moves import Move, MoveSeries
-from ema_monitor.normal.normal import HealthyTest, Normal
+from ema_monitor.normal.normal import DEPARTED, HealthyTest, Normal
 from ema_monitor.normal.states import NONE_OF_THESE, LabelledTest, States, kinds
 
 LEAD_MM: Final = 5.0
@@ -125,164 +124,118 @@ def _test(parts: list[Part]) -> HealthyTest:
     return HealthyTest(0, mean_of(parts)[1])
 
 
-def aircraft_moves(path: Path) -> Iterator[Move]:
-    """Yield each test of the aircraft actuator as one row of a table of moves."""
-    frame = pd.read_parquet(path)
-    for _, test in frame.groupby("test_no"):
-        stamp_ns = pd.Timestamp(test["date"].iloc[0]).value
-        slow = test[test["frequency_hz"] <= 1.0].groupby("frequency_hz")["rms_current_a"].median()
-        yield Move(stamp_ns, {f"RMS at {hz:g} Hz": float(rms) for hz, rms in slow.items()})  # pyright: ignore
-
-
-def aircraft(path: Path) -> list[dict[str, Any]]:
+def aircraft(path: Path) -> list[Figures]:
     """Return what is told of each test by those before it, the first four as reference."""
-    moves = list(aircraft_moves(path))
-    series = MoveSeries(limit=LIMIT, reference=4)
-    told = []
-    for number, move in enumerate(moves, 1):
-        verdict = series.add(move)
-        day = str(pd.Timestamp(move.stamp_ns).date())
-        life = verdict.life_days
+    series, told = MoveSeries(limit=LIMIT, reference=4), []
+    for number, test in pd.read_parquet(path).groupby("test_no"):
+        day = pd.Timestamp(test["date"].iloc[0])
+        slow = test[test["frequency_hz"] <= 1.0].groupby("frequency_hz")["rms_current_a"].median()
+        figures = {f"RMS at {hz:g} Hz": float(rms) for hz, rms in slow.items()}  # pyright: ignore
+        verdict = series.add(Move(day.value, figures))
         told.append(
             {
                 "test": number,
-                "date": day,
+                "date": str(day.date()),
                 "ratio": verdict.ratio,
                 "level": verdict.level,
                 "probability": verdict.probability,
-                "life_days": None if life is None else list(life),
+                "life_days": verdict.life_days and list(verdict.life_days),
             }
         )
     return told
 
 
-def measure(folder: Path) -> dict[str, Any]:
-    """Return all figures."""
+def measure(_: Workers, folder: Path, picture: Path | None = None) -> Figures:
+    """Print what a unit's own normal shows of the records in FOLDER."""
     parts = ball_screw_tests(folder)
     tests = {key: mean_of(one)[1] for key, one in parts.items()}
-    figures: dict[str, Any] = {
+    figures: Figures = {
         "departures": departures(tests),
         "ranked": ranked(tests),
         "states": labelled(parts),
         "aircraft": {path.stem: aircraft(path) for path in sorted(folder.glob("aircraft_ema*"))},
     }
+    if picture:
+        draw(figures, picture)
     return figures
 
 
-def rows(figures: dict[str, Any]) -> list[Row]:
+def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    from ema_monitor.normal.normal import DEPARTED
-
     found = figures["departures"]
     healthy = [value for values in found[HEALTHY].values() for value in values]
     alarms = sum(value < DEPARTED for value in healthy)
-    result = [Row(f"false alarms of {len(healthy)} healthy trials", "0", str(alarms), not alarms)]
+    yield none_of(f"false alarms of {len(healthy)} healthy trials", alarms)
     for state, (loads, least) in FOUND.items():
-        values = [value for load in loads for value in found[state].get(str(load), [])]
-        share = float(np.mean([value < DEPARTED for value in values]))
+        departed = [one < DEPARTED for load in loads for one in found[state].get(str(load), [])]
         where = ", ".join(map(str, loads))
-        measured = f"{100.0 * share:.0f} of {len(values)}"
-        result.append(
-            Row(
-                f"{state} departs at {where} kg [%]",
-                f">= {100 * least:.0f}",
-                measured,
-                share >= least,
-            )
-        )
+        yield share_at_least(f"{state} departs at {where} kg", departed, least)
     for load, share in figures["ranked"].items():
-        measured = f"{100.0 * share:.0f}"
-        result.append(
-            Row(f"lubrication 1 below 2 at {load} kg, pairs [%]", ">= 90", measured, share >= 0.9)
-        )
+        yield at_least(f"lubrication 1 below 2 at {load} kg, pairs [%]", 100.0 * share, 90.0)
     for number, wanted in RIGHT.items():
         shares = [figures["states"][str(load)][str(number)] for load in LOADS]
-        result.append(
-            Row(
-                f"{number} labelled states at 20, 40, -40 kg [%]",
-                " / ".join(f"{100 * one:.0f}" for one in wanted),
-                " / ".join(f"{100 * one:.0f}" for one in shares),
-                all(share >= one for share, one in zip(shares, wanted, strict=True)),
-            )
-        )
+        target, measured = (" / ".join(map(percent, some)) for some in (wanted, shares))
+        are_met = all(share >= one for share, one in zip(shares, wanted, strict=True))
+        yield Row(f"{number} labelled states at 20, 40, -40 kg [%]", target, measured, are_met)
     for name, told in figures["aircraft"].items():
-        result += _aircraft_rows(name, told)
-    return result
+        yield from _aircraft_rows(name, told)
 
 
-def _aircraft_rows(name: str, told: list[dict[str, Any]]) -> list[Row]:
-    by_date = defaultdict(list)
-    for one in told:
-        by_date[one["date"]].append(one)
-    until = [one for one in told if 10 <= one["test"] <= 13]
-    last = [one for one in told if one["test"] >= 14]
-    autumn = [one for one in told if 6 <= one["test"] <= 9]
-    fourth = by_date["2017-10-04"][-1]["life_days"]
+def _aircraft_rows(name: str, told: list[Figures]) -> Iterator[Row]:
+    levels = [one["level"] for one in told]
+    autumn, until, last = levels[5:9], levels[9:13], levels[13:]
+    yield Row(f"{name}: WARN by 4 October", "WARN", ", ".join(until), until[-1] != "OK")
+    are_errors = all(level == "ERROR" for level in last)
+    yield Row("  9, 11 and 12 October", "ERROR", ", ".join(last), are_errors)
+    yield Row("  tests 6 to 9", "<= WARN", ", ".join(autumn), "ERROR" not in autumn)
+    [*_, fourth] = (one["life_days"] for one in told if one["date"] == "2017-10-04")
+    yield Row(
+        "  4 October, life to 1.5 times healthy, 5 to 95 % [d]",
+        "holds 5",
+        f"{fourth[0]:.1f} to {fourth[2]:.1f}" if fourth else "none",
+        bool(fourth) and fourth[0] <= 5.0 <= fourth[2],
+    )
     september = [one for one in told if "2017-09" in one["date"] and one["life_days"]]
-    return [
-        Row(
-            f"{name}: WARN by 4 October",
-            "WARN",
-            ", ".join(one["level"] for one in until),
-            until[-1]["level"] != "OK",
-        ),
-        Row(
-            "  9, 11 and 12 October",
-            "ERROR",
-            ", ".join(one["level"] for one in last),
-            all(one["level"] == "ERROR" for one in last),
-        ),
-        Row(
-            "  tests 6 to 9",
-            "<= WARN",
-            ", ".join(one["level"] for one in autumn),
-            all(one["level"] != "ERROR" for one in autumn),
-        ),
-        Row(
-            "  4 October, life to 1.5 times healthy, 5 to 95 % [d]",
-            "holds 5",
-            "none" if fourth is None else f"{fourth[0]:.1f} to {fourth[2]:.1f}",
-            fourth is not None and fourth[0] <= 5.0 <= fourth[2],
-        ),
-        Row("  lives told in September", "0", str(len(september)), not september),
-    ]
+    yield none_of("  lives told in September", len(september))
 
 
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables."""
-    from ema_monitor.normal.normal import DEPARTED
-
-    console.print(target_table("real machines", rows(figures), beside=""))
-    table = Table("state", *(f"{load} kg" for load in LOADS), title="trials that depart")
-    for state, by_load in figures["departures"].items():
-        cells = [by_load.get(str(load), []) for load in LOADS]
-        table.add_row(
-            state, *(f"{sum(one < DEPARTED for one in cell)} of {len(cell)}" for cell in cells)
-        )
-    console.print(table)
-    for name, told in figures["aircraft"].items():
-        table = Table("test", "date", "ratio", "level", "probability", "life [d]", title=name)
-        for one in told:
-            life = one["life_days"]
-            table.add_row(
-                str(one["test"]),
-                one["date"],
-                f"{one['ratio']:.2f}",
-                one["level"],
-                f"{one['probability']:.1e}",
-                "" if life is None else " / ".join(f"{value:.1f}" for value in life),
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    yield grid(
+        "trials that depart",
+        ("state", *(f"{load} kg" for load in LOADS)),
+        (
+            (
+                state,
+                *(
+                    f"{sum(one < DEPARTED for one in cell)} of {len(cell)}"
+                    for load in LOADS
+                    for cell in [by_load.get(str(load), [])]
+                ),
             )
-        console.print(table)
+            for state, by_load in figures["departures"].items()
+        ),
+    )
+    for name, told in figures["aircraft"].items():
+        yield grid(
+            name,
+            ("test", "date", "ratio", "level", "probability", "life [d]"),
+            (
+                (
+                    *(one[key] for key in ("test", "date", "ratio", "level")),
+                    f"{one['probability']:.1e}",
+                    " / ".join(f"{value:.1f}" for value in one["life_days"] or ()),
+                )
+                for one in told
+            ),
+        )
 
 
 def draw(figures: dict[str, Any], path: Path) -> None:
     """Draw how far trials of the ball screw depart, and the life of the aircraft actuator."""
-    import matplotlib.pyplot as plt
-
-    from ema_monitor.normal.normal import DEPARTED
-
-    left_right = plt.subplots(1, 2, figsize=(12.0, 4.6), layout="constrained", width_ratios=(3, 2))
-    picture, (left, right) = left_right
+    picture, (left, right) = plt.subplots(
+        1, 2, figsize=(12.0, 4.6), layout="constrained", width_ratios=(3, 2)
+    )
     states = list(figures["departures"])
     for load, marker, colour in zip(LOADS, "o^s", ("C0", "C1", "C2"), strict=True):
         for at, state in enumerate(states):
@@ -314,19 +267,16 @@ def draw(figures: dict[str, Any], path: Path) -> None:
     picture.savefig(path, dpi=110)
 
 
-@click.command()
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option("--json", "output", type=click.Path(path_type=Path), help="Write the figures to it.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Draw both machines.")
-def main(folder: Path, output: Path | None, picture: Path | None) -> None:
-    """Print what a unit's own normal shows of the records in FOLDER."""
-    figures = measure(folder)
-    show(Console(width=110), figures)
-    if picture is not None:
-        draw(figures, picture)
-    if output is not None:
-        output.write_text(json.dumps(figures, indent=1) + "\n")
-
+FOLDER: Final = click.Path(exists=True, file_okay=False, path_type=Path)
+main = command(
+    measure,
+    "real machines",
+    rows,
+    tables,
+    width=110,
+    folder=click.Argument(["folder"], type=FOLDER),
+    picture=click.Option(["--picture"], type=click.Path(path_type=Path), help="Draw both."),
+)
 
 if __name__ == "__main__":
     main()

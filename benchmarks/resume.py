@@ -10,20 +10,17 @@ import sqlite3
 import statistics
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from prognosis.whole import estimate_of_measurement
-from rich.progress import Progress
-from tables import target_shower
+from prognosis.whole import worn
+from script import Figures, Workers, command
 from targets import Row, at_most, untargeted
-from trials import command
 
-from ema_core.faults import N_FAULTS, fault_vector
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
 from ema_monitor.prognosis.service import Service
@@ -33,22 +30,13 @@ from ema_monitor.unit import Unit
 MOST_S: Final = 0.5
 UNIT: Final = ("flap", "drawn")
 SETTINGS: Final = PrognosisSettings(service=Service(hours_per_cycle=1.0))
-_SIGMA: Final = 0.004
 
 
 def lived(path: Path, tests: int) -> None:
     """Write the history of a unit whose friction and backlash grow."""
-    calibration, rng = Calibration.builtin(), np.random.default_rng(1)
-    unit = Unit(History(*UNIT, path), SETTINGS)
-    shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
+    unit, rng = Unit(History(*UNIT, path), SETTINGS), np.random.default_rng(1)
     for number in range(tests):
-        share = number / tests
-        truth = fault_vector({"friction": 0.4 * share**2, "backlash": 0.3 * share})
-        faults = np.clip(truth + shown * _SIGMA * rng.standard_normal(N_FAULTS), 0.0, 0.99)
-        measurement = Measurement(
-            float(number), faults, _SIGMA**2 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
-        )
-        unit.update(estimate_of_measurement(measurement, calibration), None, SETTINGS)
+        unit.update(worn(float(number), number / tests, rng), None, SETTINGS)
         unit.write()
     unit.history.close()
 
@@ -66,7 +54,7 @@ def resume_s(path: Path) -> float:
     return taken_s
 
 
-def measure(_: Progress, tests: int, runs: int) -> dict[str, Any]:
+def measure(_: Workers, tests: int, runs: int) -> Figures:
     """Print how long a restart takes with what is kept of growth, and without it."""
     # Made and compiled once a process, by any unit.
     requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
@@ -81,15 +69,16 @@ def measure(_: Progress, tests: int, runs: int) -> dict[str, Any]:
     return {"tests": tests, "kept_s": kept_s, "repeated_s": repeated_s}
 
 
-def rows(figures: dict[str, Any]) -> list[Row]:
-    """Return the rows of the table."""
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
     kept_s, repeated_s = figures["kept_s"], figures["repeated_s"]
     what = f"restart with a history of {figures['tests']} tests, to its health [s]"
+    yield at_most(what, kept_s, MOST_S)
     again = f"{repeated_s:.2f}, {repeated_s / kept_s:.0f} times as long"
-    return [at_most(what, kept_s, MOST_S), untargeted("  when all tests are repeated [s]", again)]
+    yield untargeted("  when all tests are repeated [s]", again)
 
 
-main = command(measure, target_shower("restart", rows), tests=1000, runs=5)
+main = command(measure, "restart", rows, tests=1000, runs=5)
 
 if __name__ == "__main__":
     main()

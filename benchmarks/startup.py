@@ -8,53 +8,40 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import click
-from rich.progress import Progress
-from tables import target_shower
+from script import Figures, Workers, command
 from targets import Row, at_most
-from trials import command
 
 SAMPLE: Final = Path(__file__).parents[1] / "bags" / "faulty_flap.mcap"
 TARGETS_S: Final = {"--help": 0.3, "info": 0.3, "estimate": 0.8}
 """Commands, and how long each may take on an idle machine [s]."""
 
 
-def run_once(command: str) -> tuple[float, float]:
+def run_once(name: str) -> tuple[float, float]:
     """Return the processor time and the wall time of a command in a process of its own [s]."""
-    arguments = [command] if command == "--help" else [command, str(SAMPLE)]
+    arguments = [name] if name == "--help" else [name, str(SAMPLE)]
     # As a user's shell has it: compiled modules are kept.
     unset = ("PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED")
-    begin_s = time.perf_counter()
-    child = subprocess.Popen(
+    before_s, begin_s = children_s(), time.perf_counter()
+    subprocess.run(
         [sys.executable, "-c", "from ema_cli.main import main; main()", *arguments],
         env={name: value for name, value in os.environ.items() if name not in unset},
         stdout=subprocess.DEVNULL,
+        check=True,
     )
-    _, status, usage = os.wait4(child.pid, 0)
-    wall_s = time.perf_counter() - begin_s
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode:
-        raise click.ClickException(f"ema {command} ended with {child.returncode}")
-    return usage.ru_utime + usage.ru_stime, wall_s
+    return children_s() - before_s, time.perf_counter() - begin_s
 
 
-def rows(figures: dict[str, dict[str, float]]) -> list[Row]:
-    """Return the rows of the table: what counts is the wall time, of an idle machine."""
-    return [
-        at_most(
-            f"ema {name}, median of wall (processor) time [s]",
-            figures[name]["wall_s"],
-            limit_s,
-            f"{figures[name]['wall_s']:.2f} ({figures[name]['processor_s']:.2f})",
-        )
-        for name, limit_s in TARGETS_S.items()
-    ]
+def children_s() -> float:
+    """Return the processor time of the processes that have ended [s]."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
-def measure(_: Progress, runs: int) -> dict[str, Any]:
+def measure(_: Workers, runs: int) -> Figures:
     """Print how long short commands take, the median of so many runs."""
     figures = {}
     for name in TARGETS_S:
@@ -65,7 +52,15 @@ def measure(_: Progress, runs: int) -> dict[str, Any]:
     return figures
 
 
-main = command(measure, target_shower("start-up", rows), runs=9)
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets: what counts is the wall time, of an idle machine."""
+    for name, limit_s in TARGETS_S.items():
+        wall_s, processor_s = figures[name]["wall_s"], figures[name]["processor_s"]
+        what = f"ema {name}, median of wall (processor) time [s]"
+        yield at_most(what, wall_s, limit_s, f"{wall_s:.2f} ({processor_s:.2f})")
+
+
+main = command(measure, "start-up", rows, runs=9)
 
 if __name__ == "__main__":
     main()

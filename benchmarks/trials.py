@@ -1,62 +1,59 @@
-"""Many windows simulated and identified on all cores, one process a core."""
+"""Windows of cases identified, and the estimates beside the truth."""
 
-import json
-import multiprocessing
-import os
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from statistics import NormalDist
+from typing import Any, Final, NamedTuple
 
-import click
 import numpy as np
 from cases import Case
 from numpy.typing import ArrayLike, NDArray
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-)
+from script import Workers
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
-from ema_core.linear_algebra import one_thread
+from ema_core.faults import (
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    FAULT_NAMES,
+    N_FAULTS,
+    estimation_error,
+    healthy_faults,
+)
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import DEGRADED, REFUSED, VALID, Estimate
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.model.threads import limit_threads
+from ema_monitor.windows.window import Window
 
 ACTUATOR: Final = ActuatorDescription()
 """Description given to the monitor for every actuator, whatever the plant really is."""
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+LEVEL: Final = 0.9
+"""Probability that an interval is meant to cover the truth with [-]."""
+
+Z: Final = NormalDist().inv_cdf((1.0 + LEVEL) / 2.0)
+"""Half-width of that interval [standard deviations]."""
+
+HEALTHY_WINDOWS: Final = 20
+"""Healthy windows that the nominal unit is calibrated on when its sensors are noisy."""
+
+WRONG: Final = 0.02
+"""Error beyond which a component is wrong [-]; beyond 3 sigma as well it is too confident."""
+
+_CONFIDENT_SIGMA: Final = 3.0
+_SMALLEST_ZETA: Final = 0.05
+_GROWTH: Final = 1.015
 
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One way to look at a window.
-
-    Attributes
-    ----------
-    calibration
-        Calibration of the unit.
-    noisy
-        Whether the sensors have noise and a finite resolution.
-    settings
-        How to identify.
-    """
+    """One way to look at a window: by a calibration, by ideal or noisy sensors, and how."""
 
     calibration: Calibration
     noisy: bool = False
     settings: SearchSettings = SearchSettings()  # noqa: RUF009 - frozen
+    description: ActuatorDescription = ACTUATOR
 
 
 class Job(NamedTuple):
@@ -65,111 +62,159 @@ class Job(NamedTuple):
     case: Case
     variants: Sequence[Variant]
 
-
-def command(
-    measure: Callable[..., dict[str, Any]],
-    show: Callable[[Console, dict[str, Any]], None],
-    width: int = 140,
-    *,
-    quick: Mapping[str, int] | None = None,
-    full: Mapping[str, int] | None = None,
-    **options: int,
-) -> click.Command:
-    """Return the command of a script: it measures with progress, prints, and writes a JSON file.
-
-    ``measure`` is given the progress and the options by name, of those for ``--quick`` or
-    ``--full`` where these are given.
-    """
-
-    def run(output: Path | None, **given: Any) -> None:
-        chosen = dict(options)
-        for name, sizes in (("quick", quick), ("full", full)):
-            chosen |= (sizes or {}) if given.pop(name, False) else {}
-        chosen |= {name: value for name, value in given.items() if value is not None}
-        started = time.perf_counter()
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-            figures = measure(progress, **chosen)
-        figures["duration_s"] = time.perf_counter() - started
-        console = Console(width=width)
-        show(console, figures)
-        console.print(f"{figures['duration_s']:.0f} s in all")
-        if output:
-            output.write_text(json.dumps(figures, indent=1))
-
-    file = click.Path(path_type=Path, dir_okay=False)
-    output = click.Option(["--json", "output"], type=file, help="File to write.")
-    parameters: list[click.Parameter] = [output]
-    for name, sizes in (("quick", quick), ("full", full)):
-        if sizes is not None:
-            words = ", ".join(f"{key} {value}" for key, value in sizes.items())
-            parameters.append(click.Option([f"--{name}"], is_flag=True, help=words))
-    for name, value in options.items():
-        flag: Any = {"is_flag": True} if isinstance(value, bool) else {"type": int}
-        words = "" if isinstance(value, bool) else f"{value} when not given."
-        parameters.append(
-            click.Option([f"--{name.replace('_', '-')}"], default=None, help=words, **flag)
-        )
-    return click.Command(None, callback=run, params=parameters, help=measure.__doc__)
-
-
-class Workers:
-    """Processes that simulate and identify, with progress on a bar."""
-
-    def __init__(self, pool: ProcessPoolExecutor, progress: Progress) -> None:
-        self._pool = pool
-        self._progress = progress
-
-    def map(self, what: str, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Return what ``work`` makes of each item."""
-        chunk = max(1, min(8, len(items) // 8))
-        results = self._pool.map(work, items, chunksize=chunk)
-        return list(self._progress.track(results, total=len(items), description=what))
-
-    def estimates(self, what: str, jobs: Sequence[Job]) -> list[list[Estimate]]:
-        """Return the estimates of each job, one a variant; ``what`` is on the progress bar."""
-        return self.map(what, _estimates, jobs)
-
-
-@contextmanager
-def workers(progress: Progress) -> Iterator[Workers]:
-    """Start a process a core, each of which keeps to one thread."""
-    os.environ.update(one_thread())
-    # A fork would inherit threads of this process as they stand.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        os.cpu_count(), context, initializer=limit_threads, initargs=(1,)
-    ) as pool:
-        yield Workers(pool, progress)
-
-
-def errors_percent(cases: Iterable[Case], estimates: Iterable[Estimate]) -> NDArray[np.float64]:
-    """Return the error of each estimate in percent of the range; inf where there is none."""
-    return np.array(
-        [
-            estimation_error(estimate.faults, case.faults)
-            if np.all(np.isfinite(estimate.faults))
-            else np.inf
-            for case, estimate in zip(cases, estimates, strict=True)
+    def estimates(self) -> list[Estimate]:
+        """Return the estimate of each variant."""
+        telemetry = self.case.telemetry()
+        return [
+            identify(
+                self.case.window(telemetry, noisy=one.noisy),
+                one.description,
+                one.calibration,
+                one.settings,
+            )
+            for one in self.variants
         ]
-    )
 
 
-def difference(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
-    """Return estimate less truth by component, ``(8,)``, the phase wrapped to half a turn."""
-    result = np.asarray(estimate, dtype=float) - np.asarray(truth, dtype=float)
-    result[ECCENTRICITY_PHASE] -= np.round(result[ECCENTRICITY_PHASE])
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """True fault vectors, ``(n, 8)``, and what was found."""
+
+    truth: NDArray[np.float64]
+    estimates: Sequence[Estimate]
+
+    @classmethod
+    def of(cls, truth: Iterable[ArrayLike], estimates: Sequence[Estimate]) -> "Trial":
+        """Return the trial of fault vectors."""
+        return cls(np.array([*truth], dtype=float).reshape(-1, N_FAULTS), estimates)
+
+    @property
+    def used(self) -> "Trial":
+        """Those that are not refused, nor failed."""
+        kept = [one.verdict in (VALID, DEGRADED) for one in self.estimates]
+        return self.of_those(np.array(kept, dtype=bool))
+
+    def of_those(self, chosen: Any) -> "Trial":
+        """Return those with some numbers, or flags."""
+        numbers = np.arange(len(self.estimates))[chosen]
+        return Trial(self.truth[numbers], [self.estimates[n] for n in numbers])
+
+    @property
+    def errors_percent(self) -> NDArray[np.float64]:
+        """Errors in percent of the range; inf where there is no estimate."""
+        return np.array(
+            [
+                estimation_error(one.faults, k) if np.all(np.isfinite(one.faults)) else np.inf
+                for one, k in zip(self.estimates, self.truth, strict=True)
+            ]
+        )
+
+    @property
+    def faults(self) -> NDArray[np.float64]:
+        """Fault vectors that were found, ``(n, 8)``."""
+        return np.array([one.faults for one in self.estimates]).reshape(-1, N_FAULTS)
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Standard deviations, ``(n, 8)``; NaN where unobservable."""
+        return np.array([one.sigma for one in self.estimates], dtype=float).reshape(-1, N_FAULTS)
+
+    @property
+    def away(self) -> NDArray[np.float64]:
+        """Distance of estimate and truth by component, the phase wrapped to half a turn."""
+        result = self.faults - self.truth
+        result[:, ECCENTRICITY_PHASE] -= np.round(result[:, ECCENTRICITY_PHASE])
+        return np.abs(result)
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Components that have a value: the phase only of an eccentricity of more than 0.05."""
+        result = np.ones(self.truth.shape, dtype=bool)
+        result[:, ECCENTRICITY_PHASE] = self.truth[:, ECCENTRICITY] > _SMALLEST_ZETA
+        return result
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Judged components with an interval."""
+        return self.judged & np.isfinite(self.sigma)
+
+    def coverage(self, z: float = Z, rows: Any = slice(None), columns: Any = slice(None)) -> float:
+        """Return how often intervals of z sigma cover the truth."""
+        part = (rows, columns)
+        return mean((self.away <= z * self.sigma)[part][self.known[part]])
+
+    def coverage_by_component(self) -> dict[str, float]:
+        """Return the coverage of each component."""
+        return {name: self.coverage(columns=n) for n, name in enumerate(FAULT_NAMES)}
+
+    def wrong_and_confident(self) -> int:
+        """Return in how many of those in use a component is off by more than 3 sigma and 2 %."""
+        used = self.used
+        size = used.away
+        beyond = size > _CONFIDENT_SIGMA * used.sigma
+        size[:, ECCENTRICITY_PHASE] *= used.faults[:, ECCENTRICITY]
+        return int(np.sum(np.any(beyond & (size > WRONG), axis=1)))
+
+    def verdicts(self) -> dict[str, int]:
+        """Return how many have each verdict; failures count as refused."""
+        found = [one.verdict for one in self.estimates]
+        used = {name: found.count(name) for name in (VALID, DEGRADED)}
+        return used | {REFUSED: len(found) - sum(used.values())}
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the errors, of the evaluations, and of verdicts."""
+        return {
+            **quantiles(self.errors_percent),
+            "cases": len(self.estimates),
+            "verdicts": self.verdicts(),
+            "evaluations_median": median([one.evaluations for one in self.estimates]),
+        }
+
+
+def trials(
+    pool: Workers, what: str, cases: Sequence[Case], variants: Sequence[Variant]
+) -> list[Trial]:
+    """Identify cases in some ways; return the trial of each way."""
+    found = pool.map(what, Job.estimates, [Job(case, variants) for case in cases])
+    truth = [case.faults for case in cases]
+    return [Trial.of(truth, some) for some in zip(*found, strict=True)]
+
+
+def quantiles(values: Sequence[float] | NDArray[Any]) -> dict[str, float]:
+    """Return mean, median, 90th percentile and largest; NaN of none."""
+    if not np.size(values):
+        return dict.fromkeys(("mean", "median", "p90", "max"), float("nan"))
+    return {
+        "mean": float(np.mean(values)),
+        "median": float(np.median(values)),
+        "p90": float(np.quantile(values, 0.9)),
+        "max": float(np.max(values)),
+    }
+
+
+def mean(values: Sequence[float] | NDArray[Any]) -> float:
+    """Return the mean; NaN of none."""
+    return float(np.mean(values)) if np.size(values) else float("nan")
+
+
+def median(values: Sequence[float] | NDArray[Any]) -> float:
+    """Return the median; NaN of none."""
+    return float(np.median(values)) if np.size(values) else float("nan")
+
+
+def before(faults: ArrayLike) -> NDArray[np.float64]:
+    """Return the faults of the window before, for a warm start: a little less of everything."""
+    k, healthy = np.array(faults, dtype=float), healthy_faults()
+    result = healthy + (k - healthy) / _GROWTH
+    result[ECCENTRICITY_PHASE] = k[ECCENTRICITY_PHASE]
     return result
 
 
-def _estimates(job: Job) -> list[Estimate]:
-    telemetry = job.case.telemetry()
-    return [
-        identify(
-            job.case.window(telemetry, noisy=variant.noisy),
-            ACTUATOR,
-            variant.calibration,
-            variant.settings,
-        )
-        for variant in job.variants
-    ]
+def noisy_window(case: Case) -> Window:
+    """Return the window of a case by noisy sensors."""
+    return case.window(case.telemetry(), noisy=True)
+
+
+def calibration_on(cases: Sequence[Case]) -> Calibration:
+    """Return the calibration of a unit on its healthy cases, by noisy sensors."""
+    return calibrate_model([noisy_window(case) for case in cases], ACTUATOR)

@@ -7,19 +7,24 @@ windows, without and with hidden causes; then shows hidden causes alone. With ``
 plants have effects of other forms, which are for one run at the end: nothing may be tuned on it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
-import trust_cases
-import trust_scores
-from rich.console import Console
-from rich.progress import Progress
+import numpy as np
+import plants as recorded
+from cases import DETECTABLE
+from plants import HIDDEN, MAY_BE_SILENT, Kind, Task, found_by_condition
 from rich.table import Table
-from tables import target_table
-from targets import Row, all_of, at_most
-from trials import Workers, command, workers
-from trust_cases import HIDDEN, MAY_BE_SILENT, Condition, Kind, Task, faulty
-from trust_scores import Judged
+from script import Figures, Workers, command
+from targets import Row, all_of, at_most, grid, percent, share_at_most
+from trials import WRONG, Trial, Z, before, mean, median, quantiles
+
+from ema_core.causes import CAUSES
+from ema_core.faults import FAULT_NAMES, healthy_faults
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import identify
+from ema_monitor.identification.estimate import Estimate
 
 MEDIAN_PERCENT: Final = 0.5
 P90_PERCENT: Final = 1.2
@@ -31,18 +36,20 @@ CLAIMED: Final = 0.01
 NAMED: Final = 0.95
 
 
-def conditions(sizes: Mapping[str, int], foreign: Kind) -> list[Condition]:
+def conditions(
+    kinds: Mapping[str, Kind], plants: int, faulty: int, varied: int
+) -> dict[str, list[Task]]:
     """Return the conditions in which faults are estimated."""
-    p, n, m = (sizes[name] for name in ("plants", "faulty", "varied"))
-    mixed, load = trust_cases.mixed_causes, trust_cases.load
+    mixed, load = recorded.mixed_causes, recorded.load
+    foreign = kinds["foreign"]
     chosen: list[tuple[str, Kind, int, Mapping[str, Any]]] = [
-        ("foreign, faults alone", foreign, n, {}),
-        ("foreign, with causes", foreign, n, {"causes": mixed}),
-        ("foreign, with load", foreign, m, {"causes": load}),
-        ("foreign, drive as described", "exact drive", m, {}),
-        ("own, faults alone", "own", m, {}),
-        ("own, with causes", "own", n, {"causes": mixed}),
-        ("own, with load", "own", m, {"causes": load}),
+        ("foreign, faults alone", foreign, faulty, {}),
+        ("foreign, with causes", foreign, faulty, {"causes": mixed}),
+        ("foreign, with load", foreign, varied, {"causes": load}),
+        ("foreign, drive as described", "exact drive", varied, {}),
+        ("own, faults alone", "own", varied, {}),
+        ("own, with causes", "own", faulty, {"causes": mixed}),
+        ("own, with load", "own", varied, {"causes": load}),
     ]
     ways: dict[str, Mapping[str, Any]] = {
         "small chirp": {"motion": "small chirp"},
@@ -53,240 +60,212 @@ def conditions(sizes: Mapping[str, int], foreign: Kind) -> list[Condition]:
         "5 kHz": {"sample_period": 2e-4},
         "20 kHz": {"sample_period": 5e-5},
     }
-    for label, kind in _kinds(foreign):
-        chosen.extend((f"{label}, {way}", kind, m, options) for way, options in ways.items())
-    result = [
-        Condition(name, faulty(kind, p, count, stream=1 + number, **options))
+    for label, kind in kinds.items():
+        chosen.extend((f"{label}, {way}", kind, varied, one) for way, one in ways.items())
+    result = {
+        name: recorded.faulty(kind, plants, count, stream=1 + number, **options)
         for number, (name, kind, count, options) in enumerate(chosen)
-    ]
-    for label, kind in _kinds(foreign):
-        result += [
-            Condition(
-                f"{label}, sine, friction .15, short .1", trust_cases.sine_faults(kind, p, m)
-            ),
-            Condition(f"{label}, two phases shorted", trust_cases.two_shorts(kind, p, m)),
-        ]
+    }
+    for label, kind in kinds.items():
+        of_sine = recorded.sine_faults(kind, plants, varied)
+        result[f"{label}, sine, friction .15, short .1"] = of_sine
+        result[f"{label}, two phases shorted"] = recorded.two_shorts(kind, plants, varied)
     return result
 
 
-def measure(progress: Progress, *, held_out: bool, **sizes: int) -> dict[str, Any]:
+def identified(work: tuple[Task, Calibration], *, warm: bool) -> list[Estimate]:
+    """Record a task's window; return a cold estimate, and a warm one if wanted."""
+    task, calibration = work
+    window = task.window()
+    starts = (None, before(task.faults)) if warm else (None,)
+    return [identify(window, task.description, calibration, previous=k) for k in starts]
+
+
+def measure(
+    pool: Workers, plants: int, faulty: int, varied: int, hidden: int, *, held_out: bool
+) -> Figures:
     """Print how far estimates on foreign plants can be trusted; --held-out: for one run, last."""
-    foreign: Kind = "held out" if held_out else "foreign"
-    faults = conditions(sizes, foreign)
-    alone = [
-        Condition(
-            f"{label}, {name}", trust_cases.hidden(kind, sizes["plants"], name, sizes["hidden"])
-        )
-        for label, kind in _kinds(foreign)
+    kinds: dict[str, Kind] = {"foreign": "held out" if held_out else "foreign", "own": "own"}
+    faults = conditions(kinds, plants, faulty, varied)
+    alone = {
+        f"{label}, {name}": recorded.hidden(kind, plants, name, hidden)
+        for label, kind in kinds.items()
         for name in HIDDEN
-    ]
-    with workers(progress) as pool:
-        calibrations = _calibrations(pool, [*faults, *alone])
-        cold, warm = _estimates(pool, "faults", faults, calibrations, with_warm=True)
-        healthy, _ = _estimates(pool, "hidden causes", alone, calibrations, with_warm=False)
+    }
+    both = found_by_condition(pool, "faults", faults, partial(identified, warm=True))
+    healthy = found_by_condition(pool, "hidden causes", alone, partial(identified, warm=False))
+    starts = {
+        start: {
+            name: accuracy(faults[name], [one[n] for one in found]) for name, found in both.items()
+        }
+        for n, start in enumerate(("cold", "warm"))
+    }
+    of_causes = {name: of_hidden(alone[name], found) for name, found in healthy.items()}
+    return {"held_out": held_out, **starts, "hidden": of_causes}
+
+
+def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
+    """Return the figures of windows with faults."""
+    trial = Trial.of((task.faults for task in tasks), estimates)
+    errors, used = trial.errors_percent, trial.used
+    right = trial.of_those(errors <= 100.0 * WRONG)
     return {
-        "kind": foreign,
-        "sizes": sizes,
-        "cold": {name: trust_scores.accuracy(found) for name, found in cold.items()},
-        "warm": {name: trust_scores.accuracy(found) for name, found in warm.items()},
-        "hidden": {
-            name: trust_scores.hidden(found, HIDDEN[name.split(", ", 1)[1]])
-            for name, found in healthy.items()
-        },
+        "windows": len(tasks),
+        **quantiles(errors[np.isfinite(errors)]),
+        "verdicts": trial.verdicts(),
+        "right": len(right.estimates),
+        "right_refused": 1.0 - len(right.used.estimates) / max(1, len(right.estimates)),
+        "wrong_and_confident": trial.wrong_and_confident(),
+        "seconds_median": median([one.computing_time_s for one in estimates]),
+        "coverage": used.coverage(),
+        "coverage_by_component": used.coverage_by_component(),
     }
 
 
-def _kinds(foreign: Kind) -> tuple[tuple[str, Kind], ...]:
-    return ("foreign", foreign), ("own", "own")
+def named_causes(estimate: Estimate) -> set[str]:
+    """Return the names of the hidden causes that an estimate gives, in its causes or its reason."""
+    names, text = {cause.name for cause in estimate.causes}, estimate.reason
+    # Longer labels first: some contain others.
+    for cause in sorted(CAUSES, key=lambda cause: -len(cause.label)):
+        if cause.label in text:
+            names.add(cause.name)
+            text = text.replace(cause.label, "")
+    return names
 
 
-def _unit_of(task: Task) -> tuple[Any, ...]:
-    return task.unit, task.calibrated_on, task.sample_period
+def claimed_faults(task: Task, estimate: Estimate) -> dict[str, float]:
+    """Return the faults that an estimate in use claims and that are healthy in truth.
+
+    They are significant, and beyond healthy by their 95 % bound; each with its distance from it.
+    """
+    if not estimate.valid:
+        return {}
+    healthy = healthy_faults()
+    away = np.abs(np.array(estimate.faults) - healthy)
+    beyond = (away > Z * np.array(estimate.sigma)) & ~estimate.insignificant
+    beyond &= np.array(task.faults) == healthy
+    return {FAULT_NAMES[n]: float(away[n]) for n in DETECTABLE if beyond[n]}
 
 
-def _calibrations(pool: Workers, chosen: list[Condition]) -> dict[tuple[Any, ...], Any]:
-    tasks = {_unit_of(task): task for condition in chosen for task in condition.tasks}
-    found = pool.map("calibrations", trust_scores.calibrations, list(tasks.values()))
-    return dict(zip(tasks, found, strict=True))
+def of_hidden(tasks: Sequence[Task], found: Sequence[list[Estimate]]) -> Figures:
+    """Return the figures of healthy windows with hidden causes, of one estimate each."""
+    estimates = [one for [one] in found]
+    claimed = [claimed_faults(*pair) for pair in zip(tasks, estimates, strict=True)]
+    pairs = [(set(t.causes), named_causes(e)) for t, e in zip(tasks, estimates, strict=True)]
+    sizes = [max(one.values()) for one in claimed if one]
+    counts = {name: sum(name in one for one in claimed) for name in FAULT_NAMES}
+    return {
+        "windows": len(tasks),
+        "verdicts": Trial.of((task.faults for task in tasks), estimates).verdicts(),
+        "claimed": mean([bool(one) for one in claimed]),
+        "largest_claimed_median": median(sizes) if sizes else 0.0,
+        "claims": {name: count for name, count in counts.items() if count},
+        "named": mean([causes <= named if causes else not named for causes, named in pairs]),
+        "goodness_of_fit": median([one.goodness_of_fit for one in estimates]),
+    }
 
 
-def _estimates(
-    pool: Workers,
-    what: str,
-    chosen: list[Condition],
-    calibrations: dict[tuple[Any, ...], Any],
-    *,
-    with_warm: bool,
-) -> tuple[dict[str, list[Judged]], dict[str, list[Judged]]]:
-    """Return the cold and the warm estimates of each condition."""
-    work = [
-        (task, calibrations[_unit_of(task)], with_warm)
-        for condition in chosen
-        for task in condition.tasks
-    ]
-    found = iter(pool.map(what, trust_scores.judged, work))
-    cold: dict[str, list[Judged]] = {}
-    warm: dict[str, list[Judged]] = {}
-    for condition in chosen:
-        rows = [next(found) for _ in condition.tasks]
-        cold[condition.name] = [row[0] for row in rows]
-        warm[condition.name] = [row[-1] for row in rows] if with_warm else []
-    return cold, warm
-
-
-def rows(figures: dict[str, Any]) -> list[Row]:
+def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    cold, warm = figures["cold"], figures["warm"]
-    result = []
+    by_name = figures["cold"]
     for name in ("foreign, faults alone", "foreign, with causes", "own, with causes"):
-        one = cold[name]
-        result += [
-            at_most(f"{name}, median [%]", one["median"], MEDIAN_PERCENT),
-            at_most("  90th percentile [%]", one["p90"], P90_PERCENT),
-            _share_row("  right ones refused", one["right_refused"], RIGHT_REFUSED, one["right"]),
-        ]
-    result += [
-        at_most(
-            f"{kind}, with load, median [%]", cold[f"{kind}, with load"]["median"], LOAD_PERCENT
-        )
-        for kind in ("foreign", "own")
-    ]
-    for start, by_name in (("cold", cold), ("warm", warm)):
+        one = by_name[name]
+        yield at_most(f"{name}, median [%]", one["median"], MEDIAN_PERCENT)
+        yield at_most("  90th percentile [%]", one["p90"], P90_PERCENT)
+        what = "  right ones refused"
+        yield share_at_most(what, one["right_refused"], RIGHT_REFUSED, one["right"])
+    for kind in ("foreign", "own"):
+        loaded = by_name[f"{kind}, with load"]["median"]
+        yield at_most(f"{kind}, with load, median [%]", loaded, LOAD_PERCENT)
+    for start in ("cold", "warm"):
+        by_name = figures[start]
         windows = sum(one["windows"] for one in by_name.values())
-        wrong = sum(one["wrong_and_confident"] * one["windows"] for one in by_name.values())
-        result.append(
-            _share_row(
-                f"wrong and confident, {len(by_name)} conditions, {start}",
-                wrong / windows,
-                WRONG_AND_CONFIDENT,
-                windows,
-            )
-        )
-        judged = {name: one for name, one in by_name.items() if one["coverage"] == one["coverage"]}
-        worst = max(judged, key=lambda name: abs(judged[name]["coverage"] - 0.9), default="")
+        wrong = sum(one["wrong_and_confident"] for one in by_name.values())
+        what = f"wrong and confident, {len(by_name)} conditions, {start}"
+        yield share_at_most(what, wrong / windows, WRONG_AND_CONFIDENT, windows)
+        covered = {name: one["coverage"] for name, one in by_name.items()}
+        worst = max(covered, key=lambda name: np.nan_to_num(abs(covered[name] - 0.9)))
         low, high = COVERAGE
-        inside = [low <= one["coverage"] <= high for one in judged.values()]
-        result.append(
-            Row(
-                f"  90 % interval covers, each condition, {start} [%]",
-                f"{100 * low:.0f} to {100 * high:.0f}",
-                f"{sum(inside)} of {len(by_name)}; {100 * judged[worst]['coverage']:.0f} ({worst})"
-                if judged
-                else "none",
-                len(inside) == len(by_name) and all(inside),
-            )
+        yield all_of(
+            f"  90 % interval covers {100 * low:.0f} to {100 * high:.0f} %, {start}: conditions",
+            [low <= share <= high for share in covered.values()],
+            f"{100 * covered[worst]:.0f} % ({worst})",
         )
     alone = figures["hidden"]
     worst = max(alone, key=lambda name: alone[name]["claimed"])
-    causes = {name: name.split(", ", 1)[1] for name in alone}
-    return [
-        *result,
-        all_of(
-            "hidden causes alone: rows with faults claimed in 1 % at most",
-            [one["claimed"] <= CLAIMED for one in alone.values()],
-            f"{100.0 * alone[worst]['claimed']:.0f} % ({worst})",
-        ),
-        all_of(
-            "  rows with the cause named in 95 %",
-            [alone[name]["named"] >= NAMED for name in alone if causes[name] not in MAY_BE_SILENT],
-        ),
-    ]
+    yield all_of(
+        "hidden causes alone: rows with faults claimed in 1 % at most",
+        [one["claimed"] <= CLAIMED for one in alone.values()],
+        f"{100.0 * alone[worst]['claimed']:.0f} % ({worst})",
+    )
+    yield all_of(
+        "  rows with the cause named in 95 %",
+        [
+            one["named"] >= NAMED
+            for name, one in alone.items()
+            if name.split(", ", 1)[1] not in MAY_BE_SILENT
+        ],
+    )
 
 
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables."""
-    title = "trust"
-    if figures["kind"] == "held out":
-        title = "trust, HELD-OUT EFFECTS: for one run at the end, not to be tuned on"
-    console.print(target_table(title, rows(figures), beside=""))
+def tables(figures: Figures) -> Iterator[Table | str]:
+    """Return what is printed below the targets."""
+    if figures["held_out"]:
+        yield "HELD-OUT EFFECTS: for one run at the end, not to be tuned on"
+    headings = ("condition", "win-\ndows", "median\n%", "90 %\n%", "worst\n%", "valid")
+    more = ("right ones\nrefused %", "wrong and\nconfident", "interval\ncovers %", "time\ns")
     for start in ("cold", "warm"):
-        console.print(_fault_table(figures[start], start))
-    console.print(_coverage_table(figures["cold"]))
-    console.print(_hidden_table(figures["hidden"]))
-
-
-def _fault_table(by_name: dict[str, Any], start: str) -> Table:
-    table = Table(
-        "condition",
-        "win-\ndows",
-        "median\n%",
-        "90 %\n%",
-        "worst\n%",
-        "valid",
-        "degra-\nded",
-        "re-\nfused",
-        "right ones\nrefused %",
-        "wrong and\nconfident %",
-        "interval\ncovers %",
-        "time\ns",
-        title=f"faults, {start} start",
-    )
-    for name, one in by_name.items():
-        table.add_row(
-            name,
-            str(one["windows"]),
-            *(_text(one[key], 2) for key in ("median", "p90", "max")),
-            *(str(count) for count in one["verdicts"].values()),
-            *(
-                _text(100.0 * one[key], 1)
-                for key in ("right_refused", "wrong_and_confident", "coverage")
+        yield grid(
+            f"faults, {start} start",
+            (*headings, "degra-\nded", "re-\nfused", *more),
+            (
+                (
+                    name,
+                    one["windows"],
+                    *(f"{one[key]:.2f}" for key in ("median", "p90", "max")),
+                    *one["verdicts"].values(),
+                    percent(one["right_refused"], 1),
+                    one["wrong_and_confident"],
+                    percent(one["coverage"], 1),
+                    f"{one['seconds_median']:.3f}",
+                )
+                for name, one in figures[start].items()
             ),
-            f"{one['seconds_median']:.3f}",
         )
-    return table
-
-
-def _coverage_table(by_name: dict[str, Any]) -> Table:
-    names = list(next(iter(by_name.values()))["coverage_by_component"])
-    table = Table(
-        "90 % interval covers %", *(name.replace("_", "\n") for name in names), "worst\nunit"
+    yield grid(
+        "intervals, cold start",
+        ("90 % interval covers %", *(name.replace("_", "\n") for name in FAULT_NAMES)),
+        (
+            (name, *map(percent, one["coverage_by_component"].values()))
+            for name, one in figures["cold"].items()
+        ),
     )
-    for name, one in by_name.items():
-        shares = [one["coverage_by_component"][component] for component in names]
-        shares.append(min(one["coverage_by_unit"].values(), default=float("nan")))
-        table.add_row(name, *(_text(100.0 * share, 0) for share in shares))
-    return table
-
-
-def _hidden_table(by_name: dict[str, Any]) -> Table:
-    table = Table(
-        "hidden cause alone",
-        "win-\ndows",
-        "valid",
-        "degra-\nded",
-        "re-\nfused",
-        "fault\nclaimed %",
-        "cause\nnamed %",
-        "goodness\nof fit",
-        "claimed",
+    headings = ("hidden cause alone", "win-\ndows", "valid", "degra-\nded", "re-\nfused")
+    yield grid(
+        "healthy but for a cause",
+        (*headings, "fault\nclaimed %", "cause\nnamed %", "goodness\nof fit", "claimed"),
+        (
+            (
+                name,
+                one["windows"],
+                *one["verdicts"].values(),
+                percent(one["claimed"]),
+                percent(one["named"]),
+                f"{one['goodness_of_fit']:.1f}",
+                f"{one['claims']}; median {one['largest_claimed_median']:.3f}"
+                if one["claims"]
+                else "",
+            )
+            for name, one in figures["hidden"].items()
+        ),
     )
-    for name, one in by_name.items():
-        claims = ", ".join(
-            f"{fault.replace('_', ' ')} {count}" for fault, count in one["claims"].items()
-        )
-        table.add_row(
-            name,
-            str(one["windows"]),
-            *(str(count) for count in one["verdicts"].values()),
-            f"{100.0 * one['claimed']:.0f}",
-            f"{100.0 * one['named']:.0f}",
-            f"{one['goodness_of_fit']:.1f}",
-            f"{claims}; median {one['largest_claimed_median']:.3f}" if claims else "",
-        )
-    return table
-
-
-def _text(value: float, digits: int) -> str:
-    return "" if value != value else f"{value:.{digits}f}"
-
-
-def _share_row(what: str, share: float, limit: float, of: int) -> Row:
-    return at_most(f"{what} [%]", 100.0 * share, 100.0 * limit, f"{100.0 * share:.2f} of {of}")
 
 
 main = command(
     measure,
-    show,
+    "trust",
+    rows,
+    tables,
     quick={"plants": 5, "faulty": 30, "varied": 10, "hidden": 5},
     # 10,000 windows with faults, as the targets ask.
     full={"plants": 12, "faulty": 1200, "varied": 400, "hidden": 100},

@@ -8,16 +8,16 @@ reference plant and of foreign ones (`foreign`), with and without a measured spe
 healthy units called healthy, and what a load hides said to be hidden.
 """
 
+from collections.abc import Iterator, Mapping
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
-from tables import target_table
-from targets import Row, at_least, at_most
-from trials import command, workers
+from script import Figures, Workers, command
+from targets import Row, at_most, grid, percent, share_at_least
+from trials import Z, mean, quantiles
 from unknown_units import FastUnit, SlowUnit
 
 from ema_core.levels import OK
@@ -29,7 +29,7 @@ from ema_monitor.identification.estimate import Estimate
 WITHIN: Final = 0.02
 RANKED: Final = 0.95
 HEALTHY: Final = 0.99
-SHOWN: Final = ("friction", "backlash", "torque loss")
+SHOWN: Final[tuple[str, ...]] = ("friction", "backlash", "torque loss")
 LOADS: Final = (0.0, 0.6, -0.6)
 """Constant load over the dry friction [-]."""
 
@@ -59,145 +59,104 @@ def shown(estimate: Estimate) -> dict[str, tuple[float, float]]:
     return found | {"torque loss": (-loss.value, loss.sigma) if loss else (nan, nan)}
 
 
-def fast_unit(task: tuple[int, bool, bool]) -> list[dict[str, Any]]:
+def conditions(severity: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the faults and the hidden causes of what is shown."""
+    faults = {name: severity[name] for name in SHOWN[:2] if name in severity}
+    is_weak = "torque loss" in severity
+    return faults, {"torque_constant": -severity["torque loss"]} if is_weak else {}
+
+
+def fast_unit(seed: int, *, foreign: bool, speed: bool) -> list[Figures]:
     """Calibrate a unit and identify its tests; return truth and estimates."""
-    seed, foreign, speed = task
-    unit = FastUnit.of(seed, foreign=foreign, speed=speed)
-    calibration = calibrate(
-        [unit.window({}, {}, number) for number in range(_CALIBRATIONS)], unit.description
-    )
-    rng = np.random.default_rng((20, seed))
-    rows = []
+    unit = FastUnit(seed, foreign, speed)
+    healthy = [unit.window({}, {}, number) for number in range(_CALIBRATIONS)]
+    calibration = calibrate(healthy, unit.description)
+    rng, found = np.random.default_rng((20, seed)), []
     for number in range(_TESTS):
-        truth = dict(zip(SHOWN, rng.uniform(0.0, (0.8, 0.8, 0.3)).tolist(), strict=True))
-        causes = {"torque_constant": -truth["torque loss"]}
+        truth: dict[str, float] = dict(
+            zip(SHOWN, rng.uniform(0.0, (0.8, 0.8, 0.3)).tolist(), strict=True)
+        )
+        faults, causes = conditions(truth)
         if number % 2:
             causes["load_torque"] = float(rng.uniform(-0.2, 0.2))
-        faults = {name: truth[name] for name in SHOWN[:2]}
         window = unit.window(faults, causes, _CALIBRATIONS + number)
         estimate = identify(window, unit.description, calibration)
-        rows.append({"truth": truth, "shown": shown(estimate), "verdict": estimate.verdict})
-    return rows
+        found.append({"truth": truth, "shown": shown(estimate)})
+    return found
 
 
-def slow_unit(seed: int) -> dict[str, Any]:
+def slow_unit(seed: int) -> Figures:
     """Calibrate a slowly logged unit; return what its records are taken for."""
-    unit = SlowUnit.of(seed)
-    calibration = calibrate(
-        [unit.record({}, {}, number) for number in range(_CALIBRATIONS)], unit.description
-    )
+    unit = SlowUnit(seed)
+    healthy = [unit.record({}, {}, number) for number in range(_CALIBRATIONS)]
+    calibration = calibrate(healthy, unit.description)
     number = _CALIBRATIONS
-    ranked, healthy, hidden = [], [], []
-    for load in LOADS:
-        causes = {"load_torque": load * unit.friction}
-        for fault, severities in SEVERITIES.items():
-            values = []
-            for severity in severities:
-                number += 1
-                faults = {} if fault == "torque loss" else {fault: severity}
-                loss = {"torque_constant": -severity} if fault == "torque loss" else {}
-                window = unit.record(faults, causes | loss, number)
-                estimate = identify(window, unit.description, calibration)
-                values.append(shown(estimate)[fault][0])
-                if fault == "backlash" and "backlash is hidden" in estimate.reason:
-                    values[-1] = HIDDEN
-            ranked.append(
-                {"fault": fault, "load": load, "severities": severities, "values": values}
-            )
-        for _ in range(_HEALTHY_EACH):
-            number += 1
-            estimate = identify(unit.record({}, causes, number), unit.description, calibration)
-            level = assess(estimate, HealthLimits()).level if estimate.valid else -1
-            named = [one.name for one in estimate.causes]
-            healthy.append(
-                {
-                    "ok": level == OK and not {"inertia", "current_gain"} & set(named),
-                    "significant": [
-                        name for name in SHOWN[:2] if getattr(estimate.faults, name) > 0.0
-                    ],
-                }
-            )
-        if load:
-            number += 1
-            faults = {"backlash": 0.3}
-            window = unit.record(faults, causes, number, preloaded=True)
-            estimate = identify(window, unit.description, calibration)
-            said = "backlash is hidden" in estimate.reason
-            hidden.append(bool(said and np.isnan(estimate.sigma.backlash)))
-    return {
+
+    def estimate(severity: Mapping[str, float], load: float, *, preloaded: bool = False) -> Any:
+        nonlocal number
+        number += 1
+        faults, causes = conditions(severity)
+        causes = {"load_torque": load * unit.friction} | causes
+        window = unit.record(faults, causes, number, preloaded=preloaded)
+        return identify(window, unit.description, calibration)
+
+    figures: Figures = {
         "seed": seed,
         "rate_hz": 1.0 / unit.description.sample_period,
         "sampling": unit.description.acquisition.current,
-        "ranked": ranked,
-        "healthy": healthy,
-        "hidden": hidden,
+        "ranked": {fault: [] for fault in SHOWN},
+        "healthy": [],
+        "hidden": [],
     }
+    for load in LOADS:
+        for fault, severities in SEVERITIES.items():
+            values = []
+            for severity in severities:
+                found = estimate({fault: severity}, load)
+                is_hidden = fault == "backlash" and "backlash is hidden" in found.reason
+                values.append(HIDDEN if is_hidden else shown(found)[fault][0])
+            figures["ranked"][fault].append(values)
+        for _ in range(_HEALTHY_EACH):
+            found = estimate({}, load)
+            is_ok = found.valid and assess(found, HealthLimits()).level == OK
+            named = {one.name for one in found.causes}
+            figures["healthy"].append(is_ok and not {"inertia", "current_gain"} & named)
+        if load:
+            found = estimate({"backlash": 0.3}, load, preloaded=True)
+            is_hidden = "backlash is hidden" in found.reason
+            figures["hidden"].append(bool(is_hidden and np.isnan(found.sigma.backlash)))
+    return figures
 
 
-def measure(progress: Progress, fast: int, slow: int) -> dict[str, Any]:
+def measure(pool: Workers, fast: int, slow: int) -> Figures:
     """Print what is shown of drives whose controller is unknown, in so many units at each rate."""
     kinds = {
-        "reference": (False, True),
-        "reference, no speed": (False, False),
-        "foreign": (True, True),
-        "foreign, no speed": (True, False),
+        "reference": partial(fast_unit, foreign=False, speed=True),
+        "reference, no speed": partial(fast_unit, foreign=False, speed=False),
+        "foreign": partial(fast_unit, foreign=True, speed=True),
+        "foreign, no speed": partial(fast_unit, foreign=True, speed=False),
     }
-    found: dict[str, Any] = {}
-    with workers(progress) as pool:
-        for name, (foreign, speed) in kinds.items():
-            tasks = [(_FIRST_FAST + number, foreign, speed) for number in range(fast)]
-            tests = [row for unit in pool.map(name, fast_unit, tasks) for row in unit]
-            found[name] = {fault: _errors(tests, fault) for fault in SHOWN}
-        seeds = [_FIRST_SLOW + number for number in range(slow)]
-        return {"fast": found, "slow": pool.map("slow records", slow_unit, seeds)}
+    found: Figures = {}
+    for name, work in kinds.items():
+        units = pool.map(name, work, range(_FIRST_FAST, _FIRST_FAST + fast))
+        tests = [one for unit in units for one in unit]
+        found[name] = {fault: errors(tests, fault) for fault in SHOWN}
+    seeds = range(_FIRST_SLOW, _FIRST_SLOW + slow)
+    return {"fast": found, "slow": pool.map("slow records", slow_unit, seeds)}
 
 
-def _errors(rows: list[dict[str, Any]], fault: str) -> dict[str, float]:
+def errors(tests: list[Figures], fault: str) -> dict[str, float]:
     """Return how far estimates of a fault are off, and how well their intervals cover."""
-    error = np.array([row["shown"][fault][0] - row["truth"][fault] for row in rows])
-    sigma = np.array([row["shown"][fault][1] for row in rows])
+    error = np.array([one["shown"][fault][0] - one["truth"][fault] for one in tests])
+    sigma = np.array([one["shown"][fault][1] for one in tests])
     known = np.isfinite(error) & np.isfinite(sigma)
     size = np.abs(error[known])
     return {
-        "estimates": len(rows),
+        "estimates": len(tests),
         "known": int(known.sum()),
-        "median": float(np.median(size)),
-        "p90": float(np.quantile(size, 0.9)),
-        "max": float(np.max(size)),
-        "within": float(np.mean(size <= WITHIN)),
-        "coverage": float(np.mean(size <= 1.645 * sigma[known])),
+        **quantiles(100.0 * size),
+        "coverage": mean(size <= Z * sigma[known]),
     }
-
-
-def rows(figures: dict[str, Any]) -> list[Row]:
-    """Return the rows of the targets."""
-    result = []
-    for name, by_fault in figures["fast"].items():
-        for fault, one in by_fault.items():
-            percent = 100.0 * (one["p90"] if one["known"] == one["estimates"] else np.inf)
-            what = f"drive unknown, 1 kHz, {name}: {fault}, 90 % of errors [%]"
-            measured = f"{percent:.2f} (largest {100.0 * one['max']:.2f})"
-            result.append(at_most(what, percent, 100.0 * WITHIN, measured))
-    sets = [one for unit in figures["slow"] for one in unit["ranked"]]
-    shares = [
-        (
-            f"five severities of {fault} in order",
-            [in_order(one["values"]) for one in sets if one["fault"] == fault],
-            RANKED,
-        )
-        for fault in SHOWN
-    ]
-    healthy = [one["ok"] for unit in figures["slow"] for one in unit["healthy"]]
-    hidden = [one for unit in figures["slow"] for one in unit["hidden"]]
-    shares += [
-        ("healthy called healthy", healthy, HEALTHY),
-        ("backlash that a load hides said to be hidden", hidden, HEALTHY),
-    ]
-    for what, found, least in shares:
-        percent = 100.0 * float(np.mean(found))
-        measured = f"{percent:.1f} of {len(found)}"
-        result.append(at_least(f"  slow records: {what} [%]", percent, 100.0 * least, measured))
-    return result
 
 
 def in_order(values: list[float]) -> bool:
@@ -205,33 +164,65 @@ def in_order(values: list[float]) -> bool:
     return bool(np.all(np.diff(values) > 0.0))
 
 
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables."""
-    console.print(target_table("drive unknown", rows(figures), beside=""))
-    table = Table("1 kHz", "fault", "known", "median %", "90 % %", "largest %", "covered %")
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
     for name, by_fault in figures["fast"].items():
         for fault, one in by_fault.items():
-            errors = (f"{100.0 * one[key]:.2f}" for key in ("median", "p90", "max"))
-            known = f"{one['known']} of {one['estimates']}"
-            table.add_row(name, fault, known, *errors, f"{100.0 * one['coverage']:.0f}")
-    console.print(table)
-    table = Table("unit", "Hz", "current", "sets in order", "pairs in order", "healthy", "hidden")
-    for unit in figures["slow"]:
-        sets = [one["values"] for one in unit["ranked"]]
-        pairs = [b > a for values in sets for a, b in pairwise(values)]
-        table.add_row(
-            str(unit["seed"]),
-            f"{unit['rate_hz']:.0f}",
-            unit["sampling"],
-            f"{sum(map(in_order, sets))} of {len(sets)}",
-            f"{sum(pairs)} of {len(pairs)}",
-            f"{sum(one['ok'] for one in unit['healthy'])} of {len(unit['healthy'])}",
-            f"{sum(unit['hidden'])} of {len(unit['hidden'])}",
-        )
-    console.print(table)
+            value = one["p90"] if one["known"] == one["estimates"] else np.inf
+            what = f"drive unknown, 1 kHz, {name}: {fault}, 90 % of errors [%]"
+            measured = f"{value:.2f} (largest {one['max']:.2f})"
+            yield at_most(what, value, 100.0 * WITHIN, measured)
+    units = figures["slow"]
+    for fault in SHOWN:
+        ordered = [in_order(values) for unit in units for values in unit["ranked"][fault]]
+        what = f"  slow records: five severities of {fault} in order"
+        yield share_at_least(what, ordered, RANKED)
+    for key, what in (
+        ("healthy", "healthy called healthy"),
+        ("hidden", "backlash that a load hides said to be hidden"),
+    ):
+        flags = [one for unit in units for one in unit[key]]
+        yield share_at_least(f"  slow records: {what}", flags, HEALTHY)
 
 
-main = command(measure, show, quick={"fast": 5, "slow": 3}, fast=20, slow=12)
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    yield grid(
+        "at 1 kHz",
+        ("units", "fault", "known", "median %", "90 % %", "largest %", "covered %"),
+        (
+            (
+                name,
+                fault,
+                f"{one['known']} of {one['estimates']}",
+                *(f"{one[key]:.2f}" for key in ("median", "p90", "max")),
+                percent(one["coverage"]),
+            )
+            for name, by_fault in figures["fast"].items()
+            for fault, one in by_fault.items()
+        ),
+    )
+    yield grid(
+        "slow records",
+        ("unit", "Hz", "current", "sets in order", "pairs in order", "healthy", "hidden"),
+        map(_slow_cells, figures["slow"]),
+    )
+
+
+def _slow_cells(unit: Figures) -> list[str]:
+    sets = [values for some in unit["ranked"].values() for values in some]
+    flags = (
+        [in_order(values) for values in sets],
+        [b > a for values in sets for a, b in pairwise(values)],
+        unit["healthy"],
+        unit["hidden"],
+    )
+    counts = (f"{sum(some)} of {len(some)}" for some in flags)
+    return [unit["seed"], f"{unit['rate_hz']:.0f}", unit["sampling"], *counts]
+
+
+QUICK: Final = {"fast": 5, "slow": 3}
+main = command(measure, "drive unknown", rows, tables, quick=QUICK, fast=20, slow=12)
 
 if __name__ == "__main__":
     main()

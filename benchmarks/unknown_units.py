@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
+from cases import CURRENT_NOISE
 from foreign.effects import DEVELOPMENT, draw_plant
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from ema_core.acquisition import Acquisition
 from ema_core.commands import THESIS_CHIRP, build_cycle
@@ -14,18 +16,17 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.windows.finder import Segment, WindowFinder
-from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.api import find_windows
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
+from ema_sim.sensors import Sensors
 
 RATE_HZ: Final = 1000.0
 SLOW_RATES_HZ: Final = (25.0, 50.0, 100.0)
 RECORD_S: Final = 20.0
 
 _FINE_S: Final = 2e-3
-_NOISE_A: Final = 0.05
-_RESOLUTIONS: Final = (1e-6, 0.05)
+_RESOLUTIONS: Final = {"position": 1e-6, "speed": 0.05}
 _OFF: Final = {
     **{"f_sm": 0.3, "f_su": 0.3, "J_m": 0.3, "J_u": 0.3, "C_m": 0.5, "C_u": 0.5},
     **{"k_e": 0.1, "R_s": 0.1, "L_s": 0.1, "h_b": 0.2},
@@ -47,28 +48,21 @@ def _drawn(
 
 @dataclass(frozen=True, eq=False)
 class FastUnit:
-    """A unit at 1 kHz under the thesis's chirp: the reference plant, or a foreign one.
-
-    Attributes
-    ----------
-    description
-        What the monitor is told: gear, pole pairs, nominal play; no controller, no motor.
-    """
+    """A unit at 1 kHz under the thesis's chirp: the reference plant, or a foreign one."""
 
     seed: int
     foreign: bool
-    description: ActuatorDescription
+    speed: bool  # whether it is measured
 
-    @classmethod
-    def of(cls, seed: int, *, foreign: bool, speed: bool) -> Self:
-        """Return the unit of a seed, with or without a measured speed."""
-        described = ActuatorDescription(
-            serial_number=f"U{seed}",
+    @property
+    def description(self) -> ActuatorDescription:
+        """What the monitor is told: gear, pole pairs and nominal play; no controller, no motor."""
+        return ActuatorDescription(
+            serial_number=f"U{self.seed}",
             sample_period=1.0 / RATE_HZ,
             drive="unknown",
-            acquisition=Acquisition(speed=speed),
+            acquisition=Acquisition(speed=self.speed),
         )
-        return cls(seed, foreign, described)
 
     def window(
         self, faults: Mapping[str, float], causes: Mapping[str, float], number: int
@@ -87,30 +81,13 @@ class FastUnit:
             actuator.faults, actuator.causes = faults, causes
             # So that the modulation of each test is another one.
             actuator.advance(np.zeros(1 + number % 7))
-            telemetry = actuator.advance(commands)
-            position, speed = (
-                digit * np.round(column / digit)
-                for digit, column in zip(
-                    _RESOLUTIONS, (telemetry.position, telemetry.speed), strict=True
-                )
-            )
-            noise = _NOISE_A * rng.standard_normal(len(telemetry))
-            telemetry = replace(
-                telemetry, current=telemetry.current + noise, position=position, speed=speed
-            )
-        if not self.description.acquisition.speed:
+            sensors = Sensors(CURRENT_NOISE, _RESOLUTIONS, rng)
+            telemetry = sensors.measure(actuator.advance(commands))
+        if not self.speed:
             telemetry = replace(telemetry, speed=np.zeros(len(telemetry)))
-        # Found with the speed column as it is: the trigger looks at the command alone.
-        finder = WindowFinder(TriggerSettings(), self.description)
-        events = [*finder.feed(telemetry), *finder.finish()]
-        return next(
-            one.window
-            for one in events
-            if isinstance(one, Segment) and isinstance(one.window, Window)
-        )
+        return find_windows(telemetry, self.description)[0]
 
 
-@dataclass(frozen=True, eq=False)
 class SlowUnit:
     """A unit that is logged slowly in trapezoidal moves: set point, position error and current.
 
@@ -118,40 +95,23 @@ class SlowUnit:
     are: 10 to 60 rad/s of its position loop.
     """
 
-    seed: int
-    parameters: ActuatorParameters
-    description: ActuatorDescription
-    reach: float
-    speed: float
-    acceleration: float
-    noise: float
-    resolution: float
-
-    @classmethod
-    def of(cls, seed: int) -> Self:
-        """Return the unit of a seed."""
+    def __init__(self, seed: int) -> None:
         rng = np.random.default_rng((18, seed))
-        parameters = _drawn(rng, {"G_prop": (5e3, 3e4), "GAP": (0.025, 0.075)})
+        self.seed = seed
+        self.parameters = _drawn(rng, {"G_prop": (5e3, 3e4), "GAP": (0.025, 0.075)})
         period = 1.0 / float(rng.choice(SLOW_RATES_HZ))
         sampling = str(rng.choice(["mean", "filtered", "instantaneous"]))
-        acquisition = Acquisition(
-            sampling, 0.5 * period if sampling == "filtered" else 0.0, speed=False
+        lag = 0.5 * period if sampling == "filtered" else 0.0
+        self.description = ActuatorDescription(
+            serial_number=f"S{seed}",
+            sample_period=period,
+            drive="unknown",
+            acquisition=Acquisition(sampling, lag, speed=False),
         )
-        return cls(
-            seed,
-            parameters,
-            ActuatorDescription(
-                serial_number=f"S{seed}",
-                sample_period=period,
-                drive="unknown",
-                acquisition=acquisition,
-            ),
-            reach=rng.uniform(0.1, 0.25),
-            speed=rng.uniform(0.3, 0.6),
-            acceleration=rng.uniform(2.0, 5.0),
-            noise=rng.uniform(0.02, 0.1),
-            resolution=float(rng.choice([2e-6, 1e-5])),
-        )
+        # Reach [rad], speed [rad/s] and acceleration [rad/s2].
+        self._moves = rng.uniform((0.1, 0.3, 2.0), (0.25, 0.6, 5.0)).tolist()
+        self._noise = rng.uniform(0.02, 0.1)
+        self._resolution = float(rng.choice([2e-6, 1e-5]))
 
     @property
     def friction(self) -> float:
@@ -170,7 +130,7 @@ class SlowUnit:
         rng = np.random.default_rng((19, self.seed, number))
         period = self.description.sample_period
         steps = round(period / _FINE_S)
-        commands = trapezoids(rng, self.reach, self.speed, self.acceleration)
+        commands = trapezoids(rng, *self._moves)
         commands = commands[: len(commands) // steps * steps]
         parameters = self.parameters.replace({"BLK": 0.0}) if preloaded else self.parameters
         actuator = SimulatedActuator(parameters, sample_period=_FINE_S)
@@ -178,30 +138,18 @@ class SlowUnit:
         fine = actuator.advance(commands)
         last = slice(steps - 1, None, steps)
         current = self._sampled(fine.current, steps)
-        current = current + self.noise * rng.standard_normal(len(current))
-        position = self.resolution * np.round(fine.position[last] / self.resolution)
-        return Window(
-            Telemetry(
-                round(1e9 * period),
-                period,
-                1,
-                fine.command[last],
-                current,
-                position,
-                np.zeros(len(position)),
-            )
-        )
+        current = current + self._noise * rng.standard_normal(len(current))
+        position = self._resolution * np.round(fine.position[last] / self._resolution)
+        columns = (fine.command[last], current, position, np.zeros(len(position)))
+        return Window(Telemetry(round(1e9 * period), period, 1, *columns))
 
     def _sampled(self, current: NDArray[np.float64], steps: int) -> NDArray[np.float64]:
         acquisition = self.description.acquisition
         if acquisition.current == "mean":
             return current.reshape(-1, steps).mean(axis=1)
         if acquisition.current == "filtered":
-            share, held, seen = -np.expm1(-_FINE_S / acquisition.current_filter), 0.0, []
-            for value in current.tolist():
-                held += share * (value - held)
-                seen.append(held)
-            current = np.array(seen)
+            share = -np.expm1(-_FINE_S / acquisition.current_filter)
+            current = np.asarray(lfilter([share], [1.0, share - 1.0], current))
         return current[steps - 1 :: steps]
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Runs a command in .venv-peers: our packages beside the optimizers that users would pick instead.
+# Runs a command in .venv-peers: our packages beside the prognostics that users would pick instead.
 #
-#   tools/peers.sh python benchmarks/peers.py
+#   cd benchmarks && ../tools/peers.sh python -m prognosis.own_laws
 #
 # Makes .venv-peers from requirements/peers.lock.txt unless it is there already. There is no ROS in
 # it: the packages are imported from the sources. Needs what `make setup` makes.

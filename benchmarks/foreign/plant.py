@@ -2,16 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ema_core.causes import CAUSE_BY_NAME
+from ema_core.causes import CAUSE_BY_NAME, COPPER
 from ema_core.faults import degrade
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.telemetry import Telemetry
-from foreign.causes import changed, published
 from foreign.kernel import MECHANIC_STEP, Filter, Friction, Inverter, Iron, Load, simulate
 
 POINTS: Final = 2048
@@ -32,51 +31,23 @@ FOREIGN_CAUSES: Final = (
 
 @dataclass(frozen=True)
 class SensorSet:
-    """Sensors of a plant.
-
-    Attributes
-    ----------
-    current_filter
-        Poles of the current sensor.
-    cubic
-        Relative error of the current at 22.5 A, with the cube of the current [-].
-    runout, runout_phase
-        Relative error of the speed once a turn [-], and where [turns].
-    current_noise
-        Standard deviation of the noise on a sample of the current [A].
-    resolutions
-        Resolution of current, position and speed [A, rad, rad/s].
-    """
+    """Sensors of a plant."""
 
     current_filter: Filter
-    cubic: float
-    runout: float
-    runout_phase: float
-    current_noise: float
-    resolutions: tuple[float, float, float]
+    cubic: float  # relative error of the current at 22.5 A, with the cube of the current [-]
+    runout: float  # relative error of the speed once a turn [-]
+    runout_phase: float  # and where [turns]
+    current_noise: float  # standard deviation of a sample of the current [A]
+    resolutions: tuple[float, float, float]  # of current, position and speed [A, rad, rad/s]
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignPlant:
-    """One foreign actuator, healthy.
-
-    Attributes
-    ----------
-    seed, effects
-        How it was drawn, and the effects that it has, in words.
-    parameters
-        What it really is; the monitor knows the nominal parameters only.
-    inverter, iron, friction, sensors
-        Figures of its parts.
-    emf, cogging, friction_by_turn, friction_slope, supply, supply_hz
-        As of ``foreign.kernel.simulate``.
-    feedback_noise
-        Standard deviation of the noise on the position that the loops see [rad, user shaft].
-    """
+    """One foreign actuator, healthy; tables are as of ``foreign.kernel.simulate``."""
 
     seed: int
-    effects: tuple[str, ...]
-    parameters: ActuatorParameters
+    effects: tuple[str, ...]  # in words
+    parameters: ActuatorParameters  # what it really is; the monitor knows the nominal ones only
     inverter: Inverter
     iron: Iron
     friction: Friction
@@ -87,7 +58,7 @@ class ForeignPlant:
     friction_slope: float
     supply: NDArray[np.float64]
     supply_hz: float
-    feedback_noise: float
+    feedback_noise: float  # standard deviation on the position that the loops see [rad, user shaft]
 
     def telemetry(
         self,
@@ -156,18 +127,44 @@ class ForeignPlant:
         sensors = self.sensors
         turn = ideal.position / self.parameters.tau / (2.0 * np.pi)
         runout = sensors.runout * np.cos(2.0 * np.pi * (turn + sensors.runout_phase))
-        bent = 1.0 + sensors.cubic * (ideal.current / 22.5) ** 2
-        columns: dict[str, Any] = {
-            "current": ideal.current * bent,
-            "position": ideal.position,
-            "speed": ideal.speed * (1.0 + runout),
-        }
-        seen = published(replace(ideal, **columns), causes)
-        columns = {name: getattr(seen, name) for name in columns}
-        columns["current"] = columns["current"] + sensors.current_noise * rng.standard_normal(
-            len(ideal)
-        )
-        names = ("current", "position", "speed")
-        for name, resolution in zip(names, sensors.resolutions, strict=True):
+        gain = 1.0 + sensors.cubic * (ideal.current / 22.5) ** 2
+        bent = replace(ideal, current=gain * ideal.current, speed=ideal.speed * (1.0 + runout))
+        seen = published(bent, causes)
+        noise = sensors.current_noise * rng.standard_normal(len(ideal))
+        columns = {"current": seen.current + noise, "position": seen.position, "speed": seen.speed}
+        for name, resolution in zip(columns, sensors.resolutions, strict=True):
             columns[name] = resolution * np.round(columns[name] / resolution)
         return replace(seen, **columns)
+
+
+def changed(parameters: ActuatorParameters, causes: Mapping[str, float]) -> ActuatorParameters:
+    """Return the parameters of a plant with hidden causes."""
+    factors = {
+        # The drive goes on reckoning with k_t.
+        "k_e": 1.0 + causes.get("torque_constant", 0.0),
+        "R_s": 1.0 + COPPER * causes.get("winding_temperature", 0.0),
+        "V_max": 1.0 + causes.get("supply_voltage", 0.0),
+        **dict.fromkeys(("C_m", "C_u"), 1.0 + causes.get("viscous_friction", 0.0)),
+        **dict.fromkeys(("J_m", "J_u"), 1.0 + causes.get("inertia", 0.0)),
+    }
+    return parameters.replace(
+        {name: factor * getattr(parameters, name) for name, factor in factors.items()}
+    )
+
+
+def published(telemetry: Telemetry, causes: Mapping[str, float]) -> Telemetry:
+    """Return what sensors with gains, offsets and delays publish of ideal telemetry."""
+    columns = {}
+    for name in ("command", "current", "position", "speed"):
+        values = getattr(telemetry, name)
+        if delay := causes.get(f"{name}_delay", 0.0):
+            values = _late(values, delay / telemetry.sample_period)
+        gain, offset = (causes.get(f"{name}_{what}", 0.0) for what in ("gain", "offset"))
+        columns[name] = (1.0 + gain) * values + offset
+    return replace(telemetry, **columns)
+
+
+def _late(values: NDArray[np.float64], samples: float) -> NDArray[np.float64]:
+    """Return a column that is late by so many samples; before its start it has its first value."""
+    at = np.arange(len(values), dtype=float)
+    return np.interp(at - samples, at, values)

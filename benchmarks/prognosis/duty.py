@@ -1,25 +1,35 @@
 """Remaining life by damage and by hours, of friction that wears by a duty that may change.
 
+    python -m prognosis.duty [--lives N] [--every N] [--json FILE]
+
 Friction is in proportion to the wear, with a process noise of 0.3 as of ``ema_sim.lives``; tests
 are ten hours apart, their telemetry covers all hours, and no law is known.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from typing import Final
 
-import click
 import numpy as np
 from numpy.typing import NDArray
+from rich.table import Table
+from script import Figures, Workers, command
+from targets import grid
+from trials import mean
 
-from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
+from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.flown import LOAD_CLASSES, FlownDuty
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
+from prognosis.whole import estimate_of_measurement
 
 SEED: Final = 18_022
 INTERVAL_H: Final = 10.0
@@ -49,20 +59,18 @@ KINDS: Final[dict[str, Callable[[np.random.Generator, NDArray[np.intp]], NDArray
 
 def estimate_of(number: int, friction: float, rng: np.random.Generator) -> Estimate:
     """Return the estimate of a test that errs."""
-    k = fault_vector(
-        {"friction": float(np.clip(friction + SIGMA * rng.standard_normal(), 0, 0.99))}
-    )
+    measured = float(np.clip(friction + SIGMA * rng.standard_normal(), 0, 0.99))
     hidden = np.array([name == "eccentricity_phase" for name in FAULT_NAMES])
     covariance = np.where(np.outer(hidden, hidden), np.nan, SIGMA**2 * np.eye(N_FAULTS))
-    end_ns = round((number + 1) * INTERVAL_H * 3.6e12)
-    return Estimate(
-        end_ns - 500_000_000, end_ns, "least_squares", 0, "made", FaultVector.of(k), covariance,
-        hidden, -1.0, 0.01, 1.0, 3.5, 0.01, 200, 0.05, True, "",
-    )  # fmt: skip
+    # The stamp of an estimate is an hour later.
+    hours = (number + 1) * INTERVAL_H - 1.0
+    measurement = Measurement(hours, fault_vector({"friction": measured}), covariance, hidden)
+    return estimate_of_measurement(measurement, Calibration.builtin())
 
 
-def scores(kind: str, seed: int, growth_per: str, every: int) -> tuple[list[float], list[bool]]:
+def scores(task: tuple[str, str, int], every: int) -> tuple[list[float], list[bool]]:
     """Return accuracy and coverage at the tests from two after the change on."""
+    kind, growth_per, seed = task
     rng = np.random.default_rng([SEED, seed])
     duty = KINDS[kind](rng, np.arange(4 * LIFE_TESTS))
     noise = np.exp(0.3 * rng.standard_normal(duty.size) - 0.045)
@@ -88,21 +96,25 @@ def scores(kind: str, seed: int, growth_per: str, every: int) -> tuple[list[floa
     return accuracy, covered
 
 
-@click.command()
-@click.option("--lives", default=8, show_default=True, help="lives of each kind")
-@click.option("--every", default=3, show_default=True, help="tests from one score to the next")
-def main(lives: int, every: int) -> None:
-    """Print the table of all kinds."""
-    print("| duty | accuracy by hours | by damage | coverage by hours | by damage |")
-    print("|---|---|---|---|---|")
-    for kind in KINDS:
-        cells: dict[str, list[str]] = {"accuracy": [], "coverage": []}
-        for growth_per in ("hours", "damage"):
-            each = [scores(kind, seed, growth_per, every) for seed in range(lives)]
-            cells["accuracy"].append(f"{np.mean([np.mean(one) for one, _ in each]):.3f}")
-            cells["coverage"].append(f"{np.mean(np.concatenate([one for _, one in each])):.2f}")
-        print(f"| {kind} | {' | '.join(cells['accuracy'] + cells['coverage'])} |", flush=True)
+def measure(pool: Workers, lives: int, every: int) -> Figures:
+    """Print the scores of so many lives of each kind of duty, at every so many-th test."""
+    figures: Figures = {kind: {} for kind in KINDS}
+    for kind, by in product(KINDS, ("hours", "damage")):
+        tasks = [(kind, by, seed) for seed in range(lives)]
+        each = pool.map(f"{kind}, by {by}", partial(scores, every=every), tasks)
+        figures[kind][f"accuracy by {by}"] = mean([mean(one) for one, _ in each])
+        figures[kind][f"coverage by {by}"] = mean([flag for _, some in each for flag in some])
+    return figures
 
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed."""
+    columns = [f"{what} by {by}" for what in ("accuracy", "coverage") for by in ("hours", "damage")]
+    cells = ((kind, *(one[name] for name in columns)) for kind, one in figures.items())
+    yield grid("friction that wears by duty", ("duty", *columns), cells, digits=3)
+
+
+main = command(measure, "duty", tables=tables, lives=8, every=3)
 
 if __name__ == "__main__":
     main()

@@ -8,23 +8,21 @@ estimator_errors.jsonl beside this file, one window a line. A share has 1 A of n
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import cases
-import click
 import numpy as np
 from cases import Case
-from exactness import HEALTHY_WINDOWS, noisy_window
-from rich.console import Console
-from rich.progress import Progress
-from trials import ACTUATOR, workers
+from rich.table import Table
+from script import Figures, Workers, command
+from targets import grid
+from trials import ACTUATOR, HEALTHY_WINDOWS, noisy_window
 
 from ema_core.faults import N_FAULTS, TYPICAL
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.identification.estimate import Estimate
 from ema_sim.lives import constant_life, run_to_failure
 from prognosis.lives import LIMITS, estimate_of
 
@@ -35,8 +33,7 @@ SEED: Final = 20_185
 _UPPER: Final = np.triu_indices(N_FAULTS, 1)
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
+class Sample(NamedTuple):
     """A test to look at."""
 
     case: Case
@@ -49,29 +46,22 @@ class Sample:
         estimate = estimate_of(self.case, window, self.calibration)
         if estimate is None:
             raise RuntimeError(f"{self.case}: no window")
+        sigma = estimate.sigma
+        correlation = np.nan_to_num(estimate.covariance / np.outer(sigma, sigma))
         return {
             "spoiled": self.spoiled,
             "truth": rounded(self.case.faults),
-            **figures_of(estimate),
+            "valid": estimate.valid,
+            "faults": rounded(estimate.faults),
+            "sigma": rounded(np.where(estimate.unobservable, np.nan, sigma), 3),
+            # Of the upper triangle.
+            "correlation": [round(float(one), 2) for one in correlation[_UPPER]],
         }
 
 
-def rounded(values: Any, digits: int = 5) -> list[float | None]:
+def rounded(values: Iterable[float], digits: int = 5) -> list[float | None]:
     """Return numbers with so many digits, None for those that are not finite."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]
-
-
-def figures_of(estimate: Estimate) -> dict[str, Any]:
-    """Return what an estimate says: faults, sigmas, correlations of the upper triangle."""
-    sigma = estimate.sigma
-    correlation = np.nan_to_num(estimate.covariance / np.outer(sigma, sigma))[_UPPER]
-    return {
-        "valid": estimate.valid,
-        "faults": rounded(estimate.faults),
-        "sigma": rounded(np.where(estimate.unobservable, np.nan, sigma), 3),
-        "correlation": [round(float(value), 2) for value in correlation],
-        "insignificant": np.flatnonzero(estimate.insignificant).tolist(),
-    }
 
 
 def drawn_tests(count: int) -> list[Case]:
@@ -88,24 +78,25 @@ def drawn_tests(count: int) -> list[Case]:
     return drawn
 
 
-@click.command()
-@click.option("--windows", default=300, show_default=True, type=click.IntRange(20))
-@click.option("--spoiled", default=40, show_default=True, type=click.IntRange(5))
-def main(windows: int, spoiled: int) -> None:
+def measure(pool: Workers, windows: int, spoiled: int) -> Figures:
     """Measure and write the file."""
     tests = drawn_tests(windows + spoiled)
-    with Progress(console=Console(stderr=True)) as progress, workers(progress) as pool:
-        healthy = pool.map(
-            "healthy windows", noisy_window, cases.healthy(HEALTHY_WINDOWS, "calibration")
-        )
-        calibration = calibrate_model(healthy, ACTUATOR)
-        samples = [Sample(case, i >= windows, calibration) for i, case in enumerate(tests)]
-        records = pool.map("tests of lives", Sample.record, samples)
+    healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
+    calibration = calibrate_model(pool.map("healthy windows", noisy_window, healthy), ACTUATOR)
+    samples = [Sample(case, i >= windows, calibration) for i, case in enumerate(tests)]
+    records = pool.map("tests of lives", Sample.record, samples)
     lines = [json.dumps(record, separators=(",", ":")) for record in records]
     FILE.write_text("".join(f"{line}\n" for line in lines))
     valid = sum(record["valid"] for record in records[windows:])
-    click.echo(f"{FILE.name}: {windows} windows, {spoiled} spoiled ones of which {valid} are valid")
+    return {"windows": windows, "spoiled": spoiled, "of them valid": valid}
 
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed."""
+    yield grid(FILE.name, figures, [figures.values()])
+
+
+main = command(measure, "errors of the estimator", tables=tables, windows=300, spoiled=40)
 
 if __name__ == "__main__":
     main()

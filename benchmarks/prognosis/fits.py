@@ -6,11 +6,11 @@ fit predicts once a line through its tests rises by three standard errors.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import linregress
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -26,9 +26,6 @@ _LEAST_TESTS: Final = 5
 _SIGNIFICANT: Final = 3.0
 _ORACLE_STEP_HOURS: Final = 5.0
 _ORACLE_HOURS: Final = 4000.0
-_LATEST_GP: Final = 120
-_AHEAD: Final = np.concatenate([np.linspace(0.02, 1.0, 25), np.linspace(1.1, 4.0, 15)])
-"""Hours ahead at which a Gaussian process is drawn, in hours observed."""
 
 Array = NDArray[np.float64]
 Fit = Callable[[Array, Array, np.random.Generator], Array | None]
@@ -57,11 +54,9 @@ def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -
     return predicted(measurements, after)
 
 
-def _polynomial(
-    t: Array, y: Array, degree: int, rng: np.random.Generator
-) -> tuple[Array, Array] | None:
-    """Return coefficients, constant first, and samples of them, ``(k,)`` and ``(n, k)``."""
-    if t.size < degree + 3:
+def _polynomial(t: Array, y: Array, degree: int, rng: np.random.Generator) -> Array | None:
+    """Return samples of coefficients, constant first, ``(n, k)``, where a line rises."""
+    if t.size < degree + 3 or not _rises(t, y):
         return None
     scale = max(-t[0], 1.0)
     design = np.vander(t / scale, degree + 1, increasing=True)
@@ -70,23 +65,20 @@ def _polynomial(
     scatter = float(np.sum((y - design @ figures) ** 2)) / (t.size - degree - 1)
     root = np.linalg.cholesky(scatter * covariance + 1e-18 * np.eye(degree + 1))
     drawn = figures + rng.standard_normal((SAMPLES, degree + 1)) @ root.T
-    return figures / scale ** np.arange(degree + 1), drawn / scale ** np.arange(degree + 1)
+    return drawn / scale ** np.arange(degree + 1)
 
 
 def _rises(t: Array, y: Array) -> bool:
     """Return whether a line rises by three standard errors."""
-    away = t - t.mean()
-    spread = float(away @ away)
-    slope = float(away @ y) / spread
-    scatter = np.sum((y - y.mean() - slope * away) ** 2) / (t.size - 2)
-    return slope > _SIGNIFICANT * np.sqrt(scatter / spread) and slope > 0.0
+    line: Any = linregress(t, y)
+    return line.slope > max(_SIGNIFICANT * line.stderr, 0.0)
 
 
 def _line(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
-    found = _polynomial(t, y, 1, rng) if _rises(t, y) else None
-    if found is None:
+    drawn = _polynomial(t, y, 1, rng)
+    if drawn is None:
         return None
-    level, slope = found[1].T
+    level, slope = drawn.T
     until = np.maximum(1.0 - level, 0.0) / np.where(slope > 0.0, slope, np.nan)
     return np.nan_to_num(until, nan=np.inf)
 
@@ -96,10 +88,10 @@ def _latest_line(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
 
 
 def _quadratic(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
-    found = _polynomial(t, y, 2, rng) if _rises(t, y) else None
-    if found is None:
+    drawn = _polynomial(t, y, 2, rng)
+    if drawn is None:
         return None
-    c, b, a = found[1].T
+    c, b, a = drawn.T
     c = np.minimum(c - 1.0, 0.0)
     under = b**2 - 4.0 * a * c
     # The first crossing; the form that is exact when a is 0.
@@ -127,53 +119,13 @@ def _exponential(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
     return np.nan_to_num(np.maximum(-level, 0.0) / slope, nan=np.inf)
 
 
-def _gaussian_process(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
-    """Draw futures of a line plus a squared exponential, whose figures are the most likely."""
-    if not _rises(t, y):
-        return None
-    t, y = t[-_LATEST_GP:], y[-_LATEST_GP:]
-    span = max(-t[0], 1.0)
-    a, b = t / span, _AHEAD
-    everything = np.concatenate([a, b])
-    gap = (everything[:, None] - everything) ** 2
-    line = 1.0 + everything[:, None] * everything
-    n = a.size
-    scatter = max(float(np.std(np.diff(y))), 1e-4)
-    best, chosen = -np.inf, None
-    for length in (0.15, 0.4, 1.0, 2.5):
-        for size in (0.03, 0.1, 0.3, 1.0):
-            kernel = 4.0 * line + size**2 * np.exp(-0.5 * gap / length**2)
-            root = np.linalg.cholesky(kernel[:n, :n] + scatter**2 * np.eye(n))
-            white = np.linalg.solve(root, y)
-            evidence = -0.5 * white @ white - np.sum(np.log(np.diag(root)))
-            if evidence > best:
-                best, chosen = evidence, (kernel, root, white)
-    if chosen is None:
-        return None
-    kernel, root, white = chosen
-    across = np.linalg.solve(root, kernel[:n, n:])
-    covariance = kernel[n:, n:] - across.T @ across
-    values, vectors = np.linalg.eigh(covariance)
-    spread = vectors * np.sqrt(np.maximum(values, 0.0))
-    future = across.T @ white + rng.standard_normal((SAMPLES, b.size)) @ spread.T
-    over = future >= 1.0
-    first = np.argmax(over, axis=1)
-    return np.where(over.any(axis=1), b[first] * span, np.inf)
-
-
-SIMPLE_FITS: Final = MappingProxyType(
-    {
-        "straight line": partial(followed, _line),
-        "line of 60 tests": partial(followed, _latest_line),
-        "quadratic": partial(followed, _quadratic),
-        "exponential": partial(followed, _exponential),
-    }
-)
+FITS: Final[Mapping[str, Callable[..., Predictions]]] = {
+    "straight line": partial(followed, _line),
+    "line of 60 tests": partial(followed, _latest_line),
+    "quadratic": partial(followed, _quadratic),
+    "exponential": partial(followed, _exponential),
+}
 """Fits that the tracker has to be better than in every kind of life."""
-
-FITS: Final[Mapping[str, Callable[[ForeignLife, Sequence[Measurement]], Predictions]]] = (
-    MappingProxyType({**SIMPLE_FITS, "Gaussian process": partial(followed, _gaussian_process)})
-)
 
 
 def oracle(life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:

@@ -10,15 +10,13 @@ without a fleet has a standard error over the lives.
 Prints a table; writes JSON.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
-from trials import command, workers
+from script import Figures, Workers, command
+from targets import grid
 
 from ema_core.faults import TYPICAL
 from ema_monitor.health import HealthLimits
@@ -47,38 +45,32 @@ def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[
     """Return the scores of a life with each prior."""
     life = scored.life()
     measurements = drawn(scored, life)
-    return {
-        name: LifeScore.of(
-            scored.kind,
-            scored.number,
-            life.end_hours,
-            tracked(measurements, TrackerSettings(fleet=prior)),
-        )
-        for name, prior in priors.items()
-    }
+    made = {name: tracked(measurements, TrackerSettings(fleet=one)) for name, one in priors.items()}
+    return {name: LifeScore.of(scored.kind, life.end_hours, one) for name, one in made.items()}
 
 
-def measure(progress: Progress, fleet: int, lives: int) -> dict[str, Any]:
+def measure(pool: Workers, fleet: int, lives: int) -> Figures:
     """Compare the prognosis of lives without a fleet, with that of N units, and with another."""
     limits = HealthLimits()
     known: dict[str, FleetPrior | None] = {WITHOUT: None}
-    with workers(progress) as pool:
-        for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
-            units = pool.map(name, unit_of, lives_of(stream, fleet))
-            said = {str(number): unit for number, unit in enumerate(units)}
-            known[name] = Fleet(grid_digest(limits), said).prior(limits)
-        found = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
-    rows = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
-    return {"units": fleet, "lives": lives, "rows": rows}
+    for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
+        units = pool.map(name, unit_of, lives_of(stream, fleet))
+        said = {str(number): unit for number, unit in enumerate(units)}
+        known[name] = Fleet(grid_digest(limits), said).prior(limits)
+    found = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
+    figures = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
+    return {"units": fleet, "lives": lives, "rows": figures}
 
 
-def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[dict[str, Any]]:
+def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[Figures]:
     """Return the figures of a kind of dominant fault, or of all, with each prior."""
     chosen = [one for one in found if kind in (one[WITHOUT].kind, "all")]
     rows = []
     for name in (WITHOUT, SAME, OTHER) if chosen else ():
         figures = summary([one[name] for one in chosen])
         gain = np.array([one[name].cra - one[WITHOUT].cra for one in chosen])
+        # Of a single life there is no standard error.
+        error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.nan
         rows.append(
             {
                 "fault": kind,
@@ -86,26 +78,26 @@ def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[dict[str, An
                 "lives": len(chosen),
                 "accuracy": figures["cra"],
                 "gain": float(gain.mean()),
-                "its_standard_error": float(gain.std(ddof=1) / np.sqrt(len(gain))),
-                "alpha_lambda": figures["alpha_lambda"]["0.75"],
+                "its_standard_error": float(error),
+                "alpha_lambda": figures["alpha_lambda_0.75"],
                 "coverage": figures["coverage"],
             }
         )
     return rows
 
 
-def show(console: Console, figures: Mapping[str, Any]) -> None:
-    """Print the table."""
-    title = f"law unknown, fleets of {figures['units']}, {figures['lives']} lives"
-    table = Table(*(name.replace("_", " ") for name in figures["rows"][0]), title=title)
-    for row in figures["rows"]:
-        table.add_row(
-            *(f"{value:.3f}" if isinstance(value, float) else str(value) for value in row.values())
-        )
-    console.print(table)
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed."""
+    every = figures["rows"]
+    yield grid(
+        f"law unknown, fleets of {figures['units']}, {figures['lives']} lives",
+        (name.replace("_", " ") for name in every[0]),
+        (one.values() for one in every),
+        digits=3,
+    )
 
 
-main = command(measure, show, fleet=30, lives=150)
+main = command(measure, "fleet prior", tables=tables, fleet=30, lives=150)
 
 if __name__ == "__main__":
     main()

@@ -1,27 +1,24 @@
 """Accuracy and honesty of the remaining life over lives by laws that the tracker does not have.
 
     ../tools/peers.sh python -m prognosis.foreign_laws [--lives N] [--constant N] [--held-out]
-        [--no-peers] [--json FILE]
+        [--json FILE]
 
 Lives (foreign_lives.py) are by six laws that the tracker was developed with, or by six others with
 --held-out. No law is known. On the same estimates: straight lines through all and through the last
-60 tests, a quadratic, an exponential with bootstrap, a Gaussian process, progpy's particle filter
-with the law and rate of the type, and an oracle that knows the law, its figures and the state.
-Prints tables and writes JSON.
+60 tests, a quadratic, an exponential with bootstrap, progpy's particle filter with the law and rate
+of the type, and an oracle that knows the law, its figures and the state.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
-from trials import command, workers
+from script import Figures, Workers, command
+from targets import Row, at_least, at_most, grid, none_of
 
-from prognosis.fits import FITS, SIMPLE_FITS, oracle
+from prognosis.fits import FITS, oracle
 from prognosis.foreign_lives import SEED, ForeignCase, constant_lives, lives_of
 from prognosis.laws import DEVELOPMENT, HELD_OUT
 from prognosis.predictors import law_unknown
@@ -44,20 +41,21 @@ LEAST_ACCURACY: Final = 0.72
 COVERAGE: Final = (0.85, 0.95)
 COVERAGE_OF_KIND: Final = (0.80, 0.97)
 MOST_BEYOND: Final = 0.06
+LONGEST_MS: Final = 20.0
 
 
-def scored(methods: Sequence[str], case: ForeignCase) -> dict[str, LifeScore]:
-    """Score a life by some methods."""
+def scored(case: ForeignCase) -> dict[str, LifeScore]:
+    """Score a life by all methods."""
     life = case.life()
     measurements = case.measurements(life)
     left = life.end_hours - life.start_hours
     told = [one for one in measurements if one.hours >= life.start_hours]
     result = {}
-    for name in methods:
+    for name, predict in METHODS.items():
         # progpy's filter knows of no repair: it begins with it.
-        made = METHODS[name](life, told if name == "progpy" else measurements)
+        made = predict(life, told if name == "progpy" else measurements)
         since = made.since(life.start_hours)
-        result[name] = LifeScore.of(case.kind, case.number, left, since)
+        result[name] = LifeScore.of(case.kind, left, since)
     return result
 
 
@@ -68,87 +66,98 @@ def reported(case: ForeignCase) -> int:
     return int(np.sum(np.isfinite(made.median)))
 
 
-def figures_of(
-    cases: Sequence[ForeignCase], scores: Sequence[Mapping[str, LifeScore]]
-) -> dict[str, Any]:
-    """Return the figures of each method: of all lives, by law and by variation."""
-    result: dict[str, Any] = {}
-    for name in scores[0]:
-        of_it = list(zip(cases, [one[name] for one in scores], strict=True))
-        parts = {"all": [score for _, score in of_it]}
-        for case, score in of_it:
-            parts.setdefault(case.kind, []).append(score)
-        for case, score in of_it:
-            parts.setdefault(f"with {case.variation}", []).append(score)
-        result[name] = {part: summary(found) for part, found in parts.items()}
-    return result
+def figures_of(cases: Sequence[ForeignCase], scores: Sequence[LifeScore]) -> Figures:
+    """Return the figures of a method: of all lives, by law and by variation."""
+    pairs = list(zip(cases, scores, strict=True))
+    parts = {"all": list(scores)}
+    for name_of in (lambda case: case.kind, lambda case: f"with {case.variation}"):
+        for case, score in pairs:
+            parts.setdefault(name_of(case), []).append(score)
+    return {part: summary(found) for part, found in parts.items()}
 
 
-def show(console: Console, figures: Mapping[str, Any]) -> None:
-    """Print the tables."""
-    methods = figures["methods"]
-    ours = methods[TRACKER]
-    table = Table("lives", *methods, title=f"accuracy over the second half of life, {TRACKER}")
-    for kind in ours:
-        rows = [f"{of_it[kind]['cra']:.3f}" for of_it in methods.values()]
-        table.add_row(kind, *rows)
-    console.print(table)
-    table = Table("lives", *methods, title="alpha-lambda at 0.75 / coverage / 5 % beyond the truth")
-    for kind in ours:
-        table.add_row(kind, *(_honesty(of_it[kind]) for of_it in methods.values()))
-    console.print(table)
-    judged = [kind for kind in ours if kind != "all" and not kind.startswith("with ")]
-    fits = [methods[name] for name in SIMPLE_FITS if name in methods]
-    behind = [kind for kind in judged if any(fit[kind]["cra"] >= ours[kind]["cra"] for fit in fits)]
-    low, high = COVERAGE_OF_KIND
-    uncovered = [kind for kind in judged if not low <= ours[kind]["coverage"] <= high]
-    table = Table("what", "target", "measured")
-    table.add_row("accuracy", f">= {LEAST_ACCURACY}", f"{ours['all']['cra']:.3f}")
-    above = ", ".join(behind) or "none" if fits else "not run"
-    table.add_row("kinds not above each simple fit", "none", above)
-    table.add_row("coverage", f"{COVERAGE[0]} to {COVERAGE[1]}", f"{ours['all']['coverage']:.3f}")
-    table.add_row(f"kinds not covered {low} to {high}", "none", ", ".join(uncovered) or "none")
-    table.add_row(
-        "5 % quantile beyond the truth, second half",
-        f"<= {MOST_BEYOND}",
-        f"{ours['all']['beyond_late']:.3f}",
-    )
-    table.add_row("update [ms]", "<= 20", f"{1e3 * ours['all']['seconds']:.1f}")
-    for name, of_it in figures["constant"].items():
-        table.add_row(f"constant lives, {name}: told a life", "0", f"{of_it[0]} of {of_it[1]}")
-    console.print(table)
-
-
-def _honesty(one: Mapping[str, Any]) -> str:
-    return f"{one['alpha_lambda']['0.75']:.2f} / {one['coverage']:.2f} / {one['beyond_late']:.2f}"
-
-
-def measure(
-    progress: Progress, lives: int, constant: int, held_out: bool, no_peers: bool
-) -> dict[str, Any]:
+def measure(pool: Workers, lives: int, constant: int, *, held_out: bool) -> Figures:
     """Score lives of each law, and constant lives.
 
-    With --held-out the laws are those kept out of development, for one run; with --no-peers the
-    tracker is scored alone.
+    With --held-out the laws are those kept out of development, for one run.
     """
     cases = lives_of(HELD_OUT if held_out else DEVELOPMENT, lives)
-    with workers(progress) as pool:
-        by = partial(scored, [TRACKER] if no_peers else list(METHODS))
-        scores = pool.map("lives by foreign laws", by, cases)
-        told = pool.map("constant lives", reported, constant_lives(constant))
+    scores = pool.map("lives by foreign laws", scored, cases)
+    told = pool.map("constant lives", reported, constant_lives(constant))
     return {
         "seed": SEED,
         "held_out": held_out,
-        "methods": figures_of(cases, scores),
-        "constant": {
-            name: (sum(tests > 0 for tests in of_it), len(of_it))
-            for name, of_it in (("steady", told[::2]), ("with a wave", told[1::2]))
-        },
+        "methods": {name: figures_of(cases, [one[name] for one in scores]) for name in METHODS},
+        "constant": {"steady": told[::2], "with a wave": told[1::2]},
         "lives": [{name: asdict(score) for name, score in one.items()} for one in scores],
     }
 
 
-main = command(measure, show, 185, lives=30, constant=300, held_out=False, no_peers=False)
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    methods = figures["methods"]
+    ours = methods[TRACKER]
+    every = ours["all"]
+    kinds = [kind for kind in ours if kind != "all" and not kind.startswith("with ")]
+    yield at_least("lives by foreign laws: accuracy", every["cra"], LEAST_ACCURACY)
+    fits = [methods[name] for name in FITS]
+    behind = [kind for kind in kinds if any(fit[kind]["cra"] >= ours[kind]["cra"] for fit in fits)]
+    named = ", ".join(behind) or "none"
+    yield none_of("  kinds not above each simple fit", len(behind), named)
+    low, high = COVERAGE
+    covered = every["coverage"]
+    what = "  coverage of the 90 % interval"
+    yield Row(what, f"{low} to {high}", f"{covered:.3f}", low <= covered <= high)
+    low, high = COVERAGE_OF_KIND
+    outside = [kind for kind in kinds if not low <= ours[kind]["coverage"] <= high]
+    named = ", ".join(outside) or "none"
+    yield none_of(f"  kinds not covered {low} to {high}", len(outside), named)
+    beyond = every["beyond_late"]
+    what = "  5 % quantile beyond the truth, second half"
+    yield at_most(what, beyond, MOST_BEYOND, f"{beyond:.3f}")
+    yield at_most("  update [ms]", 1e3 * every["seconds"], LONGEST_MS)
+    for name, told in figures["constant"].items():
+        count = sum(tests > 0 for tests in told)
+        what = f"  constant lives, {name}: told a life"
+        yield none_of(what, count, f"{count} of {len(told)}")
+
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    methods = figures["methods"]
+    yield grid(
+        f"accuracy over the second half of life, {TRACKER}",
+        ("lives", *methods),
+        ((kind, *(of_it[kind]["cra"] for of_it in methods.values())) for kind in methods[TRACKER]),
+        digits=3,
+    )
+    keys = ("alpha_lambda_0.75", "coverage", "beyond_late")
+    yield grid(
+        "alpha-lambda at 0.75 / coverage / 5 % beyond the truth",
+        ("lives", *methods),
+        (
+            (
+                kind,
+                *(
+                    " / ".join(f"{of_it[kind][key]:.2f}" for key in keys)
+                    for of_it in methods.values()
+                ),
+            )
+            for kind in methods[TRACKER]
+        ),
+    )
+
+
+main = command(
+    measure,
+    "lives by foreign laws",
+    rows,
+    tables,
+    width=185,
+    lives=30,
+    constant=300,
+    held_out=False,
+)
 
 if __name__ == "__main__":
     main()

@@ -6,7 +6,6 @@ samples at once, so that an oracle can continue a life with the same code that m
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -218,26 +217,22 @@ class Kind(NamedTuple):
 _WORN: Final = ("friction", "backlash", "eccentricity")
 _ALL: Final = (*_WORN, "short_circuit", "gain")
 
-DEVELOPMENT: Final[Mapping[str, Kind]] = MappingProxyType(
-    {
-        "logistic": Kind(Logistic, _ALL),
-        "missions": Kind(Missions, _ALL),
-        "avalanche": Kind(Avalanche, ("short_circuit",)),
-        "seasonal": Kind(Seasonal, _WORN),
-        "paris": Kind(Paris, _ALL),
-        "lost lubrication": Kind(LostLubrication, _WORN),
-    }
-)
+DEVELOPMENT: Final[Mapping[str, Kind]] = {
+    "logistic": Kind(Logistic, _ALL),
+    "missions": Kind(Missions, _ALL),
+    "avalanche": Kind(Avalanche, ("short_circuit",)),
+    "seasonal": Kind(Seasonal, _WORN),
+    "paris": Kind(Paris, _ALL),
+    "lost lubrication": Kind(LostLubrication, _WORN),
+}
 """Laws that the tracker was developed with."""
 
-HELD_OUT: Final[Mapping[str, Kind]] = MappingProxyType(
-    {
-        "weibull": Kind(Weibull, _ALL),
-        "staged": Kind(Staged, _ALL),
-        "shocks": Kind(Shocks, _ALL),
-        "thermal": Kind(Thermal, _WORN),
-        "running in": Kind(RunningIn, _ALL),
-        "wandering": Kind(Wandering, _ALL),
-    }
-)
+HELD_OUT: Final[Mapping[str, Kind]] = {
+    "weibull": Kind(Weibull, _ALL),
+    "staged": Kind(Staged, _ALL),
+    "shocks": Kind(Shocks, _ALL),
+    "thermal": Kind(Thermal, _WORN),
+    "running in": Kind(RunningIn, _ALL),
+    "wandering": Kind(Wandering, _ALL),
+}
 """Laws that nothing was developed with."""

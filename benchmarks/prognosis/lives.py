@@ -39,19 +39,17 @@ OTHER_LAWS: Final[Mapping[str, TypicalGrowth]] = {
 }
 """Growth by laws that are not those of the type, in lives of about the same length."""
 
-STREAMS: Final = (
-    "growing",
-    "constant",
-    "real",  # simulated and identified test by test
-    "repaired",  # with a repair of the dominant fault
-    "otherwise",  # by laws that are not those of the type
-    "advised",  # on which the advice is judged
-    "advised_others",  # which fixed intervals are fitted to
-    "fleet",
-    "fleet_otherwise",  # of another kind of unit, whose faults grow by other laws
-    "next",  # of units that come after the fleet
-)
-"""Kinds of lives, to failure but for the constant ones; each has random numbers of its own."""
+STREAMS: Final = {
+    "growing": 0,
+    "constant": 1,
+    "real": 2,  # simulated and identified test by test
+    "advised": 5,  # on which the advice is judged
+    "advised_others": 6,  # which fixed intervals are fitted to
+    "fleet": 7,
+    "fleet_otherwise": 8,  # of another kind of unit, whose faults grow by other laws
+    "next": 9,  # of units that come after the fleet
+}
+"""Kinds of lives, to failure but for the constant ones, with the numbers of their seeds."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class ScoredLife:
 
     @property
     def _seed(self) -> tuple[int, int, int]:
-        return SEED, STREAMS.index(self.stream), self.number
+        return SEED, STREAMS[self.stream], self.number
 
     def rng(self, purpose: int) -> np.random.Generator:
         """Return the random numbers for a purpose."""
@@ -79,9 +77,8 @@ class ScoredLife:
         rng = self.rng(0)
         if self.stream == "constant":
             return constant_life(LIMITS, rng)
-        typical = OTHER_LAWS if self.stream.endswith("otherwise") else TYPICAL
-        repaired = self.stream == "repaired"
-        return run_to_failure(LIMITS, rng, self.kind, with_repair=repaired, typical=typical)
+        typical = OTHER_LAWS if self.stream == "fleet_otherwise" else TYPICAL
+        return run_to_failure(LIMITS, rng, self.kind, typical=typical)
 
     def case(self, life: SimulatedLife, test: int) -> Case:
         """Return a test of it to simulate."""

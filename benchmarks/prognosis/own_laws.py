@@ -1,252 +1,220 @@
 """Accuracy and honesty of the remaining useful life over lives by laws that the tracker has.
 
-    ../tools/peers.sh python -m prognosis.own_laws [--lives N] [--constant N] [--repaired N]
-        [--otherwise N] [--whole N] [--real N] [--json FILE]
+    ../tools/peers.sh python -m prognosis.own_laws [--lives N] [--constant N] [--whole N] [--real N]
+        [--json FILE]
 
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
 of --real are simulated and identified test by test. Their seeds are fixed, and nothing was tuned on
-them. The tracker knows the laws and typical rates, or no law at all; over lives of --otherwise,
-whose laws are not those of the type, the law it is given is wrong. It is compared, on the same
-estimates and in the same process, with a linear trend through the latest of them, NASA's progpy,
-and an oracle to which only the noise of the future is unknown: more than that nobody can predict.
-Lives of --whole are scored by their health messages, by fault limit or requirement, whichever is
-first.
-Prints tables and writes JSON.
+them. The tracker knows the laws and typical rates, or no law at all. It is compared, on the same
+estimates and in the same process, with NASA's progpy, and an oracle to which only the noise of the
+future is unknown: more than that nobody can predict. Lives of --whole are scored by their health
+messages, by fault limit or requirement, whichever is first.
 """
 
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
 
 import cases
 import numpy as np
-from exactness import HEALTHY_WINDOWS, noisy_window
-from rich.progress import Progress
-from trials import ACTUATOR, Workers, command, workers
+from rich.table import Table
+from script import Figures, Workers, command
+from targets import Row, at_most, grid, none_of, percent, untargeted
+from trials import ACTUATOR, HEALTHY_WINDOWS, noisy_window
 
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_sim.lives import SimulatedLife
 from prognosis.estimates import drawn
 from prognosis.lives import SEED, ScoredLife, estimate_of, lives_of
-from prognosis.own_tables import show
-from prognosis.predictors import (
-    PREDICTORS,
-    SETTINGS,
-    Predictor,
-    law_known,
-    law_unknown,
-    linear_trend,
-    oracle,
-)
-from prognosis.scores import LifeScore, by_kind
-from prognosis.whole import Reports, reports, score_whole, seconds, whole_figures
+from prognosis.predictors import SETTINGS, Predictor, law_known, law_unknown, oracle
+from prognosis.scores import LAMBDAS, WITHOUT_DIFFUSION, LifeScore, by_kind, summary
+from prognosis.whole import reports, score_whole
 
 try:
     from prognosis.particle_filter import particle_filter
-except ImportError as error:
-    raise SystemExit(
-        f"own_laws.py compares with progpy ({error}); it is in the peers' environment: "
-        "../tools/peers.sh python -m prognosis.own_laws"
-    ) from None
+except ImportError:
+    particle_filter = None
 
 METHODS: Final[Mapping[str, Predictor]] = {
     "law known": law_known,
     "law unknown": law_unknown,
-    "linear trend": linear_trend,
-    "progpy": particle_filter,
+    **({"progpy": particle_filter} if particle_filter else {}),
     "oracle": oracle,
 }
 
-TIMED: Final = 10
-"""Lives whose updates with requirements are timed."""
+TARGETS: Final = {"law known": (0.90, 0.95), "law unknown": (0.80, 0.85)}
+"""Least cumulative relative accuracy and least pass rate of alpha-lambda [-]."""
+COVERAGE: Final = (0.85, 0.95)
+LONGEST_S: Final = 0.02
+BY_MESSAGE: Final = ("lives", "cra", "coverage", "seconds")
+BESIDE: Final = "oracle / progpy"
+"""Whose figures stand beside ours: an accuracy that the oracle misses nobody can reach."""
 
-Scores = dict[str, LifeScore]
+_TITLES: Final = {"drawn": "drawn estimates", "real": "estimator in the loop"}
 
 
 @dataclass(frozen=True, eq=False)
-class InTheLoop:
-    """A life to be simulated and identified test by test."""
+class Job:
+    """A life to be scored; with a calibration it is simulated and identified test by test."""
 
     scored: ScoredLife
-    calibration: Calibration
+    calibration: Calibration | None = None
+
+    def scores(self) -> dict[str, LifeScore]:
+        """Score what each method predicts."""
+        life, scored = self.scored.life(), self.scored
+        calibration = self.calibration
+        measurements = self.identified(calibration) if calibration else drawn(scored, life)
+        return {
+            name: LifeScore.of(scored.kind, life.end_hours, predict(life, measurements))
+            for name, predict in METHODS.items()
+        }
+
+    def identified(self, calibration: Calibration) -> list[Measurement]:
+        """Return the valid estimates of its tests, each from the one before on."""
+        life = self.scored.life()
+        measurements, last = [], None
+        for test, (hours, window) in enumerate(zip(life.hours, life.windows, strict=True)):
+            estimate = estimate_of(self.scored.case(life, test), window, calibration, last)
+            if estimate is not None and estimate.valid:
+                last = np.array(estimate.faults)
+                measurements.append(Measurement.of(estimate, float(hours)))
+        return measurements
 
 
-def score_drawn(scored: ScoredLife) -> Scores:
-    """Score a life with drawn estimates."""
-    life = scored.life()
-    return _scores(scored, life, drawn(scored, life))
-
-
-def score_real(job: InTheLoop) -> Scores:
-    """Score a life with the simulator and the estimator in the loop."""
-    life = job.scored.life()
-    measurements, last = [], None
-    for test, (hours, window) in enumerate(zip(life.hours, life.windows, strict=True)):
-        estimate = estimate_of(job.scored.case(life, test), window, job.calibration, last)
-        if estimate is not None and estimate.valid:
-            last = np.array(estimate.faults)
-            measurements.append(Measurement.of(estimate, float(hours)))
-    return _scores(job.scored, life, measurements)
-
-
-def score_repaired(scored: ScoredLife) -> Scores:
-    """Score a life with drawn estimates from its repair on; progpy's filter knows of no repair."""
-    life = scored.life()
-    measurements = drawn(scored, life)
-    left_hours = life.end_hours - life.repair_hours
-    return {
-        name: LifeScore.of(
-            scored.kind,
-            scored.number,
-            left_hours,
-            predict(life, measurements).since(life.repair_hours),
-        )
-        for name, predict in PREDICTORS.items()
-    }
-
-
-def score_otherwise(scored: ScoredLife) -> Scores:
-    """Score a life whose laws are not those of the type: the known law is wrong."""
-    life = scored.life()
-    made = _scores(scored, life, drawn(scored, life), PREDICTORS)
-    return {"wrong law" if name == "law known" else name: score for name, score in made.items()}
-
-
-def trend_reports(scored: ScoredLife) -> Reports:
-    """Return what the linear trend reports of a constant life."""
-    life = scored.life()
-    made = linear_trend(life, drawn(scored, life))
-    return Reports(len(made.hours), int(np.sum(np.isfinite(made.median))), 0, 0)
-
-
-def _scores(
-    scored: ScoredLife,
-    life: SimulatedLife,
-    measurements: Sequence[Measurement],
-    methods: Mapping[str, Predictor] = METHODS,
-) -> Scores:
-    result = {}
-    for name, predict in methods.items():
-        made = predict(life, measurements)
-        result[name] = LifeScore.of(scored.kind, scored.number, life.end_hours, made)
-    return result
-
-
-def measure(
-    progress: Progress,
-    lives: int,
-    constant: int,
-    repaired: int,
-    otherwise: int,
-    whole: int,
-    real: int,
-) -> dict[str, Any]:
+def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> Figures:
     """Score lives of each kind, so many of each."""
-    with workers(progress) as pool:
-        return _measured(pool, lives, constant, repaired, otherwise, whole, real)
-
-
-def _measured(
-    pool: Workers, growing: int, constant: int, repaired: int, otherwise: int, whole: int, real: int
-) -> dict[str, Any]:
-    durations: dict[str, float] = {}
-    figures: dict[str, Any] = {"seed": SEED, "durations_s": durations}
-    for case, count, score in (
-        ("drawn", growing, score_drawn),
-        ("repaired", repaired, score_repaired),
-        ("otherwise", otherwise, score_otherwise),
-    ):
-        lives = lives_of("growing" if case == "drawn" else case, count)
-        if lives:
-            with _timed(case, durations):
-                scores = pool.map(f"lives, {case}", score, lives)
-                figures[case], figures[f"{case}_lives"] = _figures(scores)
-    with _timed("constant", durations):
-        lives = lives_of("constant", constant)
-        of_lives = pool.map("constant lives", reports, lives)
-        trends = pool.map("their linear trends", trend_reports, lives)
-        figures["constant"] = {
-            name: constant_figures(
-                [meets for meets, _ in of_lives], [by_case[name] for _, by_case in of_lives]
-            )
-            for name in SETTINGS
-        }
-        figures["constant"]["linear trend"] = constant_figures([True] * len(lives), trends)
-    if whole:
-        with _timed("whole", durations):
-            scores = pool.map("with requirements", score_whole, lives_of("growing", whole))
-            figures["whole"] = {
-                name: whole_figures([score[name] for score in scores]) for name in SETTINGS
-            }
-    if real:
-        with _timed("real", durations):
-            healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
-            calibration = calibrate_model(
-                pool.map("healthy windows", noisy_window, healthy), ACTUATOR
-            )
-            jobs = [InTheLoop(scored, calibration) for scored in lives_of("real", real)]
-            scores = pool.map("lives in the loop", score_real, jobs)
-            figures["real"], figures["real_lives"] = _figures(scores)
-    with _timed("time", durations):
-        spent = pool.map("time with requirements", seconds, lives_of("growing", TIMED))
-        later = np.concatenate([one[1:] for one in spent])
-        figures["whole_update"] = {
-            "lives": len(spent),
-            "median_s": float(np.median(later)),
-            "p95_s": float(np.quantile(later, 0.95)),
-            "first_median_s": float(np.median([one[0] for one in spent])),
-        }
-    return figures
-
-
-def constant_figures(meets: Sequence[bool], made: Sequence[Reports]) -> dict[str, Any]:
-    """Return what was reported of constant lives, each of which meets all requirements or not."""
-    wrong = [good and one.failing > 0 for good, one in zip(meets, made, strict=True)]
+    healthy = cases.healthy(HEALTHY_WINDOWS, "calibration") if real else []
+    windows = pool.map("healthy windows", noisy_window, healthy)
+    calibration = calibrate_model(windows, ACTUATOR) if real else None
+    in_the_loop = [Job(scored, calibration) for scored in lives_of("real", real)]
+    found = {
+        "drawn": pool.map("lives", Job.scores, [Job(one) for one in lives_of("growing", lives)]),
+        "real": pool.map("lives in the loop", Job.scores, in_the_loop),
+    }
+    by_message = pool.map("with requirements", score_whole, lives_of("growing", whole))
+    told = pool.map("constant lives", reports, lives_of("constant", constant))
     return {
-        "lives": len(made),
-        "reported": sum(
-            one.by_faults + one.by_requirements > 0 or failing
-            for one, failing in zip(made, wrong, strict=True)
-        ),
-        "by_faults": sum(one.by_faults > 0 for one in made),
-        "by_requirements": sum(one.by_requirements > 0 for one in made),
-        "wrongly_reported_failing": sum(wrong),
-        "failing": sum(not good for good in meets),
-        "rightly_reported_failing": sum(
-            one.failing > 0 and not good for good, one in zip(meets, made, strict=True)
-        ),
-        "tests": sum(one.tests for one in made),
-        "tests_with_report": sum(one.by_faults + one.by_requirements for one in made),
+        "seed": SEED,
+        **{
+            case: {name: by_kind([score[name] for score in scores]) for name in scores[0]}
+            for case, scores in found.items()
+            if scores
+        },
+        # A message has quantiles alone.
+        "whole": {
+            name: {key: summary([one[name] for one in by_message])[key] for key in BY_MESSAGE}
+            for name in SETTINGS
+            if by_message
+        },
+        "constant": {
+            name: {
+                "lives": len(told),
+                "reported": sum(one.told or (one.failing and one.meets) for one in of_it),
+                "rightly_failing": sum(one.failing and not one.meets for one in of_it),
+                "failing": sum(not one.meets for one in of_it),
+            }
+            for name in SETTINGS
+            for of_it in [[one[name] for one in told]]
+        },
     }
 
 
-@contextmanager
-def _timed(name: str, durations: dict[str, float]) -> Iterator[None]:
-    started = time.perf_counter()
-    yield
-    durations[name] = time.perf_counter() - started
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return what was measured with its targets."""
+    for case, name in product(("drawn", "real"), TARGETS):
+        if case in figures:
+            yield from _accuracy_rows(figures[case], case, name)
+    for name, one in figures["whole"].items():
+        what = f"{one['lives']} lives, by limit or requirement, {name}: accuracy, coverage"
+        yield untargeted(what, f"{one['cra']:.3f}, {one['coverage']:.3f}")
+    for name, one in figures["constant"].items():
+        what = f"{one['lives']} lives of constant faults, {name}: told a life"
+        yield none_of(what, one["reported"])
+        what = "  so faulty that a requirement fails from the first test on: so reported"
+        yield untargeted(what, f"{one['rightly_failing']} of {one['failing']}")
+    spent = {f"by fault limits, {name}": figures["drawn"][name]["all"] for name in TARGETS}
+    if figures["whole"]:
+        spent["with requirements and health, law unknown"] = figures["whole"]["law unknown"]
+    for what, one in spent.items():
+        milliseconds = 1e3 * one["seconds"]
+        what = f"update {what}, processor time, median [ms]"
+        yield at_most(what, milliseconds, 1e3 * LONGEST_S, f"{milliseconds:.1f}")
 
 
-def _figures(scores: Sequence[Scores]) -> tuple[dict[str, Any], dict[str, Any]]:
-    of_each = {name: [life[name] for life in scores] for name in scores[0]}
-    return (
-        {name: by_kind(of_one) for name, of_one in of_each.items()},
-        {name: [asdict(score) for score in of_one] for name, of_one in of_each.items()},
+def _accuracy_rows(by_method: Figures, case: str, name: str) -> Iterator[Row]:
+    least, rate = TARGETS[name]
+    lives = f"{by_method[name]['all']['lives']} lives, {_TITLES[case]}, {name}"
+    accuracy = "cumulative relative accuracy"
+    passing = "alpha-lambda (20 %) at 0.75, pass rate"
+    for what, part, key, low, high in (
+        (f"{lives}: {accuracy}", "all", "cra", least, 1.0),
+        (f"  {passing}", "all", "alpha_lambda_0.75", rate, 1.0),
+        (f"  {WITHOUT_DIFFUSION}: {accuracy}", WITHOUT_DIFFUSION, "cra", least, 1.0),
+        (f"    {passing}", WITHOUT_DIFFUSION, "alpha_lambda_0.75", rate, 1.0),
+        ("  coverage of the 90 % interval", "all", "coverage", *COVERAGE),
+    ):
+        value = by_method[name][part][key]
+        beside = " / ".join(
+            f"{by_method[peer][part][key]:.3f}" if peer in by_method else "-"
+            for peer in ("oracle", "progpy")
+        )
+        if part == "all":
+            yield Row(
+                what, f"{low:.2f} to {high:.2f}", f"{value:.3f}", low <= value <= high, beside
+            )
+        else:
+            yield Row(what, "", f"{value:.3f}", None, beside)
+
+
+def tables(figures: Figures) -> Iterator[Table | str]:
+    """Return what is printed below the targets."""
+    shares = ("coverage", "horizon_share", "convergence_share", "first_share")
+    for case, title in _TITLES.items():
+        by_method = figures.get(case, {})
+        yield grid(
+            title,
+            (
+                *("fault", "lives", "predictor", "accuracy", "on event\ntime", "none\n%"),
+                *(f"a-l %\n{at:g}" for at in LAMBDAS),
+                *("covers\n%", "horizon\n%", "converg.\n%", "first\n%", "ms"),
+            ),
+            (
+                (
+                    *(kind.replace("_", " "), one["lives"], name, one["cra"]),
+                    *(one["cra_event_time"], percent(one["unknown_share"], 1)),
+                    *(percent(one[f"alpha_lambda_{at:g}"]) for at in LAMBDAS),
+                    *(percent(one[share]) for share in shares),
+                    f"{1e3 * one['seconds']:.2f}",
+                )
+                for kind in next(iter(by_method.values()), ())
+                for name, of_it in by_method.items()
+                for one in [of_it[kind]]
+            ),
+            digits=3,
+        )
+    yield (
+        "accuracy: mean over lives and the tests in their second half of 1 - |r* - r| / r*, r the "
+        "median of the remaining life and r* the truth; no prediction counts 0. On event time: by "
+        "1 - |r* - r| / EoL. a-l: lives in which at least half of the probability is within 20 % "
+        "of r* at that share of the time from the first prediction to the end. horizon, first: "
+        "medians, of the whole life; convergence: of the time from first prediction to end.\n"
+        "The oracle knows faults, laws and rates exactly: what it misses is due to the noise of "
+        "the growth to come and to no tracker.\n"
     )
 
 
 main = command(
     measure,
-    show,
-    185,
+    "prognosis",
+    rows,
+    tables,
+    width=185,
+    beside=BESIDE,
     lives=300,
     constant=100,
-    repaired=50,
-    otherwise=100,
     whole=50,
     real=20,
 )

@@ -1,4 +1,4 @@
-"""What is scored: the tracker with laws known and unknown, a linear trend and an oracle."""
+"""What is scored: the tracker with laws known and unknown, and an oracle."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,17 +18,12 @@ from ema_sim.growth import Growth
 from ema_sim.lives import LifeSettings, SimulatedLife
 from prognosis.lives import LIMITS
 
-TREND_TESTS: Final = 20
-"""Latest estimates that the linear trend is fitted to."""
-
 SETTINGS: Final[Mapping[str, TrackerSettings]] = {
     "law known": TrackerSettings(laws=NOMINAL_LAWS),
     "law unknown": TrackerSettings(),
 }
 """What the tracker assumes in the two cases that are judged: laws and typical rates, or nothing."""
 
-_TREND_SIGMAS: Final = 3.0
-_TREND_SAMPLES: Final = 500
 _ORACLE_SAMPLES: Final = 1000
 
 
@@ -105,48 +100,6 @@ def law_unknown(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predic
     return tracked(measurements, SETTINGS["law unknown"])
 
 
-def linear_trend(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
-    """Return where least squares lines through the latest estimates first cross a limit.
-
-    A component takes part once its slope is away from healthy by three standard errors; the
-    distribution is that of the line's two figures.
-    """
-    rng = np.random.default_rng(0)
-    return predicted(
-        measurements,
-        lambda n: _first_crossing(measurements[max(0, n + 1 - TREND_TESTS) : n + 1], rng),
-    )
-
-
-def _first_crossing(
-    latest: Sequence[Measurement], rng: np.random.Generator
-) -> NDArray[np.float64] | None:
-    """Return samples of the hours until the first limit; None where no component grows."""
-    if len(latest) < 5:
-        return None
-    hours = np.array([one.hours for one in latest]) - latest[-1].hours
-    away = np.array([one.faults for one in latest]) - healthy_faults()
-    hidden = np.array([one.unobservable for one in latest])
-    design = np.column_stack([np.ones_like(hours), hours])
-    covariance = np.linalg.inv(design.T @ design)
-    lives = np.full(_TREND_SAMPLES, np.inf)
-    for name, limit in LIMITS.items():
-        column = FAULT_NAMES.index(name)
-        if hidden[:, column].any():
-            continue
-        values = np.sign(np.mean(away[:, column]) or 1.0) * away[:, column]
-        line = covariance @ design.T @ values
-        scatter = np.sum((values - design @ line) ** 2) / (len(hours) - 2)
-        if not line[1] > _TREND_SIGMAS * np.sqrt(scatter * covariance[1, 1]) or line[1] == 0.0:
-            continue
-        drawn = rng.multivariate_normal(line, scatter * covariance, _TREND_SAMPLES)
-        rising = drawn[:, 1] > 0.0
-        until = np.full(_TREND_SAMPLES, np.inf)
-        until[rising] = np.maximum(limit - drawn[rising, 0], 0.0) / drawn[rising, 1]
-        lives = np.minimum(lives, until)
-    return lives if np.any(np.isfinite(lives)) else None
-
-
 def oracle(life: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return what could be predicted at best: only the process noise of the future is unknown.
 
@@ -181,11 +134,3 @@ def _passage(
     mean = np.exp(0.5 * growth.noise**2)
     variance = mean**2 * np.expm1(growth.noise**2) * LifeSettings().interval_hours
     return rng.wald(needed / mean, needed**2 / variance, _ORACLE_SAMPLES)
-
-
-PREDICTORS: Final[Mapping[str, Predictor]] = {
-    "law known": law_known,
-    "law unknown": law_unknown,
-    "linear trend": linear_trend,
-    "oracle": oracle,
-}

@@ -17,15 +17,12 @@ LAMBDAS: Final = (0.25, 0.5, 0.75, 0.9)
 WITHOUT_DIFFUSION: Final = "without gain"
 """Lives whose dominant fault is not a random walk."""
 
-JUDGED_LAMBDA: Final = 0.75
-
 
 @dataclass(frozen=True)
 class LifeScore:
     """Scores of one life, in shares [-]; NaN where nothing was predicted."""
 
     kind: str  # dominant fault
-    number: int
     end_hours: float
     first_hours: float  # of the first prediction
     cra: float  # cumulative relative accuracy over the second half of life
@@ -41,7 +38,7 @@ class LifeScore:
     seconds: float  # median processor time from estimate to prediction
 
     @classmethod
-    def of(cls, kind: str, number: int, end_hours: float, made: Predictions) -> "LifeScore":
+    def of(cls, kind: str, end_hours: float, made: Predictions) -> "LifeScore":
         """Score the predictions made in a life that ends at a service hour [h]."""
         hours, rul = made.hours, made.median
         known = np.isfinite(rul)
@@ -55,7 +52,6 @@ class LifeScore:
         there = np.isfinite(made.low)
         return cls(
             kind=kind,
-            number=number,
             end_hours=end_hours,
             first_hours=first,
             cra=metrics.cumulative_relative_accuracy(hours, rul, end_hours),
@@ -90,7 +86,7 @@ def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
             name: float(np.mean(column(name)))
             for name in ("cra", "cra_event_time", "unknown_share")
         },
-        "alpha_lambda": {f"{at:g}": rate for at, rate in zip(LAMBDAS, passed, strict=True)},
+        **{f"alpha_lambda_{at:g}": rate for at, rate in zip(LAMBDAS, passed, strict=True)},
         "coverage": share("inside", "intervals"),
         "beyond_late": share("beyond_late", "intervals_late"),
         **{

@@ -2,13 +2,11 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ema_core.faults import FaultVector
+from ema_core.faults import N_FAULTS, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -25,104 +23,60 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 from ema_sim.lives import SimulatedLife
-from prognosis import metrics
 from prognosis.estimates import drawn
 from prognosis.lives import ScoredLife
-from prognosis.predictors import SETTINGS
+from prognosis.predictors import SETTINGS, Predictions
+from prognosis.scores import LifeScore
 
 _NS_PER_HOUR = 3_600_000_000_000
+_SIGMA = 0.004
 
 
-@dataclass(frozen=True)
-class Reports:
-    """What is reported of a life in which nothing grows: after how many of its tests."""
+class Reports(NamedTuple):
+    """What is reported of a life in which nothing grows."""
 
-    tests: int
-    by_faults: int  # a remaining life by fault limits
-    by_requirements: int
-    failing: int  # that a requirement fails already: constant faults may be so large
+    meets: bool  # whether it meets all requirements: constant faults may be too large
+    told: bool  # whether it is told a remaining life, by fault limits or requirements
+    failing: bool  # whether a requirement is said to fail already
 
 
-@dataclass(frozen=True)
-class WholeScore:
-    """Score of the reported end of life, by a fault limit or by a requirement."""
-
-    by_requirement: bool  # whether it ends by one
-    cra: float  # cumulative relative accuracy over the second half of life [-]
-    inside: int  # 90 % intervals that hold the truth, and that lie wholly beyond it, of how many
-    below: int
-    intervals: int
-
-
-def score_whole(scored: ScoredLife) -> dict[str, WholeScore]:
+def score_whole(scored: ScoredLife) -> dict[str, LifeScore]:
     """Score the remaining life in the health messages of a life with drawn estimates."""
     life = scored.life()
     measurements = drawn(scored, life)
-    failure = _failure_hours(life)
-    end = min(life.end_hours, failure)
+    end = min(life.end_hours, _failure_hours(life))
+    before = [one for one in measurements if one.hours < end]
     scores = {}
     for name, settings in SETTINGS.items():
-        outlooks, _ = _followed(measurements, settings)
-        before = [outlook for outlook in outlooks if outlook.hours < end]
-        hours = np.array([outlook.hours for outlook in before])
-        low, median, high = np.array(
-            [(item.rul.hours_05, item.rul.hours_50, item.rul.hours_95) for item in before]
-        ).T
-        left = end - hours
-        scores[name] = WholeScore(
-            failure < life.end_hours,
-            metrics.cumulative_relative_accuracy(hours, median, end),
-            int(np.sum((low <= left) & (left <= high))),
-            int(np.sum(left < low)),
-            int(np.sum(np.isfinite(low))),
-        )
+        outlooks, spent = followed(before, settings)
+        ruls = [(one.rul.hours_05, one.rul.hours_50, one.rul.hours_95) for one in outlooks]
+        samples = np.full((len(outlooks), 1), np.nan)
+        hours = np.array([one.hours for one in outlooks])
+        low, median, high = np.array(ruls).T
+        made = Predictions(hours, low, median, high, samples, np.array(spent))
+        scores[name] = LifeScore.of(scored.kind, end, made)
     return scores
 
 
-def whole_figures(scores: Sequence[WholeScore]) -> dict[str, Any]:
-    """Return the figures of many lives: mean accuracy, intervals pooled."""
-    intervals = sum(score.intervals for score in scores)
-    return {
-        "lives": len(scores),
-        "by_requirement": sum(score.by_requirement for score in scores),
-        "cra": float(np.mean([score.cra for score in scores])),
-        "coverage": sum(score.inside for score in scores) / intervals,
-        "too_long": sum(score.below for score in scores) / intervals,
-    }
-
-
-def reports(scored: ScoredLife) -> tuple[bool, dict[str, Reports]]:
-    """Return whether a constant life meets all requirements, and what is reported of it by case."""
+def reports(scored: ScoredLife) -> dict[str, Reports]:
+    """Return what is reported of a constant life, by what the tracker assumes."""
     life = scored.life()
     measurements = drawn(scored, life)
     reserves = _requirements().exact_reserves(REQUIREMENTS, life.faults[:1])
     by_case = {}
     for name, settings in SETTINGS.items():
-        outlooks, _ = _followed(measurements, settings)
-        required = [outlook.rul_requirements for outlook in outlooks]
+        outlooks, _ = followed(measurements, settings)
+        required = [one.rul_requirements for one in outlooks if one.rul_requirements.known]
         by_case[name] = Reports(
-            len(outlooks),
-            sum(outlook.rul_faults.known for outlook in outlooks),
-            sum(life.known and life.hours_50 > 0.0 for life in required),
-            sum(life.known and life.hours_50 == 0.0 for life in required),
+            bool(np.all(reserves >= 0.0)),
+            any(one.rul_faults.known for one in outlooks)
+            or any(one.hours_50 > 0.0 for one in required),
+            any(one.hours_50 == 0.0 for one in required),
         )
-    return bool(np.all(reserves >= 0.0)), by_case
+    return by_case
 
 
-def seconds(scored: ScoredLife) -> NDArray[np.float64]:
-    """Return the processor time from estimate to outlook of each test of a life, ``(n,)`` [s].
-
-    That of the first test contains what is computed once a unit.
-    """
-    measurements = drawn(scored, scored.life())
-    # Compiled code is loaded once a process, by any unit.
-    _followed(measurements[:1], TrackerSettings())
-    requirements_of.cache_clear()
-    _, spent = _followed(measurements, TrackerSettings())
-    return np.array(spent)
-
-
-def _followed(
+def followed(
     measurements: Sequence[Measurement], tracker: TrackerSettings
 ) -> tuple[list[Outlook], list[float]]:
     """Return the outlook after each test, and its processor time [s]."""
@@ -161,6 +115,16 @@ def _requirements() -> Requirements:
     if isinstance(found, str):
         raise RuntimeError(found)
     return found
+
+
+def worn(hours: float, share: float, rng: np.random.Generator) -> Estimate:
+    """Return a drawn estimate of a unit whose friction and backlash have grown by a share [-]."""
+    shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
+    truth = fault_vector({"friction": 0.4 * share**2, "backlash": 0.3 * share})
+    faults = np.clip(truth + shown * _SIGMA * rng.standard_normal(N_FAULTS), 0.0, 0.99)
+    covariance, hidden = _SIGMA**2 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
+    measurement = Measurement(hours, faults, covariance, hidden)
+    return estimate_of_measurement(measurement, Calibration.builtin())
 
 
 def estimate_of_measurement(measurement: Measurement, calibration: Calibration) -> Estimate:
