@@ -26,6 +26,7 @@ export interface Actuator extends Address {
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
+  lost?: number; // tests that its monitor knew, and does not know any more
   isSilent?: boolean; // the dashboard is not heard any more: its health may be another by now
 }
 
@@ -44,6 +45,13 @@ export function isOf(address: Address, status: DiagnosticStatus): boolean {
   const key = keyOf(address);
   return namespaceOf(status) === address.namespace &&
     (status.hardware_id === key || status.hardware_id.startsWith(`${key}/`));
+}
+
+/** How many tests a monitor has lost that counts fewer of the same unit than it did. */
+function lostBy({ health, lost = 0 }: Actuator, now: Health): number | undefined {
+  if (!health || health.serial_number !== now.serial_number) return undefined;
+  const known = Math.max(lost, Number(health.cycles));
+  return now.cycles < known ? known : undefined;
 }
 
 export class State {
@@ -149,6 +157,7 @@ export class State {
         break;
       case "health":
         after.health = message as Health;
+        if (!this.playback) after.lost = lostBy(before, after.health);
         break;
       case "fault_estimate":
         after.estimate = message as FaultEstimate;

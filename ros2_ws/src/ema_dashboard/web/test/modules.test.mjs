@@ -171,6 +171,20 @@ test("an alarm of a monitor that is not heard any more stays, marked as old", ()
   assert.deepEqual(now(3, 3), ["STALE", "stale", undefined]);
 });
 
+test("a monitor that knows fewer tests of a unit than before has lost them, until it has more", () => {
+  globalThis.requestAnimationFrame = () => {};
+  const state = new State(() => {});
+  const lost = (cycles, serial_number = "1") => {
+    const message = { header: { stamp: { sec: 1, nanosec: 0 } }, actuator_id: "flap", serial_number,
+      cycles: BigInt(cycles), level: 0, last_level: 0, faults: [], requirements: [] };
+    state.take({ kind: "messages", received: [{ namespace: "/ema", topic: "health", message }] });
+    return [...state.actuators.values()][0].lost;
+  };
+  assert.deepEqual([109, 110, 0, 3, 110].map((n) => lost(n)), [undefined, undefined, 110, 110, undefined]);
+  assert.equal(lost(1, "2"), undefined); // another unit
+  delete globalThis.requestAnimationFrame;
+});
+
 test("a status is of the actuator of its own namespace", () => {
   const flap = { namespace: "/left", id: "flap" };
   const status = (name, hardware_id) => ({ name, hardware_id, level: 0, message: "", values: [] });

@@ -77,6 +77,12 @@ function Head({ actuator }: { actuator: Actuator }) {
           <strong>The latest test was refused:</strong> {estimate.reason || "no reason given"}
         </p>
       )}
+      {actuator.lost !== undefined && (
+        <p class="banner warn">
+          <strong>The monitor began anew:</strong> the {actuator.lost} tests that it knew before are
+          not in its history. Trends and remaining life follow from {String(health?.cycles)}.
+        </p>
+      )}
       {health?.level === 3 && <Stale health={health} />}
       {health ? (
         <>
