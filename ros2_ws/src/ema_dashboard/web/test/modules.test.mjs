@@ -172,7 +172,7 @@ test("an alarm of a monitor that is not heard any more stays, marked as old", ()
 });
 
 test("a monitor that knows fewer tests of a unit than before has lost them, until it has more", () => {
-  globalThis.requestAnimationFrame = () => {};
+  mock.timers.enable({ apis: ["Date", "setTimeout"], now: 1e12 });
   const state = new State(() => {});
   const lost = (cycles, serial_number = "1") => {
     const message = { header: { stamp: { sec: 1, nanosec: 0 } }, actuator_id: "flap", serial_number,
@@ -182,7 +182,7 @@ test("a monitor that knows fewer tests of a unit than before has lost them, unti
   };
   assert.deepEqual([109, 110, 0, 3, 110].map((n) => lost(n)), [undefined, undefined, 110, 110, undefined]);
   assert.equal(lost(1, "2"), undefined); // another unit
-  delete globalThis.requestAnimationFrame;
+  mock.timers.reset();
 });
 
 test("a status is of the actuator of its own namespace", () => {
