@@ -174,8 +174,9 @@ def assess(
     WARN when the lower 95 % bound of a fault exceeds a share of its limit, ERROR when its value
     exceeds the limit. The direction of eccentricity is no fault. The confidence is the share of
     observable faults. Where the goodness of fit exceeds half its limit it is reduced, by the excess
-    or by the unexplained share, whichever reduces less; at both limits it is zero. A value that is
-    held until the next test, and by itself would be WARN or ERROR, is WARN.
+    or by the unexplained share, whichever reduces less; at both limits it is zero. A fault that the
+    estimate sets to healthy, and that was tracked there, has the smaller sigma of both. A value
+    that is held until the next test, and by itself would be WARN or ERROR, is WARN.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -269,7 +270,10 @@ def _assess_fault(
     alone = STALE if is_unknown else _level(fault.name, value - fault.healthy, sigma, limits)
     level, held = alone, math.nan
     if tracked is not None:
-        value, sigma = tracked.value, tracked.sigma
+        # Where both see the fault at healthy, it is known at least as well as by this test.
+        agree = value == fault.healthy and abs(tracked.value - value) < sigma
+        sigma = min(sigma, tracked.sigma) if agree else tracked.sigma
+        value = tracked.value
         level = _level(fault.name, value - fault.healthy, sigma, limits)
         if tracked.doubtful and alone in (WARN, ERROR):
             level, held = max(level, WARN), float(estimate.faults[number])

@@ -22,7 +22,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
 from .kept_histories import UNIT, entry
-from .made_tests import made_test
+from .made_tests import SIGMA, made_test
 
 SETTINGS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
 
@@ -45,6 +45,18 @@ def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Un
     unit.history.close()
     assert outlook is not None
     return unit, outlook
+
+
+@pytest.mark.parametrize("hours", [1.0, 50.0])
+def test_level_of_a_healthy_unit_is_as_sharp_as_its_tests(hours):
+    settings = PrognosisSettings(service=Service(hours_per_cycle=hours))
+    unit, outlook = Unit(History(*UNIT, None), settings, opened_ns=123), None
+    for number in range(20):
+        outlook = unit.update(made_test(number), None, settings)
+    assert outlook is not None
+    for fault in outlook.health.faults:
+        assert fault.sigma <= SIGMA, fault
+        assert fault.level == OK
 
 
 def kinds(unit: Unit) -> list[tuple[float, str, str]]:
