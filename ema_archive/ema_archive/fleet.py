@@ -46,7 +46,7 @@ class FleetSummary:
     calibrations
         Units by the age of their calibration at their latest test.
     recent
-        Units with a valid test in the last days.
+        Units tested in the last days.
     months
         Units tested and known, windows and valid ones of the last three years, by month.
     """

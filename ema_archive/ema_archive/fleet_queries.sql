@@ -59,7 +59,7 @@ SELECT
 FROM aged GROUP BY age ORDER BY longest_days NULLS LAST;
 
 -- name: recent
--- Units with a valid test in the last days before the latest test of the fleet.
+-- Units tested in the last days before the latest test of the fleet.
 SELECT days, count(*) FILTER (WHERE tested >= latest - to_days(days)) AS tested, count(*) AS units
 FROM units, (SELECT max(tested) AS latest FROM units), (SELECT unnest([1, 7, 30, 90]) AS days)
 GROUP BY days ORDER BY days;

@@ -164,8 +164,29 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
         ]
     assert [row[-1] for row in shown(page, "By level")] == [row["hours"] for row in found.worst]
     assert shown(page, "Age of the calibration") == [[row["units"]] for row in found.calibrations]
-    assert [row[0] for row in shown(page, "Units with a valid")] == [1.0, 3.0, 4.0, 4.0]
+    assert [row[0] for row in shown(page, "Units tested in")] == [1.0, 3.0, 4.0, 4.0]
     assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page
     assert not re.search(r"(?:src|href)=\"(?!#)", page)
     assert ema("report", "--fleet", archive, "-o", path).exit_code != 0
     assert ema("report", "--fleet", archive, "--replace", "-o", path).exit_code == 0
+
+
+def test_the_report_of_a_fleet_without_a_valid_test_says_so_and_shows_nothing_else(ema, tmp_path):
+    empty, refused = tmp_path / "empty", tmp_path / "refused"
+    unit = {"model": "F", "unit": "flap+1", "actuator_id": "flap", "serial_number": "1"}
+    stale = unit | {"level": 3, "last_level": 3, "rul_known": False, "reason": "no calibration"}
+    month = {"model": "F", "unit": "flap+1", "month": "2031-04", "windows": 4, "valid": 0}
+    for folder, rows in ((empty, {}), (refused, {"units": [stale], "months": [month]})):
+        for name in WHOLE:
+            table = pa.Table.from_pylist(rows.get(name, []), WHOLE[name])
+            write_table(folder / TABLES / f"{name}.parquet", table)
+        assert ema("report", "--fleet", folder, "-o", f"{folder}.html").exit_code == 0
+    pages = [(tmp_path / f"{name}.html").read_text() for name in ("empty", "refused")]
+    for page in pages:
+        assert "No window has a valid estimate" in page
+        assert "No unit has a test with known service hours." in page
+        assert "<svg" not in page
+        assert '<th scope="col">units</th><th scope="col">units</th>' not in page
+    assert "4 refused" in pages[1]
+    assert "no calibration" in pages[1]
+    assert "Units by model" not in pages[0]

@@ -71,7 +71,9 @@ def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
         label_of=label_of,
         ages=[(f"{row['from_hours']:,.4g} – {row['to_hours']:,.4g}", row) for row in fleet.ages],
         models=[(row["model"], row) for row in fleet.models],
-        survival=Markup(inline_svg(draw_survival(fleet), "survival", "Survival", told)),
+        survival=Markup(inline_svg(draw_survival(fleet), "survival", "Survival", told))
+        if fleet.lives
+        else None,
         told=told,
     )
 
@@ -103,6 +105,8 @@ def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Mark
 
 def _survival_in_words(fleet: FleetSummary) -> str:
     lives = f"{fleet.lives:,} {'life' if fleet.lives == 1 else 'lives'}"
+    if not fleet.lives:
+        return "No unit has a test with known service hours."
     if not fleet.survival:
         return f"None of {lives} has ended."
     last = fleet.survival[-1]

@@ -275,7 +275,7 @@ function Coverage({ summary }: { summary: Summary }) {
   return (
     <Section title="Test coverage" id="coverage"
       note={`${percent(valid! / windows!)} of the windows below have a valid estimate`}>
-      <Shares heading="units with a valid test" unit="units" rows={recent.map((one) => (
+      <Shares heading="units tested" unit="units" rows={recent.map((one) => (
         { name: one.days === 1 ? "in the last day" : `in the last ${one.days} days`,
           count: one.tested, of: one.units }
       ))} />
