@@ -196,7 +196,7 @@ def _aircraft_rows(name: str, told: list[Figures]) -> Iterator[Row]:
         bool(fourth) and fourth[0] <= 5.0 <= fourth[2],
     )
     september = [one for one in told if "2017-09" in one["date"] and one["life_days"]]
-    yield none_of("  lives told in September", len(september))
+    yield none_of("  lives predicted in September", len(september))
 
 
 def tables(figures: Figures) -> Iterator[Table]:

@@ -118,7 +118,7 @@ def rows(figures: Figures) -> Iterator[Row]:
     yield at_most("  update [ms]", 1e3 * every["seconds"], LONGEST_MS)
     for name, told in figures["constant"].items():
         count = sum(tests > 0 for tests in told)
-        what = f"  constant lives, {name}: told a life"
+        what = f"  constant lives, {name}: with a predicted life"
         yield none_of(what, count, f"{count} of {len(told)}")
 
 

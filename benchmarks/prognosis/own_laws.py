@@ -131,9 +131,9 @@ def rows(figures: Figures) -> Iterator[Row]:
         what = f"{one['lives']} lives, by limit or requirement, {name}: accuracy, coverage"
         yield untargeted(what, f"{one['cra']:.3f}, {one['coverage']:.3f}")
     for name, one in figures["constant"].items():
-        what = f"{one['lives']} lives of constant faults, {name}: told a life"
+        what = f"{one['lives']} lives of constant faults, {name}: with a predicted life"
         yield none_of(what, one["reported"])
-        what = "  so faulty that a requirement fails from the first test on: so reported"
+        what = "  with a requirement that fails from the first test on: reported"
         yield untargeted(what, f"{one['rightly_failing']} of {one['failing']}")
     spent = {f"by fault limits, {name}": figures["drawn"][name]["all"] for name in TARGETS}
     if figures["whole"]:
