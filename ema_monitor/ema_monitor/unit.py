@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from ema_core.levels import ERROR, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
@@ -40,6 +42,9 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
+
+_OTHER_TEST: Final = 4.0
+"""Standard deviations by which a fault of the same test identified again never differs."""
 
 
 class KnownTest(NamedTuple):
@@ -144,8 +149,7 @@ class Unit:
                 return self._refuse(estimate, flown, parameters) if is_new else None
             latest = self.growth.service.latest
             if self.history.holds_valid(estimate.end_ns):
-                again = "a test that is in the history already came again and changes nothing"
-                self._findings.append(Finding(OTHER, again))
+                self._findings.append(Finding(OTHER, self._again(estimate)))
             elif latest is not None and estimate.end_ns < latest.stamp_ns:
                 self._add_late(estimate, latest, count, flown)
             else:
@@ -161,6 +165,18 @@ class Unit:
                 self.history.append(entry)
                 self._findings += findings
             return self._outlook_with_events(parameters)
+
+    def _again(self, estimate: Estimate) -> str:
+        """Return what a valid test is whose stamp is in the history, in words."""
+        tests = (*self.history.entries, *self.history.late)
+        known = next(one.estimate for one in tests if one.stamp_ns == estimate.end_ns)
+        far = np.abs(np.subtract(estimate.faults, known.faults))
+        if np.any(far > _OTHER_TEST * np.hypot(estimate.sigma, known.sigma)):
+            return (
+                "a different test at the time of one in the history changes nothing: its stamp "
+                "must show which came first"
+            )
+        return "a test that is in the history already came again and changes nothing"
 
     def _refuse(
         self,

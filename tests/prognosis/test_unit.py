@@ -100,15 +100,19 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
         assert last.rul.reason
 
 
-def test_same_test_again_changes_nothing(worn):
+def test_same_test_again_changes_nothing_and_a_different_one_at_its_time_is_told(worn):
     prognostics, outlooks = worn
     entries = len(prognostics.history.entries)
-    for number, told in ((59, 1), (7, 0)):
-        again = prognostics.update(made_test(number, friction=0.9), PARAMETERS, TEN_HOURS)
+    same = prognostics.history.entries[59].estimate
+    for test, words in (
+        (same, "in the history already"),
+        (made_test(59, friction=0.9), "its stamp must show which came first"),
+        (made_test(7, friction=0.9), ""),  # each once after a test
+    ):
+        again = prognostics.update(test, PARAMETERS, TEN_HOURS)
         assert again is not None
         assert plain(again) == plain(outlooks[-1])
-        # Once after each test.
-        assert ["in the history already" in event.text for event in again.events] == [True] * told
+        assert [words in event.text for event in again.events] == [True] * bool(words)
     assert len(prognostics.history.entries) == entries
 
 
