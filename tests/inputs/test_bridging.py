@@ -99,7 +99,7 @@ def test_messages_without_a_stamp_are_put_on_a_line(telemetry):
     assert "stamps_rebuilt" in {item.name for item in target.defects}
     position = np.concatenate([block.position for block in blocks])
     # The last ones wait for what comes after them.
-    assert len(telemetry) - 120 < len(position) < len(telemetry)
+    assert len(telemetry) - 320 < len(position) < len(telemetry)
     assert position == pytest.approx(telemetry.position[: len(position)], rel=1e-12)
 
 

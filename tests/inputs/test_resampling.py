@@ -150,6 +150,33 @@ def test_losses_are_seen_in_arrival_and_queues_are_none():
     assert (losses.lost, losses.gaps) == (31, 2)
 
 
+@pytest.mark.parametrize("rate_hz", [100, 1000])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_samples_that_are_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate_hz, seed):
+    rng = np.random.default_rng(seed)
+    times = np.arange(20 * rate_hz) / rate_hz
+    arrivals = times + rng.exponential(1e-4, len(times))
+    # The publisher stands still now and then, from its start on, and then sends what waited.
+    start = 5 / rate_hz
+    while start < times[-1] - 1.0:
+        end = start + rng.uniform(0.3, 1.0) * 0.14
+        waits = (times >= start) & (times < end)
+        arrivals[waits] = np.maximum(arrivals[waits], end)
+        start += rng.uniform(0.2, 2.0)
+    arrivals = START_NS + np.rint(1e9 * np.maximum.accumulate(arrivals)).astype(np.int64)
+    clock = ArrivalClock(1.0 / rate_hz)
+    parts = [clock.push(part) for part in np.array_split(arrivals, len(arrivals) // 5)]
+    stamps = np.concatenate([*parts, clock.flush()])
+    assert set(np.rint(np.diff(stamps) * 1e-9 * rate_hz)) == {1.0}
+    # A true loss of 3 samples in their midst is one, and the only one.
+    keep = np.ones(len(arrivals), bool)
+    keep[len(keep) // 2 : len(keep) // 2 + 3] = False
+    clock = ArrivalClock(1.0 / rate_hz)
+    stamps = np.concatenate([clock.push(arrivals[keep]), clock.flush()])
+    steps = np.rint(np.diff(stamps) * 1e-9 * rate_hz)
+    assert np.sum(steps) == len(arrivals) - 1
+
+
 def test_stamps_do_not_depend_on_how_messages_come_in_parts():
     arrivals = regular(5000) + delays(5000, 7)
     whole, parts = ArrivalClock(1e-3), ArrivalClock(1e-3)

@@ -3,12 +3,14 @@
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 _SPAN_S: Final = 5.0
-_SETTLE_S: Final = 0.05
+_SETTLE_S: Final = 0.2
 _SETTLE_LEAST: Final = 8
 _LOST: Final = 0.6
+_DRIFT: Final = 0.05
 _PAUSE_NS: Final = 1_000_000_000
 _REWEIGHTS: Final = 8
 
@@ -16,10 +18,11 @@ _REWEIGHTS: Final = 8
 class ArrivalClock:
     """Rebuilds the stamps of regular samples by regression of their arrival on their number.
 
-    Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. Samples
-    that are late once and for all are taken for a loss: a queue that was stopped and then emptied
-    comes back to the line within a few samples. Hence a sample is only settled when those of the
-    next 75 ms, or the next twelve, have arrived.
+    Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. It is
+    assumed that samples arrive in their order, and that a delay, as of a queue that was stopped and
+    then emptied, is made good for within 0.2 s: these samples are counted. What stays late for
+    longer has lost samples. Hence a sample is only settled when those of the next 0.2 s, or the
+    next eight, have arrived.
 
     Parameters
     ----------
@@ -60,6 +63,7 @@ class ArrivalClock:
         self._arrivals = np.empty(0)
         self._origin_ns = 0
         self._next = 0.0
+        self._line_before: tuple[float, float] | None = None
 
     def _settled(self, count: int) -> NDArray[np.int64]:
         """Settle in parts, as the line follows the clock only between these."""
@@ -90,10 +94,21 @@ class ArrivalClock:
         numbers = self._with_losses(self._next + np.arange(len(ahead), dtype=float), arrivals)
         self._numbers = np.concatenate([self._numbers, numbers[:count]])[-self._span :]
         self._arrivals = np.concatenate([self._arrivals, arrivals[:count]])[-self._span :]
-        offset, slope = self._line(self._numbers, self._arrivals)
+        # With those ahead: at the start all before may have waited in one queue.
+        offset, slope = self._line(
+            np.concatenate([self._numbers, numbers[count:]]),
+            np.concatenate([self._arrivals, arrivals[count:]]),
+        )
         self._next = numbers[count - 1] + 1.0
         self._waiting = self._waiting[count:]
-        return self._origin_ns + np.rint(offset + slope * numbers[:count]).astype(np.int64)
+        stamps = offset + slope * numbers[:count]
+        if self._line_before is not None:
+            # A line that moves must not look like a gap: its move is spread over the part.
+            before, slope_before = self._line_before
+            move = stamps[0] - (before + slope_before * numbers[0])
+            stamps -= move * np.linspace(1.0, 0.0, count + 1)[1:]
+        self._line_before = offset, slope
+        return self._origin_ns + np.rint(stamps).astype(np.int64)
 
     def _with_losses(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
@@ -102,7 +117,12 @@ class ArrivalClock:
         is_known = len(self._numbers) >= self._settle
         x, y = (self._numbers, self._arrivals) if is_known else (numbers, arrivals)
         offset, slope = self._line(x, y)
-        usual = float(np.quantile(y - (offset + slope * x), 0.1))
+        left = y - (offset + slope * x)
+        usual = float(np.quantile(left, 0.1))
+        if is_known:
+            # What was made good for within the time of settling before, is no loss now.
+            least = sliding_window_view(left, self._settle)[:: self._settle // 4].min(axis=1)
+            usual = max(usual, float(2.0 * least.max() - np.median(least)))
         while True:
             late = (arrivals - (offset + slope * numbers) - usual) / slope
             # The least lateness from here on: what stays late has lost something.
@@ -117,20 +137,29 @@ class ArrivalClock:
     def _line(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
     ) -> tuple[float, float]:
-        """Return offset and slope of a line that outliers do not move (Huber's weights) [ns]."""
+        """Return offset and slope of a line that outliers do not move [ns].
+
+        By Huber's weights, and then Tukey's.
+        """
         slope, offset = self._period, float(np.median(arrivals - self._period * numbers))
         if len(numbers) < 2 * self._settle:
             return offset, slope
         middle = numbers.mean()
         x = numbers - middle
         offset += slope * middle
-        for _ in range(_REWEIGHTS):
+        for number in range(_REWEIGHTS):
             left = arrivals - offset - slope * x
             scale = max(1.4826 * float(np.median(np.abs(left))), 1.0)
-            weights = np.minimum(1.0, 1.345 * scale / np.maximum(np.abs(left), 1e-9))
+            far = np.maximum(np.abs(left) / scale, 1e-9)
+            weights = np.minimum(1.0, 1.345 / far)
+            if number >= _REWEIGHTS // 2:
+                # Near the line by now: a queue that stood still has no weight at all.
+                weights = np.maximum(1.0 - (far / 4.685) ** 2, 0.0) ** 2
             mean_x = np.average(x, weights=weights)
             mean_y = np.average(arrivals, weights=weights)
             spread = np.sum(weights * (x - mean_x) ** 2)
             slope = float(np.sum(weights * (x - mean_x) * (arrivals - mean_y)) / spread)
+            # Else a loss that is none would tilt the line, and the next samples would seem late.
+            slope = min(max(slope, self._period * (1 - _DRIFT)), self._period * (1 + _DRIFT))
             offset = float(mean_y - slope * mean_x)
         return offset - slope * middle, slope
