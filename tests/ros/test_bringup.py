@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ema_bags.inputs.bridge_node import BridgeNode
 from ema_bags.player_node import PlayerNode
@@ -21,9 +22,10 @@ from ema_dashboard.dashboard_node import DashboardNode
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_ros.rclpy_private import given_parameters
-from ema_ros.topics import ACTUATOR_TOPICS
+from ema_ros.topics import ACTUATOR_TOPICS, MONITOR_TOPICS, PLAYER_TOPICS
 from ema_sim.actuator_node import ActuatorNode
 
+from ..packages import FOLDERS
 from .spinning import ros_context
 
 SHARE = Path(get_package_share_directory("ema_bringup"))
@@ -191,6 +193,24 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
         RuntimeError, match=r"has no argument calibraton_file; it has .*calibration_file"
     ):
         nodes_of(name, **wrong)
+
+
+def test_rosbag2_is_told_the_quality_of_service_of_each_topic_with_a_depth_that_loses_none():
+    file = FOLDERS["ema_bringup"] / "config" / "record_qos.yaml"
+    offered = ACTUATOR_TOPICS | MONITOR_TOPICS | PLAYER_TOPICS
+    told = yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert set(told) == {f"/ema/{name}" for name in offered}
+    for name, (_, qos) in offered.items():
+        given = told[f"/ema/{name}"]
+        # As ros2bag reads it: the short keys of the policies.
+        read = QoSProfile(
+            history=HistoryPolicy.get_from_short_key(given["history"]),
+            depth=given["depth"],
+            reliability=ReliabilityPolicy.get_from_short_key(given["reliability"]),
+            durability=DurabilityPolicy.get_from_short_key(given["durability"]),
+        )
+        assert (read.reliability, read.durability) == (qos.reliability, qos.durability), name
+        assert read.depth >= max(qos.depth, 1000)
 
 
 @pytest.mark.usefixtures("launch_modules")
