@@ -21,9 +21,3 @@ def test_bash_completes(words, completed):
     script = ASK.format(words=" ".join(words), at=len(words) - 1)
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.split() == completed, done.stderr
-
-
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_other_shells_get_theirs(shell):
-    done = subprocess.run(["ema", "completion", shell], capture_output=True, text=True, check=True)
-    assert "_EMA_COMPLETE" in done.stdout

@@ -63,10 +63,10 @@ def told(ema, life_folder):
     return json.loads(result.stdout)
 
 
-def estimate_of(hours: float, seed: int | None = None, **faults: float) -> Estimate:
+def estimate_of(hours: float, seed: int | None = None, friction: float = 0.0) -> Estimate:
     """Estimate at a service hour; with a seed it errs by a standard deviation of 0.003."""
-    made = made_test(0, **faults)
-    k = fault_vector(faults)
+    made = made_test(0, friction=friction)
+    k = fault_vector({"friction": friction})
     if seed is not None:
         rng = np.random.default_rng([seed, round(hours)])
         k = np.clip(k + 0.003 * rng.standard_normal(8) * (k != fault_vector({})), 0.0, 0.99)
