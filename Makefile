@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
+.PHONY: docs parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -124,16 +124,20 @@ sample: setup ## the sample bag anew, after a change of the reference actuator o
 	    -p resolution.current=0.005 -p resolution.position=1e-6 \
 	    -p resolution.speed=0.05 --seed 1 --replace -o bags/faulty_flap.mcap
 
+docs: setup ## the site of the documents in site/: pages, Python reference, search; links are checked
+	NO_MKDOCS_2_WARNING=1 tools/in_venv.sh docs mkdocs build
+	@echo 'docs: open site/index.html; for its search, python3 -m http.server --directory site'
+
 lock: setup ## compile all locks anew, with hashes (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)
 
 sbom: setup ## ema.cdx.json: all packages that are installed or shipped, as CycloneDX
-	tools/sbom.sh python tools/sbom.py ema.cdx.json
+	tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json
 
 clean: ## remove what was built
-	rm -rf activate.sh ros2_ws/build ros2_ws/install ros2_ws/log
+	rm -rf activate.sh site ros2_ws/build ros2_ws/install ros2_ws/log
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache
 	find ema_* ros2_ws/src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
-	rm -rf .venv .venv-peers .venv-sbom
+	rm -rf .venv .venv-peers .venv-sbom .venv-docs

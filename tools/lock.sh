@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Compiles requirements/*.in to lock.txt, peers.lock.txt and sbom.lock.txt beside them, with the
-# hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
+# Compiles requirements/*.in to lock.txt, peers.lock.txt, sbom.lock.txt and docs.lock.txt beside
+# them, with the hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -35,3 +35,5 @@ grep -q '^ros-rclpy==7\.1\.[0-9]* ' requirements/lock.txt || {
 lock requirements/peers.lock.txt requirements/{runtime,peers}.in --constraints requirements/lock.txt
 
 lock requirements/sbom.lock.txt requirements/sbom.in
+
+lock requirements/docs.lock.txt requirements/docs.in

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write the software bill of materials, CycloneDX 1.6 as JSON: what is installed and shipped.
 
-    tools/sbom.sh python tools/sbom.py ema.cdx.json
+    tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json
 
 The packages of ``.venv`` with their licences and dependencies, as cyclonedx-py finds them there;
 those that are bundled in the dashboard's page; our own. Fails where a locked package is missing.

@@ -107,7 +107,7 @@ class Health:
     level
         Worst of the known faults and requirements; ``STALE`` when none is known.
     health_index
-        Least of 1 - share over the faults, clipped to [0, 1] [-].
+        Least of 1 - share over the faults [-], clipped to [0, 1].
     severity
         Grade from 0 (as new) to 4 (at or above the limit).
     confidence

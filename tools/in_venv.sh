@@ -1,22 +1,24 @@
 #!/usr/bin/env bash
-# Runs a command in .venv-sbom, made from requirements/sbom.lock.txt unless it is there already.
+# Runs a command in .venv-NAME, made from requirements/NAME.lock.txt unless it is there already.
 #
-#   tools/sbom.sh python tools/sbom.py ema.cdx.json
+#   tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json
 #
-# Apart from .venv, which it looks at. Needs what `make setup` makes.
+# Apart from .venv, which sbom looks at. Needs what `make setup` makes.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
-venv=$root/.venv-sbom
-lock=$root/requirements/sbom.lock.txt
+name=$1
+shift
+venv=$root/.venv-$name
+lock=$root/requirements/$name.lock.txt
 uv=$root/.venv/bin/uv
 
 if [[ ! -x $uv ]]; then
-    echo "sbom: no $uv: run \`make setup\` first" >&2
+    echo "$name: no $uv: run \`make setup\` first" >&2
     exit 1
 fi
 # From here on nothing that the caller has sourced or activated has any influence.
-for name in ${!PYTHON@} ${!_ROS_@}; do unset "$name"; done
+for variable in ${!PYTHON@} ${!_ROS_@}; do unset "$variable"; done
 unset LD_LIBRARY_PATH VIRTUAL_ENV CONDA_PREFIX
 export UV_SYSTEM_CERTS=1
 
