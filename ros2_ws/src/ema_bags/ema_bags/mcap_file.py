@@ -22,7 +22,12 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Metad
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from ema_bags.gaps import GAP, Gap
-from ema_bags.metadata import CONVERT
+
+CONVERT: Final = (
+    "`ros2 bag convert -i BAG -o FILE`, with "
+    "`output_bags: [{uri: NEW, storage_id: mcap, all: true}]` in FILE, rewrites it as MCAP"
+)
+"""Remedy for a bag in a storage or compression that is not read."""
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _LZ4_MAGIC: Final = b"\x04\x22\x4d\x18"

@@ -11,16 +11,11 @@ from typing import Any, Final
 
 import yaml
 
+from ema_bags.mcap_file import CONVERT
 from ema_core.yaml_file import load_yaml
 
 PACKED_SUFFIX: Final = ".zstd"
 """What rosbag2 appends to the name of a file that it compresses."""
-
-CONVERT: Final = (
-    "`ros2 bag convert -i BAG -o FILE`, with "
-    "`output_bags: [{uri: NEW, storage_id: mcap, all: true}]` in FILE, rewrites it as MCAP"
-)
-"""Remedy for a bag in a storage or compression that is not read."""
 
 METADATA_FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
