@@ -173,8 +173,8 @@ def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:
 def _windows(table: pa.Table) -> list[dict[str, Any]]:
     """Return rows of estimates, of a window that is in several bags the first that tells most.
 
-    Two bags with different tests at the same time do not show which came first: all tests of both
-    are refused.
+    Bags with different tests at the same time, or one bag, do not show which came first: all
+    their tests are refused.
     """
     found: dict[int, dict[str, Any]] = {}
     reasons: dict[str, str] = {}
@@ -185,10 +185,11 @@ def _windows(table: pa.Table) -> list[dict[str, Any]]:
             continue
         if not _tells(other):
             found[row["end_ns"]] = other = row
-        if last and last["bag"] != row["bag"] and row["start_ns"] < last["end_ns"]:
+        if last and row["start_ns"] < last["end_ns"]:
             is_copy = all(str(row[name]) == str(last[name]) for name in _SAME)
+            who = "two bags have" if last["bag"] != row["bag"] else "a bag has"
             reason = (
-                "two bags have different tests at the same time, their stamps must show which came "
+                f"{who} different tests at the same time, their stamps must show which came "
                 f"first: {last['bag']} and {row['bag']}"
             )
             if not is_copy:
