@@ -79,7 +79,7 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     else:
         level, message = OK, f"{unit.valid} valid estimates"
     if unit.is_silent and finder.blocks:
-        level, message = max(level, STALE), f"no telemetry any more; {message}"
+        level, message = STALE, f"no telemetry any more; {message}"
     if unit.is_calibrating:
         category = DIAGNOSTICS_ACTIVE
     counts = {
