@@ -105,7 +105,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python summary.py
 
 campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks, fuzzing, a soak (docs/campaign.md)
-	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 tests/attacks $(ARGS)
+	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 -o faulthandler_timeout=0 tests/attacks $(ARGS)
 
 words: ## words in what users read that a reader stumbles over
 	@python3 tools/words.py

@@ -38,8 +38,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import identify
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import Estimate
-from ema_study.cases import CASES, MULTIPLE
-from ema_study.plan import ALGORITHMS
+from ema_study.cases import ALGORITHMS, CASES, MULTIPLE
 from ema_study.printed import printed_runs
 from ema_study.sources import counted
 

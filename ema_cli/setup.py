@@ -35,5 +35,5 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
-    entry_points={"console_scripts": ["ema = ema_cli.main:main"]},
+    entry_points={"console_scripts": ["ema = ema_ros.programs:ema"]},
 )

@@ -25,5 +25,5 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
-    entry_points={"console_scripts": ["monitor_node = ema_monitor.node.monitor_node:main"]},
+    entry_points={"console_scripts": ["monitor_node = ema_ros.programs:monitor_node"]},
 )

@@ -21,5 +21,5 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
-    entry_points={"console_scripts": ["actuator_node = ema_sim.actuator_node:main"]},
+    entry_points={"console_scripts": ["actuator_node = ema_ros.programs:actuator_node"]},
 )

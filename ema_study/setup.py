@@ -10,7 +10,7 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["thesis_runs.csv", "printed_tables.yaml", "templates/*"]},
+    package_data={package: ["thesis_runs.csv", "printed_tables/*.csv", "templates/*"]},
     install_requires=[
         "ema_core",
         "ema_monitor",
@@ -19,7 +19,6 @@ setup(
         "matplotlib>=3.8,<4",
         "numpy>=1.26,<3",
         "pandas>=2.2,<4",
-        "pyyaml>=6,<7",
     ],
     python_requires=">=3.11",
     data_files=[

@@ -1,10 +1,13 @@
-"""Commands, run in the process of the test."""
+"""Commands, run in the process of the test, and the sample that they read."""
 
 from pathlib import Path
 
 from click.testing import CliRunner, Result
 
 from ema_cli.main import main
+
+SAMPLE = Path(__file__).parents[1] / "bags" / "faulty_flap.mcap"
+"""Bag of one window, with friction of 0.25 and eccentricity of 0.1."""
 
 
 def ema(*arguments: str | Path) -> Result:

@@ -3,14 +3,16 @@
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 
 from ema_cli.processes.domains import Domain
 from ema_core.linear_algebra import one_thread
 
+from . import commands
 from .leftovers import nothing_left
 from .orphans import pytest_testnodedown
 from .scheduling import pytest_collection_modifyitems, pytest_xdist_make_scheduler
@@ -49,6 +51,12 @@ def pytest_configure(config: pytest.Config) -> None:
         if "rclpy" in sys.modules:
             raise pytest.UsageError("rclpy is imported already")
         sys.modules["rclpy"] = None  # pyright: ignore[reportArgumentType]
+
+
+@pytest.fixture(scope="session")
+def ema() -> Callable[..., Result]:
+    """Return what runs a command in this process."""
+    return commands.ema
 
 
 @pytest.fixture(autouse=True, scope="module")

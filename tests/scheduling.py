@@ -21,13 +21,15 @@ class FileScheduling(LoadFileScheduling):
 
     def remove_node(self, node: Any) -> str | None:
         """Take up what a process has left, but for the test that crashed it; return that one."""
-        for unit in self.assigned_work[node].values():
-            for test, is_done in unit.items():
-                if not is_done:
-                    unit[test] = True
-                    super().remove_node(node)
-                    return test
-        return super().remove_node(node)
+        units = self.assigned_work[node]
+        left = [(unit, test) for unit in units.values() for test, done in unit.items() if not done]
+        for unit, test in left[:1]:
+            unit[test] = True
+        # A process that is given a unit without tests waits for ever.
+        for scope in [scope for scope, unit in units.items() if all(unit.values())]:
+            del units[scope]
+        super().remove_node(node)
+        return left[0][1] if left else None
 
 
 @pytest.hookimpl(optionalhook=True)

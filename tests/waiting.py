@@ -1,5 +1,6 @@
 """Waiting for conditions: on a busy machine everything comes, though late."""
 
+import math
 import subprocess
 import threading
 import time
@@ -33,6 +34,29 @@ def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = DEADLI
         assert time.monotonic() < end_s, f"not within {deadline_s:g} s: {what}"
         pause.wait(0.01)
     return result
+
+
+class SimulatedTime(threading.Event):
+    """A clock that stands still unless somebody waits; as an event, it may be set at a time."""
+
+    def __init__(self, set_at_s: float = math.inf) -> None:
+        super().__init__()
+        self.now_s = 100.0
+        self._set_at_s = self.now_s + set_at_s
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def time_ns(self) -> int:
+        return round(1e9 * self.now_s)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        assert timeout is not None
+        if not self.is_set():
+            self.now_s = min(self.now_s + timeout, self._set_at_s)
+        if self.now_s == self._set_at_s:
+            self.set()
+        return self.is_set()
 
 
 @contextmanager

@@ -63,9 +63,9 @@ def measured() -> list[Row]:
     ]
     pairs = circles()
     return [
-        Row("production Python, lines", sum(sizes), 46_000, 56_900),
-        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py")), 20_000, 24_950),
-        Row("tests, lines", lines(tracked("tests/*.py")), 38_000, 44_000),
+        Row("production Python, lines", sum(sizes), 46_000, 55_500),
+        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py")), 20_000, 24_300),
+        Row("tests, lines", lines(tracked("tests/*.py")), 38_000, 40_500),
         Row("benchmarks, lines", lines(tracked("benchmarks/*.py")), 8_500, 8_500),
         Row("packages beside ema_interfaces and ema_bringup", len(packages), 9, 9),
         Row("pairs of folders of ema_monitor that import each other", len(pairs), 0, 0),

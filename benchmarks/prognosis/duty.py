@@ -22,8 +22,7 @@ from trials import mean
 from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.duty.flown import LOAD_CLASSES, FlownDuty
+from ema_monitor.prognosis.duty.damage import LOAD_CLASSES, DamageSettings, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.service import Service

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from ema_archive.calibrations import calibration_of, identity_of
 from ema_archive.partitions import shortened
 from ema_archive.settings import ArchiveSettings, estimation_software
-from ema_archive.sources import content_digest, local_copy
+from ema_archive.sources import calibration_of, content_digest, identity_of, local_copy
 from ema_archive.tables import count_row, estimate_row
 from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators, read_telemetry
@@ -119,8 +118,6 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
                 recorded, task.settings.trigger, measured_max_age_s=max_age_s
             )
         except ValueError as error:
-            if actuator_id is None:
-                raise
             reasons.append(str(error))
             continue
         # Each window is of the unit that was described at its time.

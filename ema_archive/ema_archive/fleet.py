@@ -3,23 +3,27 @@
 import math
 import re
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
+from statistics import NormalDist
 from threading import Timer
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import duckdb
+import numpy as np
 
 from ema_archive.partitions import TABLES
 from ema_archive.query import opened
-from ema_archive.survival import survival
 
 MOST_ROWS: Final = 1000
 """Most units, and models, that a summary lists."""
 
 _MOST_STEPS: Final = 500
+_CONFIDENCE: Final = 0.9
+_Z: Final = NormalDist().inv_cdf(0.5 + _CONFIDENCE / 2.0)
 
 Row = dict[str, Any]
 
@@ -93,7 +97,10 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
             timer = Timer(max(end_s - time.monotonic(), 0.0), db.interrupt)
             timer.start()
             try:
-                found[name] = _rows(db, query, most)
+                answer = db.execute(query, {"most": most} if "$most" in query else None)
+                names = [column[0] for column in answer.description or []]
+                rows = answer.fetchall()
+                found[name] = [_plain(dict(zip(names, row, strict=True))) for row in rows]
             except duckdb.InterruptException:
                 end_s = 0.0
             finally:
@@ -128,12 +135,6 @@ def state_of_tables(archive: Path) -> tuple[int, ...]:
     return found.st_mtime_ns, found.st_ino
 
 
-def _rows(db: duckdb.DuckDBPyConnection, query: str, most: int) -> list[Row]:
-    answer = db.execute(query, {"most": most} if "$most" in query else None)
-    names = [column[0] for column in answer.description or []]
-    return [_plain(dict(zip(names, row, strict=True))) for row in answer.fetchall()]
-
-
 def _plain(row: Row) -> Row:
     """Return a row as JSON can say it: times as text, and None for what is no number."""
 
@@ -143,3 +144,53 @@ def _plain(row: Row) -> Row:
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
     return {name: plain(value) for name, value in row.items()}
+
+
+class SurvivalStep(NamedTuple):
+    """Share [-] that lives beyond an age [h] at which some failed, with its 90 % interval.
+
+    It holds until the next step; of those at risk, who were watched just before, some failed.
+    """
+
+    age: float
+    at_risk: int
+    failed: int
+    share: float
+    lower: float
+    upper: float
+
+
+def survival(
+    from_age: Sequence[float], to_age: Sequence[float], has_failed: Sequence[bool]
+) -> list[SurvivalStep]:
+    """Return the product-limit estimate of the share that lives beyond an age.
+
+    Units count from the age at which they were first watched: those that failed before could not
+    be seen, and would be missing among the failures only. The share is that of those who reach the
+    first failure at which the root of their number is watched: before, one failure of the few that
+    are would take it from all (Lai and Ying 1991). The interval is that of Greenwood's
+    variance of log(-log share), which stays within 0 and 1. Where nobody is left the share is 0,
+    and its interval is not known.
+
+    One that was not watched for any time, between its two ages [h], does not count.
+    """
+    begin, end = np.asarray(from_age, dtype=float), np.asarray(to_age, dtype=float)
+    is_failure = np.asarray(has_failed, dtype=bool) & (end > begin)
+    ages, failures = np.unique(end[is_failure], return_counts=True)
+    # Those watched from before on, without those that went before.
+    watched = np.searchsorted(np.sort(begin), ages) - np.searchsorted(np.sort(end), ages)
+    enough = watched >= math.sqrt(np.sum(end > begin))
+    first = int(np.argmax(enough)) if enough.any() else ages.size
+    ages, watched, failures = ages[first:], watched[first:], failures[first:]
+    steps, share, variance = [], 1.0, 0.0
+    for age, at_risk, failed in zip(
+        ages.tolist(), watched.tolist(), failures.tolist(), strict=True
+    ):
+        share *= 1.0 - failed / at_risk
+        lower = upper = math.nan
+        if share > 0.0:
+            variance += failed / (at_risk * (at_risk - failed))
+            spread = _Z * math.sqrt(variance) / abs(math.log(share))
+            lower, upper = share ** math.exp(spread), share ** math.exp(-spread)
+        steps.append(SurvivalStep(age, at_risk, failed, share, lower, upper))
+    return steps

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask
-from ema_archive.calibrations import calibration_of, identity_of
 from ema_archive.database import FILE, Database
 from ema_archive.partitions import STAMPS, month_of, path_of, read_rows
 from ema_archive.settings import ArchiveSettings, estimation_software
-from ema_archive.sources import Listed, content_digest
-from ema_archive.unit_task import KeptHistory, UnitResult, made_by
+from ema_archive.sources import Listed, calibration_of, content_digest, identity_of
+from ema_archive.unit_task import KeptHistory, UnitEntry, UnitResult, made_by
 from ema_core.wording import counted
 
 Place = tuple[str, str, str]
@@ -54,8 +53,9 @@ class Status:
         Why bags are to be done, and how many each.
     units, units_due
         Units, and those whose health and life are to be found anew.
-    windows, valid
-        Windows, and those with a valid estimate.
+    windows, valid, unordered
+        Windows; those with a valid estimate that is used; and those whose valid estimate is
+        refused, as their stamps do not show which test came first.
     damaged_files
         Files of its tables that are missing or damaged.
     """
@@ -70,18 +70,8 @@ class Status:
     units_due: int
     windows: int
     valid: int
+    unordered: int
     damaged_files: int
-
-
-@dataclass(frozen=True)
-class UnitEntry:
-    """A unit as the manifest knows it, and where its calibration comes from."""
-
-    unit: str
-    actuator_id: str
-    serial_number: str
-    model: str
-    source: str
 
 
 class Manifest(Database):
@@ -151,6 +141,7 @@ class Manifest(Database):
         [(windows, valid)] = self._rows(
             "SELECT coalesce(sum(windows), 0), coalesce(sum(valid), 0) FROM bag"
         )
+        unordered = sum(len(summary.get("unordered", ())) for _, _, summary in self.units())
         return Status(
             self._count("bag"),
             self._count(f"bag WHERE NOT {_THERE}"),
@@ -161,7 +152,8 @@ class Manifest(Database):
             self._count("unit"),
             len(self.units_due(settings)),
             windows,
-            valid,
+            valid - unordered,
+            unordered,
             len(self._damaged_files()),
         )
 
@@ -384,9 +376,8 @@ class Manifest(Database):
 
     def units(self) -> Iterator[tuple[str, str, dict[str, list[dict[str, Any]]]]]:
         """Yield model and name of each unit, and its rows in the tables that are one file each."""
-        for model, unit, summary in self._db.execute(
-            "SELECT model, unit, summary FROM unit ORDER BY unit"
-        ):
+        rows = self._db.execute("SELECT model, unit, summary FROM unit ORDER BY unit")
+        for model, unit, summary in rows:
             yield model, unit, json.loads(summary)
 
     def bags(self) -> sqlite3.Cursor:

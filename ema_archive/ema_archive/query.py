@@ -13,22 +13,6 @@ from ema_archive.partitions import STAMPS, TABLES
 from ema_archive.tables import PARTITIONED, WHOLE
 from ema_core.files import complete_file
 
-VIEWS: Final = (
-    "latest_health",
-    "worst_first",
-    "growth",
-    "lives",
-    "months",
-    "alarms",
-    "false_alarms",
-    "refused",
-    "refused_why",
-    "copies",
-    "unordered",
-    "runs_to_failure",
-)
-"""Ready views, beside the tables."""
-
 FORMATS: Final = (".csv", ".parquet")
 """Suffixes of the files to which a table is exported."""
 
@@ -137,9 +121,10 @@ def _without_formulas(schema: pa.Schema) -> str:
 def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelation:
     statements = db.extract_statements(question)
     if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
+        names = db.execute("SELECT view_name FROM duckdb_views() WHERE NOT internal ORDER BY 1")
         raise ValueError(
-            'expected one query, such as "select * from worst_first limit 20"; tables: '
-            f"{', '.join((*PARTITIONED, 'bags', 'units'))}; views: {', '.join(VIEWS)}"
+            'expected one query, such as "select * from worst_first limit 20"; tables and views: '
+            f"{', '.join(name for (name,) in names.fetchall())}"
         )
     return db.sql(statements[0].query)
 

@@ -1,7 +1,7 @@
 """Bring an archive up to date: bags to estimates, then units to health and life."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diagnose_bag
-from ema_archive.manifest import Manifest, UnitEntry
+from ema_archive.manifest import Manifest
 from ema_archive.partitions import (
     STAMPS,
     TABLES,
@@ -186,10 +186,19 @@ def run_units(
 ) -> None:
     """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
     settings = manifest.settings
-    entries = {entry.unit: entry for entry in manifest.units_due(settings)}
+    entries = manifest.units_due(settings)
     follow("units", 0, len(entries), 0)
-    for outcome in workers.run(follow_unit, _unit_tasks(manifest, entries.values(), settings)):
-        entry, result = entries[outcome.item.unit], outcome.value
+    tasks = (
+        UnitTask(
+            entry,
+            settings,
+            **{name: read_unit(manifest.archive, name, entry.unit) for name in PARTITIONED},
+            kept=manifest.kept_history(entry.unit),
+        )
+        for entry in entries
+    )
+    for outcome in workers.run(follow_unit, tasks):
+        entry, result = outcome.item.entry, outcome.value
         if outcome.error is not None or result.software != prognosis_software():
             # The others are followed all the same; this one stays due.
             error = outcome.error
@@ -202,21 +211,6 @@ def run_units(
         tally.units += 1
         tally.followed += result.followed
         follow("units", tally.units, len(entries), 0)
-
-
-def _unit_tasks(
-    manifest: Manifest, entries: Iterable[UnitEntry], settings: ArchiveSettings
-) -> Iterator[UnitTask]:
-    for entry in entries:
-        yield UnitTask(
-            entry.unit,
-            entry.actuator_id,
-            entry.serial_number,
-            entry.source,
-            settings,
-            **{name: read_unit(manifest.archive, name, entry.unit) for name in PARTITIONED},
-            kept=manifest.kept_history(entry.unit),
-        )
 
 
 def write_summaries(manifest: Manifest) -> None:

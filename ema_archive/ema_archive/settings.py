@@ -70,8 +70,8 @@ class ArchiveSettings:
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values, for `of_mapping`."""
         values = asdict(self)
-        # A stop rule of a caller's own is code, and an archive knows no other units.
-        del values["search"]["stop_rule"], values["prognosis"]["tracker"]["fleet"]
+        # An archive knows no other units.
+        del values["prognosis"]["tracker"]["fleet"]
         return values
 
     @classmethod

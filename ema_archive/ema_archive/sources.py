@@ -1,4 +1,4 @@
-"""Bags in folders and object stores: what is there, and a copy to read where it is not local."""
+"""Bags and calibrations in folders and object stores: what is there, and a copy to read."""
 
 import errno
 import hashlib
@@ -7,17 +7,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import quote
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.utils import get_protocol
 
 from ema_bags.metadata import METADATA_FILE
-
-CALIBRATION_FILE: Final = "calibration.yaml"
-"""Name of the calibration of the unit whose bags lie in the same folder."""
+from ema_core.description import UnitKey
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
 
 # What is in sqlite3 storage is not read: it is listed so that it is refused with the remedy.
 _BAG_SUFFIXES: Final = (".mcap", ".db3")
@@ -126,29 +128,6 @@ def content_digest(path: Path) -> str:
     return hashlib.sha256(parts.encode()).hexdigest()
 
 
-def mark_of(url: str) -> str:
-    """Return what changes when a file at an address does; empty when there is none."""
-    files, path = _opened(url)
-    try:
-        with _clear_errors(url):
-            return _mark([files.info(path)])
-    except FileNotFoundError:
-        return ""
-
-
-def time_of(url: str) -> int | None:
-    """Return when a file at an address was changed [ns]; None where that is not known."""
-    files, path = _opened(url)
-    try:
-        with _clear_errors(url):
-            changed = files.modified(path)
-    except (FileNotFoundError, NotImplementedError):
-        return None
-    if changed.tzinfo is None:
-        changed = changed.replace(tzinfo=UTC)
-    return round(changed.timestamp() * 1e6) * 1000
-
-
 def full_url(source: str) -> str:
     """Return the address of a source that holds wherever a process works."""
     return _url(*_opened(source))
@@ -188,3 +167,68 @@ def _mark(infos: list[dict[str, Any]]) -> str:
     if len(parts) == 1:
         return parts[0]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
+    """Return the calibration of a unit, or why there is none.
+
+    Parameters
+    ----------
+    source
+        The pattern of the archive's settings, or else the calibration beside the bag; empty for the
+        shipped one. ``{actuator_id}`` and ``{serial_number}`` stand for those of the unit.
+
+    Raises
+    ------
+    OSError
+        When a file that is there cannot be read.
+    """
+    if not source:
+        return Calibration.builtin()
+    url = _url_for(source, unit)
+    files, path = _opened(url)
+    try:
+        with _clear_errors(url):
+            mark = _mark([files.info(path)])
+    except FileNotFoundError:
+        return f"there is no calibration: {url} is missing"
+    return _loaded(url, mark)
+
+
+def changed_ns(source: str, unit: UnitKey) -> int | None:
+    """Return when the calibration of a unit was changed [ns]; arguments as of `calibration_of`.
+
+    None for the shipped one, one that is missing, and where the store does not tell.
+    """
+    if not source:
+        return None
+    url = _url_for(source, unit)
+    files, path = _opened(url)
+    try:
+        with _clear_errors(url):
+            changed = files.modified(path)
+    except (FileNotFoundError, NotImplementedError):
+        return None
+    if changed.tzinfo is None:
+        changed = changed.replace(tzinfo=UTC)
+    return round(changed.timestamp() * 1e6) * 1000
+
+
+def identity_of(calibration: AnyCalibration | str) -> str:
+    """Return the identity of a calibration; empty when there is none."""
+    return "" if isinstance(calibration, str) else calibration.calibration_id
+
+
+def _url_for(source: str, unit: UnitKey) -> str:
+    for name, value in zip(("actuator_id", "serial_number"), unit, strict=True):
+        source = source.replace(f"{{{name}}}", quote(value, safe=" "))
+    return source
+
+
+@lru_cache(256)
+def _loaded(url: str, mark: str) -> AnyCalibration | str:
+    with local_copy(url) as path:
+        try:
+            return load_calibration(path)
+        except ValueError as error:
+            return f"the calibration cannot be used: {str(error).replace(str(path), url)}"

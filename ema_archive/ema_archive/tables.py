@@ -141,6 +141,9 @@ WHOLE: Final = {
         }
     ),
     "months": pa.schema({**_PLACE, "month": _TEXT, "windows": pa.int32(), "valid": pa.int32()}),
+    "unordered": pa.schema(
+        {**_PLACE, "bag": _TEXT, "number": pa.int32(), "tested": _STAMP, "reason": _TEXT}
+    ),
 }
 """Columns of the tables that are one file each.
 
@@ -148,7 +151,8 @@ A row for each bag, the damaged ones included; each unit, its row of health afte
 and when the file of its calibration was changed; each fault and requirement of a unit after its
 latest valid test; each life of a unit, which a repair begins and the first test in ERROR ends: the
 service hours at which it began, its age when it was first tested and when it failed, or was last
-tested; and each month with tests of a unit.
+tested; each month with tests of a unit; and each valid window that is refused because its stamps do
+not show which test came first.
 """
 
 

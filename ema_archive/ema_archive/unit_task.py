@@ -11,16 +11,17 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from ema_archive.calibrations import calibration_of, changed_ns, identity_of
 from ema_archive.partitions import month_of
 from ema_archive.settings import ArchiveSettings, prognosis_software
+from ema_archive.sources import calibration_of, changed_ns, identity_of
 from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
+from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR
 from ema_monitor.identification.estimate import FAILED, REFUSED
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.unit import Unit
 
@@ -29,15 +30,8 @@ Row = Mapping[str, Any]
 _SAME: Final = ("end_ns", "verdict", "fitness", *FAULT_NAMES)
 """What copies of a test have in common."""
 
-_IDENTITY: Final = (
-    "end_ns",
-    "valid",
-    "bag_sha256",
-    "number",
-    "calibration_id",
-    "software",
-    "settings",
-)
+_MADE_BY: Final = ("software", "settings")
+_IDENTITY: Final = ("end_ns", "verdict", "bag_sha256", "number", "calibration_id", *_MADE_BY)
 
 
 @dataclass(frozen=True)
@@ -51,16 +45,29 @@ class KeptHistory:
 
 
 @dataclass(frozen=True)
+class UnitEntry:
+    """A unit as the manifest knows it, and where its calibration comes from."""
+
+    unit: str
+    actuator_id: str
+    serial_number: str
+    model: str
+    source: str
+
+    @property
+    def key(self) -> UnitKey:
+        """Actuator and serial number."""
+        return self.actuator_id, self.serial_number
+
+
+@dataclass(frozen=True)
 class UnitTask:
     """What a worker is to do with the tests of a unit: its rows in these tables, in order of time.
 
     Without what an earlier task kept, tests are followed from the first.
     """
 
-    unit: str
-    actuator_id: str
-    serial_number: str
-    source: str
+    entry: UnitEntry
     settings: ArchiveSettings
     estimates: pa.Table
     usage: pa.Table
@@ -99,13 +106,16 @@ def follow_unit(task: UnitTask) -> UnitResult:
     Where tests are added at the end, those before are not repeated.
     """
     limit_threads(1)
-    key, settings = (task.actuator_id, task.serial_number), task.settings.prognosis
-    calibration = calibration_of(task.source, key)
+    entry, settings = task.entry, task.settings.prognosis
+    calibration = calibration_of(entry.source, entry.key)
     parameters = None if isinstance(calibration, str) else calibration.unit_parameters
-    names = {"actuator_id": task.actuator_id, "serial_number": task.serial_number}
+    names = {"actuator_id": entry.actuator_id, "serial_number": entry.serial_number}
     shared = names | {"software": prognosis_software(), "settings": task.settings.prognosis_id}
     maker = made_by(task.settings, identity_of(calibration))
-    estimates, usage = _windows(task.estimates), _counts(task.usage)
+    estimates, refused = _windows(task.estimates)
+    # The same count in several bags is one.
+    columns = (task.usage[name].to_pylist() for name in ("stamp_ns", "hours", "cycles"))
+    usage = [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
     with TemporaryDirectory(prefix="ema_archive_") as folder:
         path = Path(folder) / "history.sqlite"
         known, history = _history_of(task, maker, estimates, usage, path)
@@ -127,7 +137,10 @@ def follow_unit(task: UnitTask) -> UnitResult:
             if not history.problem:
                 digest = _digest_of(estimates, usage)
                 kept = KeptHistory(maker, len(estimates), digest, path.read_bytes())
-    changed = changed_ns(task.source, key)
+    # The months in which it was tested.
+    windows = Counter(month_of(row["end_ns"]) for row in estimates)
+    valid = Counter(month_of(row["end_ns"]) for row in estimates if row["valid"])
+    changed = changed_ns(entry.source, entry.key)
     latest = rows[-1] if rows else health_row(last, "") | shared
     return UnitResult(
         maker,
@@ -137,7 +150,11 @@ def follow_unit(task: UnitTask) -> UnitResult:
             "units": [latest | {"calibrated": None if changed is None else changed // 1000}],
             "growth": [row | names for row in growth_rows(last)],
             "lives": lives_of(rows),
-            "months": _months_of(estimates),
+            "months": [
+                {"month": month, "windows": windows[month], "valid": valid[month]}
+                for month in sorted(windows)
+            ],
+            "unordered": refused,
         },
         kept,
         len(estimates) - known,
@@ -148,17 +165,15 @@ def _history_of(
     task: UnitTask, maker: str, estimates: Sequence[Row], usage: Sequence[Count], path: Path
 ) -> tuple[int, History]:
     """Return how many windows are known already, and the history that they left."""
-    key, kept = (task.actuator_id, task.serial_number), task.kept
-    if kept is None or kept.made_by != maker:
-        return 0, History(*key)
-    if _digest_of(estimates[: kept.tests], usage) != kept.digest:
-        return 0, History(*key)
-    path.write_bytes(kept.content)
-    history = History(*key, path)
-    if not history.problem:
-        return kept.tests, history
-    history.close()
-    path.unlink(missing_ok=True)
+    key, kept = task.entry.key, task.kept
+    known = kept and kept.made_by == maker and _digest_of(estimates[: kept.tests], usage)
+    if kept and known == kept.digest:
+        path.write_bytes(kept.content)
+        history = History(*key, path)
+        if not history.problem:
+            return kept.tests, history
+        history.close()
+        path.unlink(missing_ok=True)
     return 0, History(*key)
 
 
@@ -170,48 +185,41 @@ def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:
     return hashlib.sha256(repr((windows, counts)).encode()).hexdigest()
 
 
-def _windows(table: pa.Table) -> list[dict[str, Any]]:
+def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     """Return rows of estimates, of a window that is in several bags the first that tells most.
 
-    Bags with different tests at the same time, or one bag, do not show which came first: all
-    their tests are refused.
+    Valid tests of bags in which it is not known which test came first are refused; the second
+    list has them as rows. A failure leads all the same.
     """
-    found: dict[int, dict[str, Any]] = {}
-    reasons: dict[str, str] = {}
-    last: dict[str, Any] | None = None
-    for row in table.to_pylist():
+    found: dict[int, Row] = {}
+    rows = table.to_pylist()
+    for row in rows:
         other = found.setdefault(row["end_ns"], row)
-        if not _tells(row):
-            continue
-        if not _tells(other):
-            found[row["end_ns"]] = other = row
-        if last and row["start_ns"] < last["end_ns"]:
-            is_copy = all(str(row[name]) == str(last[name]) for name in _SAME)
-            who = "two bags have" if last["bag"] != row["bag"] else "a bag has"
-            reason = (
-                f"{who} different tests at the same time, their stamps must show which came "
-                f"first: {last['bag']} and {row['bag']}"
-            )
-            if not is_copy:
-                reasons = dict.fromkeys((last["bag"], row["bag"]), reason) | reasons
-        last = other
-    return [
-        row | {"valid": False, "verdict": REFUSED, "reason": reasons[row["bag"]]}
-        if row["bag"] in reasons
+        if _telling(row) > _telling(other):
+            found[row["end_ns"]] = row
+    reasons = unordered(
+        StampedTest(row["start_ns"], row["end_ns"], row["bag"], [str(row[name]) for name in _SAME])
+        for row in rows
+        if _telling(row)
+    )
+    refused = [
+        {"bag": row["bag"], "number": row["number"]}
+        | {"tested": row["end_ns"] // 1000, "reason": reasons[first]}
+        for row in rows
+        if row["valid"] and (first := found[row["end_ns"]]["bag"]) in reasons
+    ]
+    windows = [
+        {**row, "valid": False, "verdict": REFUSED, "reason": reasons[row["bag"]]}
+        if row["valid"] and row["bag"] in reasons
         else row
         for row in found.values()
     ]
+    return windows, refused
 
 
-def _tells(row: Row) -> bool:
-    """Return whether a window shows how the unit is: it is valid, or shows a failure."""
-    return row["valid"] or row["verdict"] == FAILED
-
-
-def _counts(table: pa.Table) -> list[Count]:
-    """Return counts, the same count in several bags once."""
-    columns = (table[name].to_pylist() for name in ("stamp_ns", "hours", "cycles"))
-    return [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
+def _telling(row: Row) -> int:
+    """Return how much a window shows of the unit: most where it shows a failure."""
+    return 2 if row["verdict"] == FAILED else int(row["valid"])
 
 
 def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
@@ -234,14 +242,3 @@ def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
             life["to_age"] = hours - life["begin_hours"]
             life["has_failed"] = row["level"] == ERROR
     return lives
-
-
-def _months_of(estimates: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return the months in which a unit was tested."""
-    stamped = [(month_of(row["end_ns"]), row["valid"]) for row in estimates]
-    windows = Counter(month for month, _ in stamped)
-    valid = Counter(month for month, is_valid in stamped if is_valid)
-    return [
-        {"month": month, "windows": windows[month], "valid": valid[month]}
-        for month in sorted(windows)
-    ]

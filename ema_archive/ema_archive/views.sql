@@ -34,15 +34,6 @@ SELECT model, unit, end_ns, any_value(tested) AS tested, list(bag ORDER BY bag) 
 FROM estimates GROUP BY model, unit, end_ns
 HAVING count(*) > 1 AND count(DISTINCT fitness) <= 1 ORDER BY model, unit, end_ns;
 
--- Valid windows that health and life do not follow from: their bag has the time of another one.
-CREATE VIEW unordered AS
-SELECT
-    model, unit, bag, number, estimates.tested,
-    replace(health.reason, 'the newest test was refused: ', '') AS reason
-FROM estimates JOIN health USING (model, unit)
-WHERE estimates.valid AND estimates.end_ns = health.stamp_ns
-    AND health.reason LIKE '%their stamps must show which came first%';
-
 -- What gave no estimate or is not used: bags that cannot be read or have no window, and refused windows.
 CREATE VIEW refused AS
 SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, reason

@@ -32,9 +32,9 @@ _OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
 COMMAND_OPTION: Final = click.option(
     "--command",
     "shape",
-    help="step, ramp, sine, chirp (the default), swing (a chirp that begins and ends at rest), "
-    "moves (random smooth moves with dwells, as in ordinary motion), or a CSV file with one angle "
-    "[rad] a sample in its last column. The parameters command.NAME are its figures.",
+    help="step, ramp, sine, chirp (the default), swing (a chirp from rest to rest), moves (random "
+    "smooth moves with dwells), or a CSV file, angles [rad] in its last column. Parameters "
+    "command.NAME have its figures.",
 )
 
 
@@ -67,7 +67,7 @@ class Bench:
         click.option(
             "--current-noise",
             type=float,
-            help="Standard deviation of the noise on each current sample [A].",
+            help="Noise on each current sample, sigma [A].",
         ),
         click.option("--seed", type=click.IntRange(0), help="Of all noise."),
     )

@@ -1,5 +1,7 @@
 """Options that say where tasks run, shared by the commands that have many."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any
@@ -7,26 +9,40 @@ from typing import Any
 import click
 
 from ema_cli.parameters import Command
-from ema_core.tasks import EXECUTORS, Workers
-from ema_monitor.model.threads import available_cpus
+from ema_core.tasks import EXECUTORS, ClusterLostError, WorkerLostError, Workers
+from ema_monitor.model.threads import available_cpus, limit_threads
 
 
 @dataclass(frozen=True)
 class ExecutorOptions:
-    """What the options say."""
+    """What the options say, with how many tasks run at once on this machine."""
 
     kind: str
-    workers: int | None
+    number: int
     scheduler: str
 
-    @property
-    def number(self) -> int:
-        """How many tasks run at once on this machine."""
-        return self.workers or available_cpus()
+    @contextmanager
+    def open(self, stopped: Callable[[], str], kept: str) -> Iterator[Workers]:
+        """Yield the workers; arguments are those of ``stops_in_a_line``."""
+        try:
+            with (
+                stops_in_a_line(stopped, kept),
+                Workers(self.kind, self.number, self.scheduler) as workers,
+            ):
+                yield workers
+        finally:
+            limit_threads(None)
 
-    def open(self) -> Workers:
-        """Return the workers; ValueError and ClusterLostError as of `Workers`."""
-        return Workers(self.kind, self.number, self.scheduler)
+
+@contextmanager
+def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
+    """Say in one line what an interrupt, or the loss of workers, has left."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise click.ClickException(stopped()) from None
+    except (ClusterLostError, WorkerLostError) as error:
+        raise click.ClickException(f"{error}; {kept}") from error
 
 
 def executor_options(command: Command) -> Command:
@@ -53,6 +69,7 @@ def executor_options(command: Command) -> Command:
     )
     @wraps(command)
     def with_executor(kind: str, workers: int | None, scheduler: str, **given: Any) -> None:
-        command(executor=ExecutorOptions(kind, workers, scheduler), **given)
+        executor = ExecutorOptions(kind, workers or available_cpus(), scheduler)
+        command(executor=executor, **given)
 
     return with_executor

@@ -9,6 +9,7 @@ import click
 
 from ema_core import __version__
 from ema_core.linear_algebra import one_thread
+from ema_core.start import quiet_imports
 
 _COMMANDS: Final = {
     "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
@@ -64,11 +65,15 @@ class _CommandsOnDemand(click.Group):
             ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
         os.environ.update(one_thread())  # before numpy is imported
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
-        return getattr(import_module(f"ema_cli.commands.{name}"), name)
+        with quiet_imports():
+            return getattr(import_module(f"ema_cli.commands.{name}"), name)
 
     def invoke(self, ctx: click.Context) -> object:
+        from ema_cli.options import one_clear_line
+
         try:
-            return super().invoke(ctx)
+            with one_clear_line():
+                return super().invoke(ctx)
         except click.NoSuchOption as error:
             from ema_cli.parameters import parameter_in_place_of
 

@@ -9,7 +9,6 @@ from typing import Any, Final, TypeVar
 
 import click
 
-from ema_cli.errors import one_clear_line
 from ema_core.parameter import parameters_of
 from ema_core.wording import unknown_name
 
@@ -94,7 +93,7 @@ def settings_options(
             "--params",
             "parameter_file",
             type=click.Path(path_type=Path, exists=True, dir_okay=False),
-            help=f"Parameter file of the {node}; options override.",
+            help="Parameter file; options override.",
         ),
     ]
 
@@ -107,14 +106,13 @@ def settings_options(
         ) -> None:
             shared = {name: given.pop(name) for name in list(given) if name not in own}
             known = names_of(kind.SECTIONS)
-            with one_clear_line():
-                values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
-                values |= _assigned(assignments, known)
-                # An option with the name of a parameter gives it.
-                for name in (name for name in known if name in shared):
-                    if (value := shared.pop(name)) is not None:
-                        values[name] = str(value) if isinstance(value, Path) else value
-                built = kind.of(Parameters(values), **shared)
+            values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
+            values |= _assigned(assignments, known)
+            # An option with the name of a parameter gives it.
+            for name in (name for name in known if name in shared):
+                if (value := shared.pop(name)) is not None:
+                    values[name] = str(value) if isinstance(value, Path) else value
+            built = kind.of(Parameters(values), **shared)
             command(given=built, **given)
 
         decorated: Command = with_options

@@ -1,10 +1,11 @@
-"""Policies of SROS2, a file for each node, from what the nodes have in the graph.
+"""Policies of SROS2, a file for each node: what it publishes, receives, answers and asks.
 
 python -m ema_cli.policies [--namespace /left] [--mapping mapping.yaml] [-o FOLDER]
 """
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -12,13 +13,178 @@ import click
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.mapping import load_mapping
-from ema_cli.access import GraphNames, node_access
-from ema_cli.errors import one_clear_line
+from ema_cli.options import one_clear_line
 from ema_core.description import ActuatorDescription
+from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, known_topics
+from ema_ros import topics
 from ema_ros.topics import NAMESPACE
 
 FOLDER: Final = Path("ros2_ws/src/ema_bringup/policies")
 _VERSION: Final = "0.2.0"  # of the schema
+
+
+_OF_ALL: Final = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+    "get_type_description",
+)
+_OF_LIFECYCLES: Final = (
+    "change_state",
+    "get_available_states",
+    "get_available_transitions",
+    "get_state",
+    "get_transition_graph",
+)
+_SAID_BY_ALL: Final = ("/rosout", "/parameter_events")
+_STEERED_BY_DASHBOARD: Final = ("pause", "resume", "seek", "set_rate")
+_STEERING: Final = (
+    *_STEERED_BY_DASHBOARD,
+    "burst",
+    "get_rate",
+    "is_paused",
+    "play_next",
+    "toggle_paused",
+)
+_WATCHED: Final = (
+    topics.HEALTH,
+    topics.FAULT_ESTIMATE,
+    topics.PLAYBACK_STATE,
+    DIAGNOSTICS,
+    CLOCK,
+)
+_WATCHED_BY_DEMO: Final = (
+    topics.HEALTH,
+    topics.FAULT_ESTIMATE,
+    topics.SIMULATED_FAULTS,
+    topics.TELEMETRY,
+    DIAGNOSTICS,
+)
+
+
+@dataclass(frozen=True)
+class GraphNames:
+    """Full names of what a node has in the graph, each list in order.
+
+    Attributes
+    ----------
+    namespace, name
+        Of the node.
+    publishes, subscribes
+        Topics; ``*`` at the end stands for any rest.
+    replies, requests
+        Services that it has, and those that it calls.
+    executes
+        Actions that it has.
+    """
+
+    namespace: str
+    name: str
+    publishes: tuple[str, ...] = ()
+    subscribes: tuple[str, ...] = ()
+    replies: tuple[str, ...] = ()
+    requests: tuple[str, ...] = ()
+    executes: tuple[str, ...] = ()
+
+    @property
+    def enclave(self) -> str:
+        """Path of the enclave that ``ema`` and the launch files give the node."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+
+def node_access(
+    namespace: str = topics.NAMESPACE, bridged: Iterable[str] = ()
+) -> Mapping[str, GraphNames]:
+    """Return what each node has in the graph, by the name of the node."""
+    prefix = namespace.rstrip("/")
+
+    def full(names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(name if name.startswith("/") else f"{prefix}/{name}" for name in names)
+
+    everything = f"{prefix}/*"
+    shown = [topic.name for topic in known_topics([namespace]) if topic.request is not None]
+    heard_by_monitor = (
+        topics.TELEMETRY,
+        topics.DESCRIPTION,
+        topics.USAGE,
+        *topics.SYSTEM_TOPICS,
+    )
+    found = [
+        _node(
+            prefix,
+            "actuator",
+            publishes=(*full(topics.ACTUATOR_TOPICS), CLOCK),
+            replies=("set_command", "set_faults"),
+        ),
+        _node(
+            prefix,
+            "bridge",
+            publishes=full((topics.TELEMETRY, topics.DESCRIPTION)),
+            subscribes=full(bridged),
+        ),
+        _node(
+            prefix,
+            "monitor",
+            publishes=full(topics.MONITOR_TOPICS),
+            subscribes=full(heard_by_monitor),
+            replies=("calibrate", "forget_actuator", "get_history", "predict_remaining_life"),
+            executes=("identify_faults",),
+        ),
+        _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
+        # A bag may hold whatever a recorder hears.
+        _node(prefix, "player", publishes=(everything, CLOCK), replies=_STEERING),
+        _node(
+            prefix,
+            "dashboard",
+            subscribes=shown,
+            requests=full(
+                ("monitor/get_history", *(f"player/{name}" for name in _STEERED_BY_DASHBOARD))
+            ),
+        ),
+        # Nodes of commands, which publish nothing, in namespaces of their names.
+        _node("/watch", "watch", subscribes=full(_WATCHED), is_managed=False),
+        _node(
+            "/demo",
+            "demo",
+            subscribes=full(_WATCHED_BY_DEMO),
+            requests=full(("actuator/set_faults",)),
+            is_managed=False,
+        ),
+    ]
+    return {item.name: item for item in found}
+
+
+def _node(
+    prefix: str,
+    name: str,
+    *,
+    publishes: Iterable[str] = (),
+    subscribes: Iterable[str] = (),
+    replies: Iterable[str] = (),
+    requests: Iterable[str] = (),
+    executes: Iterable[str] = (),
+    is_managed: bool = True,
+) -> GraphNames:
+    """Return what a node has, with what all nodes, or all lifecycle nodes, have."""
+    own = f"{prefix}/{name}/"
+    services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
+    said = (DIAGNOSTICS, f"{own}transition_event") if is_managed else ()
+    return GraphNames(
+        prefix or "/",
+        name,
+        _sorted(*_SAID_BY_ALL, *said, *publishes),
+        _sorted(*((CLOCK,) if is_managed else ()), *subscribes),
+        _sorted(*(own + item for item in services)),
+        _sorted(*requests),
+        _sorted(*(own + item for item in executes)),
+    )
+
+
+def _sorted(*names: str) -> tuple[str, ...]:
+    return tuple(sorted(set(names)))
 
 
 def policy(access: GraphNames) -> str:

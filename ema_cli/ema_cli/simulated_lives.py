@@ -5,6 +5,7 @@ import math
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
@@ -12,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
-from ema_cli.bags.unit_record import CALIBRATION_FILE
-from ema_cli.new_bag import new_bag
+from ema_cli.output import new_bag
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibrations import CALIBRATION_FILE
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
@@ -30,6 +31,8 @@ from ema_sim.lives import NOISE_OF_DISTURBED, SimulatedLife, constant_life, run_
 from ema_sim.sensors import Sensors
 
 _NS_PER_HOUR: Final = 3_600_000_000_000
+# The last test takes seconds: a day before the end.
+_LAST_STAMP_NS: Final = (2**31 - 86_400) * 1_000_000_000
 _GAP_BLOCKS: Final = 3
 _MEASURED: Final = ("faults", "covariance", "unobservable", "goodness_of_fit")
 _PART: Final = ".part"
@@ -177,15 +180,32 @@ def make_life(job: LifeJob) -> dict[str, object]:
     """Make a life on one core; return the line about it, None where there is no end or repair."""
     limit_threads(1)
     of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
-    life = _drawn(job, of_life)
+    limits = {name: HealthLimits().of(name) for name in COMPONENTS}
+    if job.is_constant:
+        life = constant_life(limits, of_life)
+    else:
+        life = run_to_failure(limits, of_life, job.kind, with_repair=job.with_repair)
     description = unit_of_life(job.seed, job.number)
+    most_ns = _LAST_STAMP_NS - round(float(life.hours[-1]) * _NS_PER_HOUR)
+    if job.start_ns > most_ns:
+        latest = datetime.fromtimestamp(most_ns // 1_000_000_000, UTC)
+        raise ValueError(
+            f"--start: a life lasts {life.hours[-1]:.0f} h and messages have no stamps after "
+            f"2038-01-18: expected a date from 1970-01-01 to {latest:%Y-%m-%d}"
+        )
     tests = simulated_tests(life, description, of_sensors, job.start_ns)
     # Under another name until it is complete; a worker that was killed may have left one.
     part = job.folder / f"{job.name}{_PART}"
     _remove(part)
-    write = _write_bags if job.form == "bags" else _write_estimates
     try:
-        write(part, tests, description)
+        if job.form == "bags":
+            part.mkdir()
+            calibration_of_life(description).save(part / CALIBRATION_FILE)
+            for test in tests:
+                write_test(part / f"test_{test.number:04d}.mcap", test, description)
+        else:
+            with part.open("w", encoding="utf-8") as file:
+                file.writelines(as_line(*one) for one in with_estimates(tests, description))
     except OSError as error:
         _remove(part)
         words = error.strerror or str(error)
@@ -201,29 +221,6 @@ def make_life(job: LifeJob) -> dict[str, object]:
         "missing": life.windows.count("missing"),
         "disturbed": life.windows.count("noisy") + life.windows.count("gap"),
     }
-
-
-def _drawn(job: LifeJob, rng: np.random.Generator) -> SimulatedLife:
-    limits = HealthLimits()
-    by_fault = {name: limits.of(name) for name in COMPONENTS}
-    if job.is_constant:
-        return constant_life(by_fault, rng)
-    return run_to_failure(by_fault, rng, job.kind, with_repair=job.with_repair)
-
-
-def _write_bags(folder: Path, tests: Iterable[LifeTest], description: ActuatorDescription) -> None:
-    folder.mkdir()
-    calibration_of_life(description).save(folder / CALIBRATION_FILE)
-    for test in tests:
-        write_test(folder / f"test_{test.number:04d}.mcap", test, description)
-
-
-def _write_estimates(
-    path: Path, tests: Iterable[LifeTest], description: ActuatorDescription
-) -> None:
-    with path.open("w", encoding="utf-8") as file:
-        for test, estimate in with_estimates(tests, description):
-            file.write(as_line(test, estimate))
 
 
 def remove_parts(folder: Path) -> None:

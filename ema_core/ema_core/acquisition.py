@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
-from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.quantity import Checked, flag, quantity, text
 
 CURRENT_SAMPLINGS: Final = ("mean", "filtered", "instantaneous", "none")
 """What a sample of the current stands for: its mean over the sample period, its value at the end
@@ -12,7 +12,7 @@ of it behind a first-order low-pass filter, that value itself, or nothing: it is
 
 
 @dataclass(frozen=True)
-class Acquisition:
+class Acquisition(Checked):
     """How telemetry is acquired.
 
     Raises
@@ -27,7 +27,7 @@ class Acquisition:
     speed: bool = flag(True, "the speed is measured")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if (self.current == "filtered") != (self.current_filter > 0.0):
             raise ValueError(
                 f"current_filter = {self.current_filter:g} s with current = {self.current}: "

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.quantity import (
+    Checked,
     check_length,
-    check_quantities,
     finite_samples,
     hint_of_unit,
     quantity,
@@ -38,7 +38,7 @@ _ARRAYS = 2  # as long as the command, at a time, but for those of its computati
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class Command(Checked):
     """A command, defined by its shape and parameters.
 
     A swing has the frequencies and the envelope of a chirp, but begins at rest: its first half
@@ -80,7 +80,7 @@ class Command:
     samples: ArrayLike = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.shape == "moves" and self.rate == 0.0:
             raise ValueError("rate = 0 rad/s: expected a positive speed of the moves")
         if self.shape == "custom":

@@ -211,6 +211,9 @@ GAIN: Final = FAULT_NAMES.index("gain")
 COMPONENTS: Final = tuple(fault.name for fault in FAULTS if fault.limit is not None)
 """Components that are assessed and tracked: all but the direction of eccentricity."""
 
+INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]
+"""Where these are in a fault vector."""
+
 KINDS: Final[Mapping[str, tuple[Fault, ...]]] = MappingProxyType(
     {
         kind: tuple(fault for fault in FAULTS if fault.kind == kind)

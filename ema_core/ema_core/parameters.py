@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import Checked, quantity
 from ema_core.wording import unknown_name
 
 RPM = 2.0 * math.pi / 60.0
@@ -63,7 +63,7 @@ class MechanicalConstants(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ActuatorParameters:
+class ActuatorParameters(Checked):
     """Parameters of an actuator in SI units, referred to the motor shaft.
 
     Raises
@@ -112,9 +112,6 @@ class ActuatorParameters:
         "bandwidth of field-oriented current loops",
         (100.0, 5e4),
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
         """Return these parameters with some values changed.

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import field, fields
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,8 +67,8 @@ def texts(description: str, default: tuple[str, ...] = ()) -> Any:
     return field(default=default, metadata={"texts": True, "description": description})
 
 
-def check_quantities(instance: Any) -> None:
-    """Validate the fields of a frozen dataclass and give each number the type of its default.
+class Checked:
+    """Base of frozen dataclasses: validates fields, and gives each number the type of its default.
 
     Fields that ``quantity``, ``text``, ``texts`` or ``flag`` has not made are not checked.
 
@@ -78,21 +78,23 @@ def check_quantities(instance: Any) -> None:
         When a value is not a finite number within its range, or not one of the choices; the
         message names it, its value, unit and range.
     """
-    for item in fields(instance):
-        value = getattr(instance, item.name)
-        if "range" in item.metadata:
-            whole = isinstance(item.default, int)
-            _check_number(item.name, value, whole, item.metadata)
-            # A kernel compiles anew for an int in a float field: every value gets its type here.
-            object.__setattr__(instance, item.name, int(value) if whole else float(value))
-        elif "choices" in item.metadata:
-            _check_text(item.name, value, item.metadata["choices"])
-        elif "flag" in item.metadata and not isinstance(value, bool):
-            raise ValueError(f"{item.name} = {value!r}: expected true or false")
-        elif "texts" in item.metadata and not (
-            isinstance(value, tuple) and all(isinstance(one, str) for one in value)
-        ):
-            raise ValueError(f"{item.name} = {value!r}: expected a list of texts")
+
+    def __post_init__(self) -> None:
+        for item in fields(cast(Any, self)):
+            value = getattr(self, item.name)
+            if "range" in item.metadata:
+                whole = isinstance(item.default, int)
+                _check_number(item.name, value, whole, item.metadata)
+                # A kernel compiles anew for an int in a float field: every value has its type here.
+                object.__setattr__(self, item.name, int(value) if whole else float(value))
+            elif "choices" in item.metadata:
+                _check_text(item.name, value, item.metadata["choices"])
+            elif "flag" in item.metadata and not isinstance(value, bool):
+                raise ValueError(f"{item.name} = {value!r}: expected true or false")
+            elif "texts" in item.metadata and not (
+                isinstance(value, tuple) and all(isinstance(one, str) for one in value)
+            ):
+                raise ValueError(f"{item.name} = {value!r}: expected a list of texts")
 
 
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:

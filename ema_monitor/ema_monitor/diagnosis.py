@@ -15,10 +15,10 @@ from ema_monitor.current_balance.combining import CurrentCombination
 from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
-from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.tally import CombinationSettings, Tally
+from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -34,8 +34,6 @@ def _identified(
 ) -> Generator[Generation, None, Estimate]:
     """Yield the state after each generation, and return the estimate of any drive."""
     if isinstance(calibration, UnknownDriveUnit):
-        if isinstance(window, Refusal):
-            return refusal(window, calibration, settings, window.reason)
         return identify_by_current(window, description, calibration, settings, force=force)
     faults = None if previous is None else fault_vector(previous)
     found = yield from ModelIdentification(
@@ -184,8 +182,9 @@ class Diagnosis:
     """
 
     def __init__(self) -> None:
-        self._last: tuple[ActuatorDescription, str, NDArray[np.float64]] | None = None
-        self._combination: Combination | CurrentCombination | None = None
+        # Description and calibration of the last valid estimate, and its faults.
+        self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
+        self._combination: Combining | None = None
         self._key: tuple[object, ...] = ()
         self._described: ActuatorDescription | None = None
         self._combined = 0
@@ -223,15 +222,16 @@ class Diagnosis:
             When the settings cannot be used.
         """
         self._looked_at = found.number
-        previous = self._previous(found.description, calibration)
+        described = found.description, _identity(calibration)
+        previous = self._last[1] if self._last[0] == described else None
         if combining is not None:
             yield from self._combine(found, calibration, search, combining, previous, force)
-            return
-        estimate = yield from _identified(
-            found.window, found.description, calibration, search, force, previous
-        )
-        yield Diagnosed(found.number, found.number, found.description, estimate)
-        self.begin_at(found.description, estimate)
+        else:
+            estimate = yield from _identified(
+                found.window, found.description, calibration, search, force, previous
+            )
+            yield Diagnosed(found.number, found.number, found.description, estimate)
+            self.begin_at(found.description, estimate)
 
     def finish(self) -> list[Diagnosed]:
         """End the motion; return the estimate of the stretches combined so far, if there is one."""
@@ -248,22 +248,13 @@ class Diagnosis:
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
         """Let the next search begin at an estimate, if it is valid and knows every fault."""
         if estimate.valid and np.all(np.isfinite(estimate.faults)):
-            self._last = description, estimate.calibration_id, np.array(estimate.faults)
+            self._last = (description, estimate.calibration_id), np.array(estimate.faults)
 
     def stopped(self) -> "Diagnosis":
         """Return a diagnosis that begins at the same faults, with no stretches combined."""
         twin = Diagnosis()
         twin._last = self._last
         return twin
-
-    def _previous(
-        self, description: ActuatorDescription, calibration: AnyCalibration | str
-    ) -> NDArray[np.float64] | None:
-        if self._last is None or isinstance(calibration, str):
-            return None
-        described, calibration_id, faults = self._last
-        is_same = described == description and calibration_id == calibration.calibration_id
-        return faults if is_same else None
 
     def _combine(
         self,
@@ -275,11 +266,12 @@ class Diagnosis:
         force: bool,
     ) -> Iterator[Generation | Diagnosed]:
         description = found.description
-        identity = calibration if isinstance(calibration, str) else calibration.calibration_id
-        key = (description, identity, search, combining)
+        key = (description, _identity(calibration), search, combining)
         if self._combination is None or self._key != key:
             if isinstance(calibration, UnknownDriveUnit):
-                new = CurrentCombination(description, calibration, search, combining, force=force)
+                new: Combining = CurrentCombination(
+                    description, calibration, search, combining, force=force
+                )
             else:
                 new = Combination(
                     description, calibration, search, combining, previous=previous, force=force
@@ -293,6 +285,10 @@ class Diagnosis:
         self.begin_at(description, estimate)
         self._combined += 1
         return Diagnosed(self._combined - 1, self._looked_at, description, estimate)
+
+
+def _identity(calibration: AnyCalibration | str) -> str:
+    return calibration if isinstance(calibration, str) else calibration.calibration_id
 
 
 def diagnose(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_core.faults import FAULT_NAMES, FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate
 from ema_monitor.identification.settings import MOST_UNEXPLAINED
 
@@ -35,7 +35,7 @@ def _limit_of(kind: str) -> Any:
 
 
 @dataclass(frozen=True)
-class HealthLimits(settings_by_kind("_LimitByKind", float, _limit_of)):
+class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
     """Limits at which life ends, and the share of a limit at which a warning is given.
 
     There is a limit for each kind of fault, by its name: the largest distance of a component from
@@ -50,9 +50,6 @@ class HealthLimits(settings_by_kind("_LimitByKind", float, _limit_of)):
     warn_share: float = quantity(
         0.2, "-", 1e-3, 1.0, "share of a limit that a fault's lower 95 % bound exceeds at a warning"
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def of(self, fault_name: str) -> float:
         """Return the limit of a component's distance from its healthy value [-].
@@ -189,7 +186,7 @@ def assess(
     hidden = dict(zip(FAULT_NAMES, estimate.unobservable, strict=True))
     unknown = [item.name for item in faults if hidden[item.name]]
     unseen = f"not observable in this window: {', '.join(unknown)}" if unknown else ""
-    worst = _worst(faults)
+    worst = worst_of(faults)
     limit = estimate.goodness_limit
     # The fit is unknown when the calibration has no scatter.
     goodness = np.nan_to_num(estimate.goodness_of_fit, nan=limit)
@@ -216,7 +213,7 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
     health, requirements
         Health by the faults, and with regard to each requirement.
     """
-    worst = _worst(requirements)
+    worst = worst_of(requirements)
     requirements = (*health.requirements, *requirements)
     if worst is None:
         return replace(health, requirements=requirements)
@@ -250,7 +247,7 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
     return (FaultHealth(name, level, 1.0 - loss, sigma, 1.0 - limit, True, share),)
 
 
-def _worst(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
+def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
     """Return the worst of those that are known."""
     known = [item for item in items if item.level != STALE]
     return max(known, key=lambda item: (item.level, item.share), default=None)
@@ -298,3 +295,28 @@ def _level(fault_name: str, difference: float, sigma: float, limits: HealthLimit
     if distance - ONE_SIDED_95 * sigma > limits.warn_share * limit:
         return WARN
     return OK
+
+
+class LevelFilter:
+    """A level of health that rises at once, and falls once several estimates in a row say so.
+
+    ``level`` is None as long as there was none.
+    """
+
+    def __init__(self) -> None:
+        self.level: int | None = None
+        self._lower = 0
+
+    def add(self, level: int, confirmations: int) -> bool:
+        """Add the level after an estimate; return whether the filtered one has changed.
+
+        So many estimates in a row make a lower level; with 0, only what was unknown changes. STALE
+        changes nothing.
+        """
+        if level == STALE or (self.level is not None and not confirmations):
+            return False
+        self._lower = self._lower + 1 if self.level is not None and level < self.level else 0
+        if self.level is None or level > self.level or self._lower >= confirmations:
+            self.level, self._lower = level, 0
+            return True
+        return False

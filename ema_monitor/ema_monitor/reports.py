@@ -178,7 +178,7 @@ def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthR
         rul=rul,
         flight_hours=outlook.hours,
         cycles=outlook.cycles,
-        duty=outlook.duty,
+        duty=outlook.future.factor,
         assumption=outlook.assumption,
         cause=cause_of_level(outlook),
         removal=removal_in_words(outlook),

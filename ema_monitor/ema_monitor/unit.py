@@ -10,11 +10,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from ema_core.faults import ECCENTRICITY_PHASE
 from ema_core.levels import ERROR, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import FAILED, Estimate
-from ema_monitor.prognosis.duty.flown import FlownDuty, together
+from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
 from ema_monitor.prognosis.growth_record import GrowthRecord
@@ -112,7 +113,7 @@ class Unit:
         parameters: ActuatorParameters | None,
         settings: PrognosisSettings,
         count: Count | None = None,
-        flown: FlownDuty | None = None,
+        flown: FlownDuty = NOTHING_FLOWN,
         received_ns: int = 0,
     ) -> Outlook | None:
         """Record the estimate of a test and return the outlook after it.
@@ -131,7 +132,7 @@ class Unit:
         count
             Latest count of service hours that was read before the test; None when there is none.
         flown
-            Duty since the test before, valid or not; None when it is not known.
+            Duty since the test before, valid or not, as far as it is known.
         received_ns
             When it was received [ns]; 0 when that does not matter.
 
@@ -154,7 +155,7 @@ class Unit:
                 self._add_late(estimate, latest, count, flown)
             else:
                 cycles = len(self.history.unused) + is_new
-                flown = together(self.history.unused_duty, flown)
+                flown = self.history.unused_duty + flown
                 entry, findings = self._entry(estimate, cycles, count, flown)
                 try:
                     findings += self.growth.add(entry)
@@ -170,8 +171,9 @@ class Unit:
         """Return what a valid test is whose stamp is in the history, in words."""
         tests = (*self.history.entries, *self.history.late)
         known = next(one.estimate for one in tests if one.stamp_ns == estimate.end_ns)
-        far = np.abs(np.subtract(estimate.faults, known.faults))
-        if np.any(far > _OTHER_TEST * np.hypot(estimate.sigma, known.sigma)):
+        far = np.subtract(estimate.faults, known.faults)
+        far[ECCENTRICITY_PHASE] -= np.round(far[ECCENTRICITY_PHASE])
+        if np.any(np.abs(far) > _OTHER_TEST * np.hypot(estimate.sigma, known.sigma)):
             return (
                 "a different test at the time of one in the history changes nothing: its stamp "
                 "must show which came first"
@@ -181,7 +183,7 @@ class Unit:
     def _refuse(
         self,
         estimate: Estimate,
-        flown: FlownDuty | None,
+        flown: FlownDuty,
         parameters: ActuatorParameters | None,
     ) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
@@ -200,7 +202,7 @@ class Unit:
         return replace(outlook, events=(event,))
 
     def _add_late(
-        self, estimate: Estimate, latest: Entry, count: Count | None, flown: FlownDuty | None
+        self, estimate: Estimate, latest: Entry, count: Count | None, flown: FlownDuty
     ) -> None:
         """Record a valid test that is older than the latest one, between its neighbours."""
         entries = self.history.entries
@@ -248,9 +250,9 @@ class Unit:
         for estimate in estimates:
             while waiting and waiting[0].stamp_ns <= estimate.end_ns:
                 log.add(self.history.unit, waiting.popleft())
-            count, duty = log.latest(self.history.unit, estimate.end_ns), None
+            count, duty = log.latest(self.history.unit, estimate.end_ns), NOTHING_FLOWN
             while pieces and pieces[0][0] <= estimate.end_ns:
-                duty = together(duty, pieces.popleft()[1])
+                duty += pieces.popleft()[1]
             yield estimate, self.update(estimate, parameters, settings, count, duty)
 
     def write(self) -> None:
@@ -340,13 +342,6 @@ class Unit:
             frozen = tracker.frozen() if is_known else None
             return Forecaster(outlook, frozen, self._settings.limits)
 
-    def _missing_share(self) -> float:
-        """Return the probability that a test gives no valid estimate, by Laplace's rule [-]."""
-        entries = self.history.entries
-        cycles = entries[-1].cycles - entries[0].cycles + 1
-        missing = max(cycles - len(entries), 0)
-        return (missing + 1) / (missing + len(entries) + 2)
-
     def _apply(self, settings: PrognosisSettings) -> None:
         """Use settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
@@ -378,13 +373,16 @@ class Unit:
         outlook = self._by_valid = self._outlook(parameters)
         if not self.history.entries:
             return self._claimed(outlook)
-        before = self._assessment_before()
+        # Of the latest test, else of the one before.
+        known = self.history.assessments
+        stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
+        before = next((known[one] for one in stamps_ns if one in known), None)
         assessment = _assessment(outlook, before, self._findings, self._own_events(outlook))
         # Each is published once.
         self._findings = []
         self.history.assess(assessment)
-        known = before.events if before else ()
-        new = tuple(event for event in assessment.events if event not in known)
+        published = before.events if before else ()
+        new = tuple(event for event in assessment.events if event not in published)
         return replace(self._claimed(outlook), events=new)
 
     def _claimed(self, outlook: Outlook) -> Outlook:
@@ -408,11 +406,14 @@ class Unit:
         if parameters is not None:
             requirements = requirements_of(parameters, self._settings.requirements)
         outlook = outlook_of(self.growth, self._settings, requirements)
+        entries = self.history.entries
+        # The probability that a test gives no valid estimate is that of Laplace's rule.
+        missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
         return replace(
             outlook,
             assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
             failed_since=self._failed_since(outlook),
-            missing_share=self._missing_share(),
+            missing_share=(missing + 1) / (missing + len(entries) + 2),
         )
 
     def _failed_since(self, outlook: Outlook) -> float:
@@ -427,12 +428,6 @@ class Unit:
                     break
                 since = found.hours
         return since
-
-    def _assessment_before(self) -> Assessment | None:
-        """Return the assessment of the latest test, else of the one before; None without any."""
-        stamps_ns = [entry.stamp_ns for entry in reversed(self.history.entries[-2:])]
-        found = (self.history.assessments.get(stamp_ns) for stamp_ns in stamps_ns)
-        return next((one for one in found if one is not None), None)
 
     def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
         """Return the events that no test reveals: a restart, and another calibration."""
@@ -450,7 +445,7 @@ class Unit:
         return events
 
     def _entry(
-        self, estimate: Estimate, new_cycles: int, count: Count | None, flown: FlownDuty | None
+        self, estimate: Estimate, new_cycles: int, count: Count | None, flown: FlownDuty
     ) -> tuple[Entry, list[Finding]]:
         """Return a test as it is kept, and findings: the first count is ignored, tests missed."""
         latest = self.growth.service.latest

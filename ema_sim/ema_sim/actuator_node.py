@@ -1,18 +1,15 @@
 """Node of the simulated actuator: runs test cycles and publishes what a real one would."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from ema_core.cause_profiles import GRAMMAR, Causes, cause_profiles, describe_causes
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
@@ -26,24 +23,18 @@ from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
 from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_to_message, faults_from_message
 from ema_ros.run import run
-from ema_ros.settings import LIVE, declare, read
+from ema_ros.settings import LiveSettings, declare, read
 from ema_ros.stamps import stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task, hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
 from ema_sim.runner import BenchRunner, Pace
-from ema_sim.settings import FaultSettings, ResolutionSettings, RunSettings
+from ema_sim.settings import CauseSettings, FaultSettings, ResolutionSettings, RunSettings
 
 _CLOCK: Final = "/clock"
 _CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PAUSE_S: Final = 0.3
 _HOLDS: Final = "holds from the next test cycle on"
-_CAUSES: Final = "causes"
-_CAUSES_DESCRIPTOR: Final = ParameterDescriptor(
-    description=f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}",
-    additional_constraints=LIVE,
-    dynamic_typing=True,
-)
 _COMMAND_FIGURES: Final = tuple(
     item.name for item in fields(Command) if item.name not in ("shape", "samples")
 )
@@ -74,11 +65,12 @@ class ActuatorNode(ManagedNode):
         for name in FAULT_NAMES:
             declare(self, Growth, f"growth.{name}.")
         declare(self, self._description.parameters, "plant.")
-        self.declare_parameter(_CAUSES, [""], _CAUSES_DESCRIPTOR)
-        self._check_causes: Callable[[Causes], object] = cause_profiles
-        self._set_causes: Callable[[Causes], object] = cause_profiles
-        self.add_on_set_parameters_callback(self._refuse_causes)
-        self.add_post_set_parameters_callback(self._change_causes)
+        self._causes = LiveSettings(
+            self,
+            CauseSettings,
+            check=lambda new: self.is_configured and self._bench.check_causes(new.causes),
+            on_change=lambda new: self.is_configured and self._bench.set_causes(new.causes),
+        )
         self._reported_behind = False
 
     @property
@@ -95,9 +87,8 @@ class ActuatorNode(ManagedNode):
             read(self, BenchSettings),
             parameters=read(self, ActuatorParameters, "plant."),
             resolutions=read(self, ResolutionSettings, "resolution.").resolutions(),
-            causes=_causes_of(self.get_parameter(_CAUSES)),
+            causes=self._causes.value.causes,
         )
-        self._check_causes, self._set_causes = self._bench.check_causes, self._bench.set_causes
         for remark in self._description.remarks:
             self.get_logger().warning(f"{self._description.actuator_id}: {remark}")
         command = read(self, Command, "command.")
@@ -111,7 +102,7 @@ class ActuatorNode(ManagedNode):
             self._rate,
             on_cycle=self._publish_cycle,
             on_block=self._publish_block,
-            on_failure=self._report_end,
+            on_failure=self.report_end,
         )
         offers = dict(topics.ACTUATOR_TOPICS)
         if self._rate != 1.0:
@@ -146,27 +137,14 @@ class ActuatorNode(ManagedNode):
             "achieved rate": pace.achieved_rate,
             "lag [s]": pace.lag_s,
             "busy share": pace.busy_share,
-            "ends of threads": runner.ends,
+            "ends of threads": runner.thread.ends,
         }
-        if runner.failure:
-            return [Task("simulation", ERROR, runner.failure, self.hardware_id, values)]
+        if failure := runner.thread.failure:
+            return [Task("simulation", ERROR, failure, self.hardware_id, values)]
         if pace.behind and runner.activity == "running":
             return [Task("simulation", WARN, self._lag_message(pace), self.hardware_id, values)]
-        return [Task("simulation", OK, runner.activity, self.hardware_id, values)]
-
-    def _refuse_causes(self, parameters: list[Parameter]) -> SetParametersResult:
-        try:
-            for parameter in parameters:
-                if parameter.name == _CAUSES:
-                    self._check_causes(_causes_of(parameter))
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _change_causes(self, parameters: list[Parameter]) -> None:
-        for parameter in parameters:
-            if parameter.name == _CAUSES:
-                self._set_causes(_causes_of(parameter))
+        level = OK if runner.activity == "running" else WARN
+        return [Task("simulation", level, runner.activity, self.hardware_id, values)]
 
     def _publish(self, topic: str, message: Any) -> None:
         self._publishers_by_topic[topic].publish(message)
@@ -203,11 +181,6 @@ class ActuatorNode(ManagedNode):
             f"{self._rate:g}"
         )
 
-    def _report_end(self, failure: str, trace: str) -> None:
-        """Tell that the simulation has ended by itself."""
-        self.get_logger().error(f"{failure}\n{trace}")
-        self.report()
-
     def _set_faults(
         self, request: SetSimulatedFaults.Request, response: SetSimulatedFaults.Response
     ) -> SetSimulatedFaults.Response:
@@ -228,15 +201,6 @@ class ActuatorNode(ManagedNode):
         if warning := command.travel_warning(self._description.parameters):
             response.message += f"; warning: {warning}"
         return response
-
-
-def _causes_of(parameter: Parameter) -> list[str]:
-    """Return the texts of hidden causes in a parameter."""
-    texts = parameter.value
-    if isinstance(texts, str) or not all(isinstance(text, str) for text in texts or ()):
-        raise ValueError(f"{_CAUSES} = {texts!r}: expected an array of texts {GRAMMAR}")
-    # An empty array has no type in ROS: an array of an empty text stands for it.
-    return [text for text in texts or () if text]
 
 
 def _growths(messages: Iterable[FaultGrowth]) -> dict[str, Growth]:

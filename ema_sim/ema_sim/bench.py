@@ -12,7 +12,7 @@ from ema_core.commands import THESIS_CHIRP, Command, approach_depth, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import check_length, check_quantities, is_finite_number, quantity
+from ema_core.quantity import Checked, check_length, is_finite_number, quantity
 from ema_core.telemetry import Telemetry, elapsed_ns
 from ema_sim.actuator import SimulatedActuator
 from ema_sim.growth import Growth, check_growths, grow
@@ -20,7 +20,7 @@ from ema_sim.sensors import Sensors
 
 
 @dataclass(frozen=True)
-class BenchSettings:
+class BenchSettings(Checked):
     """Settings of a test bench; ValueError where one is impossible."""
 
     block_s: float = quantity(0.01, "s", 1e-6, 1.0, "length of a block of telemetry")
@@ -36,9 +36,6 @@ class BenchSettings:
         0.0, "A", 0.0, 1e3, "standard deviation of the noise on a sample of the current"
     )
     seed: int = quantity(0, "-", 0, 2**62, "seed of all noise")
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, eq=False)

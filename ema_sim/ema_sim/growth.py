@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, FAULTS, Fault, fault_vector
 from ema_core.growth_laws import LAWS, increment
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 
 
 @dataclass(frozen=True)
-class Growth:
+class Growth(Checked):
     """Growth of one component.
 
     ``linear`` is dx/du = a, ``exponential`` dx/du = a (x + x_0), ``archard`` dx/du = a (1 + b x),
@@ -52,7 +52,7 @@ class Growth:
     onset: float = quantity(0.0, "h", 0.0, 1e9, "service hour at which growth begins")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.law == "power":
             if self.rate == 0.0:
                 raise ValueError("rate = 0 h: law power needs a time scale c that is not 0")

@@ -24,7 +24,7 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_core.growth_laws import TypicalGrowth
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import Checked, quantity
 from ema_sim.growth import Growth, grow
 
 WindowKind = Literal["good", "noisy", "gap", "missing"]
@@ -37,7 +37,7 @@ _MOST_DRAWS: Final = 1000
 
 
 @dataclass(frozen=True)
-class LifeSettings:
+class LifeSettings(Checked):
     """Settings of drawn lives.
 
     A life that is shorter or longer than the settings allow is drawn again; that of a repaired
@@ -60,7 +60,7 @@ class LifeSettings:
     most_tests: int = quantity(200, "-", 1, 10_000, "longest life, in tests")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.least_tests > self.most_tests:
             raise ValueError(
                 f"least_tests = {self.least_tests}: expected at most most_tests = {self.most_tests}"

@@ -124,6 +124,8 @@ class BenchRunner:
     ----------
     activity
         What it is doing, in words.
+    thread
+        The thread of the run, which says whether it has ended by itself.
     """
 
     def __init__(
@@ -143,18 +145,7 @@ class BenchRunner:
         self._on_block = on_block
         self._on_failure = on_failure
         self._pacer = Pacer(rate)
-        self._stop = threading.Event()
-        self._thread: SteadyThread | None = None
-
-    @property
-    def failure(self) -> str:
-        """Why the run has ended by itself; empty when it did not lately."""
-        return self._thread.failure if self._thread is not None else ""
-
-    @property
-    def ends(self) -> int:
-        """Number of times that the run has ended by itself since the start."""
-        return self._thread.ends if self._thread is not None else 0
+        self._prepare()
 
     @property
     def pace(self) -> Pace:
@@ -163,19 +154,20 @@ class BenchRunner:
 
     def start(self) -> None:
         """Start to run, with a new cycle."""
-        self._stop = stop = threading.Event()
-        self._thread = SteadyThread("simulation", lambda: self._run(stop), self._on_failure)
-        self._thread.start()
+        self._prepare()
+        self.thread.start()
 
     def stop(self) -> None:
         """Stop at the next block, for which ``on_block`` is no longer called."""
-        if self._thread is not None:
-            self._thread.ending.set()
-        self._stop.set()
-        if self._thread is not None:
-            # A compilation cannot be interrupted; its thread ends by itself afterwards.
-            self._thread.end(_JOIN_TIMEOUT_S)
+        # A compilation cannot be interrupted; its thread ends by itself afterwards.
+        self.thread.end(_JOIN_TIMEOUT_S)
         self.activity = "idle"
+
+    def _prepare(self) -> None:
+        # The previous thread may still be in a compilation.
+        self.thread = thread = SteadyThread(
+            "simulation", lambda: self._run(thread.ending), self._on_failure
+        )
 
     def _run(self, stop: threading.Event) -> None:
         self.activity = "compiling kernels"

@@ -3,12 +3,13 @@
 from dataclasses import asdict, dataclass, make_dataclass
 from typing import Any, Final
 
+from ema_core.cause_profiles import GRAMMAR, cause_profiles, describe_causes
 from ema_core.faults import FAULTS
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text, texts
 
 
 @dataclass(frozen=True)
-class RunSettings:
+class RunSettings(Checked):
     """Simulated actuator and rate of the simulation; ValueError where a value is impossible."""
 
     actuator_file: str = text("", "YAML file that describes the actuator; empty: the built-in one")
@@ -16,12 +17,9 @@ class RunSettings:
     serial_number: str = text("", "serial number; empty: from its description")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class ResolutionSettings:
+class ResolutionSettings(Checked):
     """Resolution of the sensors; 0 where it is perfect. ValueError where one is impossible."""
 
     command: float = quantity(0.0, "rad", 0.0, 1.0, "resolution of the command; 0: perfect")
@@ -29,12 +27,22 @@ class ResolutionSettings:
     position: float = quantity(0.0, "rad", 0.0, 1.0, "resolution of the position; 0: perfect")
     speed: float = quantity(0.0, "rad/s", 0.0, 1e4, "resolution of the speed; 0: perfect")
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def resolutions(self) -> dict[str, float]:
         """Return the resolutions by column, without perfect sensors."""
         return {name: value for name, value in asdict(self).items() if value > 0.0}
+
+
+@dataclass(frozen=True)
+class CauseSettings(Checked):
+    """Hidden causes of the simulated actuator; ValueError where one is impossible."""
+
+    causes: tuple[str, ...] = texts(
+        f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        cause_profiles(self.causes)
 
 
 FaultSettings: Final[Any] = make_dataclass(
@@ -48,6 +56,6 @@ FaultSettings: Final[Any] = make_dataclass(
         for fault in FAULTS
     ],
     frozen=True,
-    namespace={"__post_init__": check_quantities},
+    bases=(Checked,),
 )
 """The fault vector by component, of the table of faults."""

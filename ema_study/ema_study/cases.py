@@ -11,11 +11,23 @@ from ema_core.faults import FAULT_NAMES, fault_vector
 SINGLE_FAULTS: Final = ("friction", "backlash", "short_circuit", "eccentricity", "gain")
 """Kinds of single faults, in the order of the thesis's section 7.2."""
 
+ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
+"""The thesis's four algorithms, in the order of its tables."""
+
 LEVELS: Final = ("low", "high")
 """Levels of a single fault."""
 
 MULTIPLE: Final = "multiple"
 """Kind, and name, of the multiple fault."""
+
+KIND_NAMES: Final = {name: name.replace("_", " ") for name in SINGLE_FAULTS} | {
+    MULTIPLE: "multiple fault"
+}
+LEVEL_NAMES: Final = {level: level for level in LEVELS} | {
+    "fast_stop": "study of speed",
+    "stall_stop": "study of precision",
+}
+"""Kinds and levels in words, those of the multiple fault, its two studies, among them."""
 
 # The thesis used its random k7 = 0.8009 as the angle in radians.
 _MULTIPLE_FAULT: Final = {

@@ -1,7 +1,8 @@
 """Runs side by side: in processes or threads of this machine, or on a Dask cluster."""
 
-import time
+import timeit
 from collections.abc import Callable, Iterable, Iterator
+from statistics import median
 from typing import Final
 
 import pandas as pd
@@ -35,7 +36,7 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
     """Time the same runs on one core, with each generation on all cores, and in processes.
 
     As the thesis in its tables 9 and 10: differential evolution on the small friction fault. There
-    is a row a mode; seconds are the median of three rounds, the modes alternating.
+    is a row a mode; seconds are the median of three rounds.
     """
     workers = workers or available_cpus()
     runs = _RUNS_PER_WORKER * workers
@@ -43,21 +44,16 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
         Job(model, 10, "de", "friction low", "low", run, "all_generations", 50, generations)
         for run, generations in enumerate([1] + runs * [_GENERATIONS])
     )
-    with Workers("processes", workers) as pool:
+    with Workers("processes", workers) as pool, Workers("threads", 1) as alone:
         modes: dict[str, Callable[[], object]] = {
-            "serial, one core": lambda: _in_turn(jobs, 1),
-            "serial, each generation on all cores": lambda: _in_turn(jobs, None),
+            "serial, one core": lambda: list(execute(jobs, alone)),
+            "serial, each generation on all cores": lambda: [run_job(job) for job in jobs],
             "runs side by side in processes": lambda: list(execute(jobs, pool)),
         }
         # Not timed: processes start, kernels are loaded, the reference is run.
         list(execute(4 * workers * [warm], pool))
         run_job(warm)
-        seconds: dict[str, list[float]] = {how: [] for how in modes}
-        for _ in range(_ROUNDS):
-            for how, work in modes.items():
-                started = time.perf_counter()
-                work()
-                seconds[how].append(time.perf_counter() - started)
+        seconds = [median(timeit.repeat(work, number=1, repeat=_ROUNDS)) for work in modes.values()]
     frame = pd.DataFrame(
         {
             "model": model,
@@ -66,21 +62,12 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
             "workers": [1, 1, workers],
             "runs": runs,
             "generations": _GENERATIONS,
-            "seconds": pd.DataFrame(seconds).median().to_numpy(),
+            "seconds": seconds,
         }
     )
     frame["seconds_a_run"] = frame["seconds"] / runs
     frame["speedup"] = frame["seconds"].iloc[0] / frame["seconds"]
     return frame
-
-
-def _in_turn(jobs: list[Job], cores: int | None) -> None:
-    limit_threads(cores)
-    try:
-        for job in jobs:
-            run_job(job)
-    finally:
-        limit_threads(None)
 
 
 def _run(job: Job) -> RunResult:

@@ -11,10 +11,13 @@ from matplotlib.lines import Line2D
 
 from ema_core.description import SAMPLE_PERIOD
 from ema_monitor.windows.band import BAND_S, band_limited
+from ema_study.cases import KIND_NAMES
+from ema_study.figures_of_runs import legend_below, tidy
 from ema_study.responses import (
     COMMANDS,
     COMPARED,
     NOISE_GAINS,
+    SEVERITIES,
     Currents,
     chirp_currents,
     compared,
@@ -24,7 +27,6 @@ from ema_study.responses import (
     uncalibrated_currents,
 )
 from ema_study.sources import MODEL_LABELS
-from ema_study.style import FAULT_NAMES, legend_below, tidy
 
 _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
 """Stretch that the right panels enlarge, by command [s]."""
@@ -37,6 +39,28 @@ _MODEL_STYLES: Final[dict[str, dict[str, Any]]] = {
     "thesis": {"color": "#d55e00", "lw": 1.1, "ls": (0, (4, 1.5))},
 }
 _COMMAND: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))}
+
+
+def figures_of_chapter_4() -> dict[str, Figure]:
+    """Return the figures of responses by name."""
+    before, healthy = uncalibrated_currents(), chirp_currents("none")
+    by_name = {
+        "calibration": {"healthy, before calibration": before, "healthy, calibrated": healthy}
+    }
+    for fault in SEVERITIES:
+        title = f"{KIND_NAMES[fault]}, {compared(fault)}"
+        by_name[f"{fault}_monitor"] = {"healthy": healthy, title: chirp_currents(fault)}
+    doubled = step_currents(COMPARED["friction"])
+    by_name["step_monitor"] = {"nominal friction": step_currents(0), "friction doubled": doubled}
+    return {
+        **{
+            f"{fault}_{command}": draw_responses(fault, command)
+            for fault in SEVERITIES
+            for command in COMMANDS
+        },
+        "noise": draw_noise(),
+        **{name: draw_currents(currents) for name, currents in by_name.items()},
+    }
 
 
 def draw_responses(fault: str, command: str) -> Figure:
@@ -68,7 +92,7 @@ def draw_responses(fault: str, command: str) -> Figure:
     ]
     if is_chirp:
         handles.append(Line2D([], [], label="command", **_COMMAND))
-    figure.suptitle(f"{FAULT_NAMES[fault].capitalize()}, {command}", fontsize="large")
+    figure.suptitle(f"{KIND_NAMES[fault].capitalize()}, {command}", fontsize="large")
     legend_below(figure, handles)
     return figure
 
@@ -85,30 +109,8 @@ def draw_noise() -> Figure:
     return figure
 
 
-def draw_monitor(fault: str) -> Figure:
-    """Return the currents of reference and monitors, healthy and faulty, and their differences."""
-    title = f"{FAULT_NAMES[fault]}, {compared(fault)}"
-    return _draw_currents({"healthy": chirp_currents("none"), title: chirp_currents(fault)})
-
-
-def draw_monitor_step() -> Figure:
-    """Return the currents of reference and monitors under the step (figure 4.6)."""
-    doubled = step_currents(COMPARED["friction"])
-    return _draw_currents({"nominal friction": step_currents(0), "friction doubled": doubled})
-
-
-def draw_calibration() -> Figure:
-    """Return the healthy currents before and after the row of differences is added (figure 6.4)."""
-    return _draw_currents(
-        {
-            "healthy, before calibration": uncalibrated_currents(),
-            "healthy, calibrated": chirp_currents("none"),
-        }
-    )
-
-
-def _draw_currents(by_title: Mapping[str, Currents]) -> Figure:
-    """Draw currents and, below them, the differences without the PWM's ripple."""
+def draw_currents(by_title: Mapping[str, Currents]) -> Figure:
+    """Return currents by title and, below them, the differences without the PWM's ripple."""
     figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(by_title)), layout="constrained")
     heights = [2.0, 1.0] * len(by_title)
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)

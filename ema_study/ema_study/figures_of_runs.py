@@ -1,5 +1,6 @@
 """Figures of runs: mean errors and times, convergence, and estimates."""
 
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -11,27 +12,55 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from ema_study.cases import CASES, LEVELS, MULTIPLE, SINGLE_FAULTS
-from ema_study.plan import ALGORITHMS
-from ema_study.run import K
-from ema_study.sources import NAMES_WITH_OWN_CODE, counted, present_sources, single_fault_runs
-from ema_study.style import (
-    ALGORITHM_STYLES,
-    FAULT_NAMES,
+from ema_study.cases import (
+    ALGORITHMS,
+    CASES,
+    KIND_NAMES,
     LEVEL_NAMES,
-    STYLES,
-    legend_below,
-    say_no_runs,
-    tidy,
+    LEVELS,
+    MULTIPLE,
+    SINGLE_FAULTS,
 )
+from ema_study.printed import PRINTED
+from ema_study.run import K
+from ema_study.sources import (
+    MODEL_LABELS,
+    NAMES_WITH_OWN_CODE,
+    SOURCES,
+    counted,
+    present_sources,
+    single_fault_runs,
+    with_own_code,
+)
+
+ALGORITHM_STYLES: Final[dict[str, dict[str, Any]]] = {
+    "ga": {"color": "#e69f00", "ls": "-"},
+    "pso": {"color": "#0072b2", "ls": (0, (5, 1.5))},
+    "de": {"color": "#009e73", "ls": (0, (3, 1, 1, 1))},
+    "gwo": {"color": "#cc79a7", "ls": (0, (1, 1))},
+    "de_thesis": {"color": "#005c43", "ls": (0, (6, 1, 1, 1, 1, 1))},
+    "gwo_thesis": {"color": "#7d3c62", "ls": (0, (8, 2))},
+}
+"""Colours of Okabe and Ito, darker for the thesis's own code; dashes distinguish them in print."""
+
+_MODEL_COLOURS: Final = {
+    PRINTED: "#9a9a9a",
+    MODEL_LABELS["thesis"]: "#d55e00",
+    MODEL_LABELS["fast"]: "#0072b2",
+}
+STYLES: Final[dict[str, dict[str, Any]]] = {
+    label: {
+        "color": _MODEL_COLOURS[label.removesuffix(with_own_code(""))],
+        "hatch": "////" if label.endswith(with_own_code("")) else "",
+    }
+    for label in SOURCES
+}
+"""Colour and hatch by label of the source."""
 
 _WHISKERS: Final[dict[str, Any]] = {"fmt": "none", "ecolor": "0.15", "lw": 0.8, "capsize": 1.5}
 _RUN: Final[dict[str, Any]] = {"lw": 0.6, "alpha": 0.4}
 _THRESHOLD: Final[dict[str, Any]] = {"color": "0.6", "lw": 0.8, "alpha": 0.7}
 _GENERATIONS: Final = (0, 5, 10, 20, 50, 100, 200)
-_LINEAR_GENERATIONS: Final = 20
-"""Most of the fall is over by then: the axis is linear up to here and logarithmic beyond."""
-_BINS: Final = 20
 
 
 class Quantity(NamedTuple):
@@ -47,6 +76,25 @@ COSTS: Final = Quantity("costs", "lowest cost [A$^2$ s]")
 ERRORS: Final = Quantity("errors_percent", "error of the best [%]")
 
 
+def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
+    """Return the figures of the runs of all sources by name."""
+    models = set(counted(runs)["model"])
+    courses = {"costs": COSTS, "courses_of_errors": ERRORS}
+    return {
+        "errors": draw_single_faults(runs, ERROR),
+        "times": draw_single_faults(runs, TIME),
+        "multiple_fault": draw_multiple_fault(runs),
+        **{
+            f"{name}_{model}": draw_convergence(runs, model, course)
+            for model in MODEL_LABELS
+            if model in models
+            for name, course in courses.items()
+        },
+        "estimates": draw_estimates(runs),
+        "phases_of_gwo": draw_phases_of_gwo(runs),
+    }
+
+
 def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     """Return bars of the mean by fault, a row an algorithm and a column a level.
 
@@ -57,7 +105,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     chosen = single_fault_runs(runs)
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
     panels = figure.subplots(len(ALGORITHMS), 2, sharex=True, sharey="row", squeeze=False)
-    labels = {name: FAULT_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS}
+    labels = {name: KIND_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS}
     for row, algorithm in zip(panels, ALGORITHMS, strict=True):
         for axes, level in zip(row, LEVELS, strict=True):
             part = chosen[(chosen.family == algorithm) & (chosen.level == level)]
@@ -110,16 +158,13 @@ def _draw_bars(
 
 def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
     sources = present_sources(runs)
-    handles: list[object] = []
-    for one in sources:
-        style = STYLES[one]
-        patch = Patch(fc=style["color"], hatch=style["hatch"], ec="white", label=one)
-        handles.append(patch)
-    if sources and runs.groupby(["model", "algorithm", "table"]).size().max() > 1:
-        whisker = figure.axes[0].errorbar([], [], [], label="one standard deviation", **_WHISKERS)
-        handles.append(whisker)
+    patches = [
+        Patch(fc=STYLES[one]["color"], hatch=STYLES[one]["hatch"], ec="white", label=one)
+        for one in sources
+    ]
     if sources:
-        legend_below(figure, handles)
+        whisker = figure.axes[0].errorbar([], [], [], label="one standard deviation", **_WHISKERS)
+        legend_below(figure, [*patches, whisker])
 
 
 def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure:
@@ -130,15 +175,14 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
-    faults = [fault for fault in (*SINGLE_FAULTS, MULTIPLE) if fault in set(chosen.fault)]
-    faults = faults or [MULTIPLE]
+    faults = (*SINGLE_FAULTS, MULTIPLE)
     figure = Figure(figsize=(9.0, 1.0 + 2.3 * len(faults)), layout="constrained")
     panels = figure.subplots(len(faults), 2, sharex=True, squeeze=False)
     for fault, row in zip(faults, panels, strict=True):
         levels = ("fast_stop", "stall_stop") if fault == MULTIPLE else LEVELS
         for axes, level in zip(row, levels, strict=True):
             _draw_courses(axes, chosen[(chosen.fault == fault) & (chosen.level == level)], course)
-            axes.set_title(f"{FAULT_NAMES[fault]}, {LEVEL_NAMES[level]}", fontsize="medium")
+            axes.set_title(f"{KIND_NAMES[fault]}, {LEVEL_NAMES[level]}", fontsize="medium")
         row[0].set_ylabel(course.label, fontsize="small")
     for axes in panels[-1]:
         axes.set_xlabel("generation")
@@ -147,8 +191,7 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure
         for name, label in NAMES_WITH_OWN_CODE.items()
         if name in set(chosen.algorithm)
     ]
-    if len(chosen) and chosen.groupby(["algorithm", "table"]).size().max() > 1:
-        handles.append(Line2D([], [], color="0.3", label="single runs", **_RUN))
+    handles.append(Line2D([], [], color="0.3", label="single runs", **_RUN))
     if course is COSTS:
         handles.append(Patch(label="cost of the true faults to threshold", **_THRESHOLD))
     legend_below(figure, handles, columns=4, handlelength=3.5)
@@ -157,15 +200,14 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure
 
 def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
     """Return the median over runs after each generation; stopped runs keep their last value."""
-    longest = max(len(course) for course in courses)
-    rows = [np.pad(course, (0, longest - len(course)), mode="edge") for course in courses]
-    return np.median(rows, axis=0)
+    return pd.concat(map(pd.Series, courses), axis=1).ffill().median(axis=1).to_numpy()
 
 
 def _draw_courses(axes: Axes, runs: pd.DataFrame, course: Quantity) -> None:
     tidy(axes)
     axes.set_yscale("log")
-    axes.set_xscale("symlog", linthresh=_LINEAR_GENERATIONS)
+    # Most of the fall is over by 20: the axis is linear up to here and logarithmic beyond.
+    axes.set_xscale("symlog", linthresh=20)
     axes.set_xticks(_GENERATIONS, [str(number) for number in _GENERATIONS])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(0, _GENERATIONS[-1])
@@ -207,7 +249,7 @@ def draw_estimates(runs: pd.DataFrame) -> Figure:
             axes.plot(places, values, color=style["color"], label=source, **dots)
         axes.set_xlim(-0.5, len(ALGORITHMS) - 0.5)
         axes.set_xticks(range(len(ALGORITHMS)), [NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS])
-        axes.set_title(f"{FAULT_NAMES[case.fault]}, {case.level}", fontsize="medium")
+        axes.set_title(f"{KIND_NAMES[case.fault]}, {case.level}", fontsize="medium")
         axes.set_ylabel(f"estimated {K[case.component]}")
     legend_below(figure, figure.axes[0].get_legend_handles_labels()[0])
     return figure
@@ -218,13 +260,9 @@ def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
     chosen = counted(runs)
     chosen = chosen[chosen.family == "gwo"]
     sources = present_sources(chosen)
-    columns = 2 if len(sources) > 1 else 1
-    rows = max(1, -(-len(sources) // columns))
-    figure = Figure(figsize=(9.0, 0.9 + 2.3 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    edges = np.linspace(0.0, 1.0, _BINS + 1)
-    for axes in panels[len(sources) :]:
-        axes.set_axis_off()
+    figure = Figure(figsize=(9.0, 0.9 + 1.6 * len(sources)), layout="constrained")
+    panels = figure.subplots(max(len(sources), 1), 1, sharex=True, squeeze=False).ravel()
+    edges = np.linspace(0.0, 1.0, 21)
     handles: list[object] = []
     for axes, source in zip(panels, sources, strict=False):
         tidy(axes)
@@ -241,3 +279,26 @@ def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
     if handles:
         legend_below(figure, handles)
     return figure
+
+
+def tidy(*panels: Axes) -> None:
+    """Leave left and bottom frame and a faint grid."""
+    for axes in panels:
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color="0.5", alpha=0.2, lw=0.6)
+        axes.set_axisbelow(True)
+        axes.tick_params(labelsize="small")
+
+
+def legend_below(
+    figure: Figure, handles: Sequence[Any], columns: int = 3, **options: float
+) -> None:
+    """Draw one legend for all panels."""
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, frameon=False, **options
+    )
+
+
+def say_no_runs(axes: Axes) -> None:
+    """Write into a panel that it has no runs."""
+    axes.text(0.5, 0.5, "no runs", transform=axes.transAxes, ha="center", color="0.4")

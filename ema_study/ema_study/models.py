@@ -1,20 +1,23 @@
 """The monitor models of the study, and the objectives that are minimised with them."""
 
 from functools import cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ema_core.commands import THESIS_CHIRP
+from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import SAMPLE_PERIOD, ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
+from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.objective import Objective
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 from ema_study.cases import CASES
+
+FITNESS: Final = "total_least_squares"
 
 MODELS: Final = {"fast": "fast", "thesis": "source"}
 """Form of the monitor model by its name in the study.
@@ -24,32 +27,40 @@ row of differences on a healthy run. "fast" is the shipped one: the driven pair 
 calibration also fits lift, friction and inertia.
 """
 
-FITNESS: Final = "total_least_squares"
-
 
 class Problem(NamedTuple):
     """The problem that a run solves: residuals on the unit box of the fault vector, and the truth.
 
-    ``cost_at_truth`` is the cost of the true fault vector [A^2.s]. Where the model describes the
-    fault, no search comes far below it.
+    ``cost_at_truth`` is the cost of the true fault vector, ``cost_at_healthy`` that of the healthy
+    one [A^2.s]. Where the model describes the fault, no search comes far below the former.
     """
 
     objective: Objective
     truth: NDArray[np.float64]
     cost_at_truth: float
+    cost_at_healthy: float
+
+    @property
+    def is_described(self) -> bool:
+        """Whether the model describes the fault: the truth costs less than the healthy vector."""
+        return self.cost_at_truth < self.cost_at_healthy
+
+
+def reference(faults: Any, command: Command = THESIS_CHIRP, **noise: Any) -> Telemetry:
+    """Run the reference from rest through a command, the motor centred in its play.
+
+    ``faults`` is a fault vector, ``(8,)``, or has values by name. As the thesis ran it: no
+    approach, perfect sensors. The current is the mean over each sample of 100 us, for both models.
+    """
+    actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD, **noise)
+    actuator.faults = fault_vector(faults)
+    # The window begins with a sample at rest.
+    return actuator.advance(np.concatenate([[0.0], command.sample(SAMPLE_PERIOD)]))
 
 
 def reference_window(faults: ArrayLike) -> Window:
-    """Run the reference from rest through the thesis's chirp, the motor centred in its play.
-
-    ``faults`` is a fault vector, ``(8,)``. As the thesis ran it: no approach, perfect sensors. The
-    current is the mean over each sample of 100 us, for both models.
-    """
-    actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD)
-    actuator.faults = fault_vector(faults)
-    # The window begins with a sample at rest.
-    command = np.concatenate([[0.0], THESIS_CHIRP.sample(SAMPLE_PERIOD)])
-    return Window(actuator.advance(command), play=0.0)
+    """Return the window of the reference with faults, ``(8,)``, under the thesis's chirp."""
+    return Window(reference(faults), play=0.0)
 
 
 @cache
@@ -63,20 +74,11 @@ def calibration(model: str) -> Calibration:
 def problem(model: str, case: str) -> Problem:
     """Return the problem of a model in one of ``CASES``."""
     truth = CASES[case].truth
-    objective = Objective(reference_window(truth), calibration(model), FITNESS, cartesian=False)
-    [at_truth] = objective.residuals(objective.encode(truth)[None])
-    return Problem(objective, truth, float(at_truth @ at_truth))
+    objective = objective_of(model, reference_window(truth))
+    points = np.stack([objective.encode(faults) for faults in (truth, healthy_faults())])
+    return Problem(objective, truth, *(float(row @ row) for row in objective.residuals(points)))
 
 
-@cache
-def truth_and_healthy_costs(model: str, case: str) -> tuple[float, float]:
-    """Return the costs of a case's true faults and of the healthy ones [A^2.s]."""
-    objective, _, at_truth = problem(model, case)
-    [residuals] = objective.residuals(objective.encode(healthy_faults())[None])
-    return at_truth, float(residuals @ residuals)
-
-
-def describes(model: str, case: str) -> bool:
-    """Return whether a model describes a case: its true faults cost less than the healthy ones."""
-    at_truth, at_healthy = truth_and_healthy_costs(model, case)
-    return at_truth < at_healthy
+def objective_of(model: str, window: Window) -> Objective:
+    """Return the cost that the thesis minimises, on the unit box of the fault vector itself."""
+    return Objective(window, calibration(model), FITNESS, cartesian=False)

@@ -5,16 +5,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from ema_study.cases import CASES, LEVELS, MULTIPLE
+from ema_study.cases import MULTIPLE
+from ema_study.printed import GENERATIONS, POPULATION, printed_runs, printed_table
 from ema_study.stop_rules import uncounted_populations
 
-POPULATION: Final = 50
-GENERATIONS: Final = 200
 RUNS: Final = 10
-"""Settings of the thesis's algorithms: population, largest number of generations, runs of each."""
-
-ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
-"""The thesis's four algorithms, in the order of its tables."""
+"""Runs of each algorithm and fault in the thesis."""
 
 VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
 """The thesis's own code, errors included, by the algorithm that it implements."""
@@ -22,28 +18,8 @@ VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
 KEY: Final = ("model", "table", "algorithm", "run", "rule")
 """Fields that identify a run within a study."""
 
-# Each fault has a table for each algorithm, low before high, then a summary.
-_FIRST_TABLE = 11
-_TABLES_OF_A_FAULT = 2 * len(ALGORITHMS) + 1
-
-_DE_TABLES = {9: {"F": 0.5, "CR": 0.9}, 10: {"F": 0.9, "CR": 0.95}}
-_MULTIPLE_TABLES = {56: ("fast_stop", "floor_corrected"), 57: ("stall_stop", "unchanged")}
-
-# Table 8: fault, population and generations of its trials of GA by their number. The level of the
-# fault is not printed: low is assumed. Trial 1 is left out: its generations are not printed.
-_GA_TRIALS = {
-    2: ("short circuit low", 100, 11),
-    3: ("short circuit low", 100, 43),
-    4: ("short circuit low", 100, 68),
-    5: ("short circuit low", 100, 46),
-    6: ("short circuit low", 100, 46),
-    7: ("short circuit low", 20, 200),
-    8: ("backlash low", 20, 200),
-    9: ("backlash low", 40, 200),
-    10: ("backlash low", 20, 200),
-    11: ("short circuit low", 20, 143),
-    12: ("gain low", 50, 200),
-}
+_SETTINGS: Final = {9: {"F": 0.5, "CR": 0.9}, 10: {"F": 0.9, "CR": 0.95}}
+_RULES: Final = {9: "all_generations", 10: "all_generations", 57: "unchanged"}
 
 
 @dataclass(frozen=True)
@@ -96,31 +72,26 @@ def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
         if job.rule == "floor_corrected" and job.table in (13, 14, 56)
     ]
     if with_trials:
-        jobs += [
-            Job(model, 8, "ga", case, "low", number, "all_generations", population, generations)
-            for number, (case, population, generations) in _GA_TRIALS.items()
-        ]
+        # The level of the faults is not printed: low is assumed. Where no fault is, it is a short
+        # circuit. Trial 1 is left out: its generations are not printed.
+        trials = printed_table("trials").dropna(subset="generations").reset_index()
+        for trial in trials.fillna({"fault": "short circuit"}).to_dict("records"):
+            case, run = f"{trial['fault']} low", trial["trial"]
+            sizes = trial["population"], int(trial["generations"])
+            jobs.append(Job(model, 8, "ga", case, "low", run, "all_generations", *sizes))
     return jobs
 
 
 def _of_run(model: str, run: int) -> Iterator[Job]:
     """Yield the jobs of tables 9 to 57 with a running number."""
-    for table, settings in _DE_TABLES.items():
-        yield Job(
-            model, table, "de", "friction low", "low", run, "all_generations", settings=settings
-        )
-    single = (case for case in CASES.values() if case.fault != MULTIPLE)
-    for number, case in enumerate(single):
-        fault, level = divmod(number, len(LEVELS))
-        first = _FIRST_TABLE + fault * _TABLES_OF_A_FAULT + level * len(ALGORITHMS)
-        for table, algorithm in enumerate(ALGORITHMS, first):
-            for name in _with_variant(algorithm):
-                yield Job(model, table, name, case.name, case.level, run, "floor_corrected")
-    for table, (level, rule) in _MULTIPLE_TABLES.items():
-        for algorithm in ALGORITHMS:
-            for name in _with_variant(algorithm):
-                yield Job(model, table, name, MULTIPLE, level, run, rule)
-
-
-def _with_variant(algorithm: str) -> tuple[str, ...]:
-    return (algorithm, VARIANTS[algorithm]) if algorithm in VARIANTS else (algorithm,)
+    columns = ["table", "algorithm", "fault", "level"]
+    runs = printed_runs().drop_duplicates(columns[:2])[columns]
+    for table, algorithm, fault, level in runs.to_numpy().tolist():
+        case = MULTIPLE if fault == MULTIPLE else f"{fault.replace('_', ' ')} {level}"
+        rule = _RULES.get(table, "floor_corrected")
+        names = [algorithm]
+        if table not in _SETTINGS and algorithm in VARIANTS:
+            names.append(VARIANTS[algorithm])
+        for name in names:
+            settings = _SETTINGS.get(table, {})
+            yield Job(model, table, name, case, level, run, rule, settings=settings)

@@ -1,77 +1,42 @@
 """The report of the study: one page that needs nothing beside it."""
 
-import math
-from collections.abc import Iterator, Mapping
+from base64 import b64encode
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
+import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from ema_study.agreement import (
-    ALGORITHM,
-    BETTER,
-    WITHIN,
-    WORSE,
-    agreement,
-    time_per_10000_windows,
-)
+from ema_study.agreement import ALGORITHM, BETTER, WITHIN, WORSE, agreement, time_per_10000_windows
 from ema_study.cases import CASES
-from ema_study.models import describes
-from ema_study.pictures import pictures_of_chapter_4, pictures_of_runs
+from ema_study.figures_of_responses import figures_of_chapter_4
+from ema_study.figures_of_runs import figures_of_runs
+from ema_study.models import problem
 from ema_study.plan import KEY, RUNS, plan
 from ema_study.printed import PRINTED, printed_runs
 from ema_study.sources import ALGORITHM_NAMES, MODEL_LABELS, by_source, single_fault_runs
 from ema_study.stop_rules import THRESHOLD
 from ema_study.tables import study_tables
 
-SECTIONS: Final = {
-    "agreement": "Agreement with the thesis",
-    "settings": "Settings and definitions",
-    "errors": "Error and time by algorithm",
-    "times": "Computing time",
-    "reliability": "Reliability",
-    "convergence": "Convergence",
-    "estimates": "Estimates",
-    "tables": "Tables 8 to 61",
-    "responses": "Responses of the actuator",
-    "noise": "Noise",
-    "monitor": "Reference against monitor",
-}
-"""Titles of the sections by anchor, in order."""
-
-_WIDEST: Final = 16
-"""Largest number of columns of a table side by side."""
-
 
 def write_report(
     folder: Path, runs: pd.DataFrame, timing: pd.DataFrame | None, settings: Mapping[str, str]
 ) -> Path:
-    """Write ``report.html`` and its figures, each as a PNG in ``figures``.
+    """Write ``report.html`` and its figures, each as a PNG in ``figures``; return the page.
 
-    Parameters
-    ----------
-    folder
-        Folder of the report; it is made where it is missing.
-    runs
-        Our runs, as of ``ema_study.run.as_frame``: one model or both, complete or not, or none.
-    timing
-        Serial and parallel execution, as of ``ema_study.execution.time_executors``; None where it
-        was not measured.
-    settings
-        Settings of the study, as text by name.
-
-    Returns
-    -------
-    pathlib.Path
-        The page, with its style and its pictures, without scripts.
+    Our runs are as of ``ema_study.run.as_frame``: of one model or both, complete or not, or none.
+    ``timing`` is as of ``ema_study.execution.time_executors``; None where it was not measured.
+    ``settings`` are those of the study, as text by name.
     """
     everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
-    pictures = pictures_of_runs(everything) | pictures_of_chapter_4()
-    figures = folder / "figures"
-    figures.mkdir(parents=True, exist_ok=True)
-    for picture in (one for group in pictures.values() for one in group):
-        (figures / f"{picture.name}.png").write_bytes(picture.png)
+    uris = {}
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    for name, figure in (figures_of_runs(everything) | figures_of_chapter_4()).items():
+        path = folder / "figures" / f"{name}.png"
+        figure.savefig(path, dpi=150)
+        uris[name] = f"data:image/png;base64,{b64encode(path.read_bytes()).decode()}"
     environment = Environment(
         loader=PackageLoader("ema_study"),
         autoescape=True,
@@ -82,15 +47,14 @@ def write_report(
     environment.filters["html_table"] = html_table
     compared, window_times = agreement(runs), time_per_10000_windows(runs)
     text = environment.get_template("report.html.j2").render(
-        sections=SECTIONS,
         settings=settings,
-        pictures=pictures,
+        uris=uris,
+        models=MODEL_LABELS,
         timing=timing,
         verdict=verdict(compared, window_times),
         agreement=compared,
-        completeness=completeness(runs),
-        ranking=list(ranking_sentences(runs)),
-        threshold=list(threshold_sentences(runs)),
+        by_model=by_model(runs),
+        ranking=ranking(runs),
         window_times=window_times,
         study_tables=study_tables(runs),
     )
@@ -100,14 +64,7 @@ def write_report(
 
 
 def html_table(frame: pd.DataFrame, *, index: bool = True) -> str:
-    """Return a table as HTML in a box that scrolls sideways; all texts are escaped.
-
-    Sources are below each other where they are too wide side by side.
-    """
-    if frame.shape[1] > _WIDEST:
-        sources = frame.columns.unique(0)
-        blocks = {source: frame.xs(source, axis=1, level=0).dropna(how="all") for source in sources}
-        frame = pd.concat(blocks, names=[frame.columns.names[0]])
+    """Return a table as HTML in a box that scrolls sideways; all texts are escaped."""
     with pd.option_context("display.max_colwidth", None):
         html = frame.map(_cell).to_html(
             index=index, border=0, classes="data", index_names=index and any(frame.index.names)
@@ -121,17 +78,14 @@ def _cell(value: Any) -> str:
         return ""
     if not isinstance(value, float):
         return str(value)
-    return f"{value:,.0f}" if value.is_integer() else significant(value, 4)
+    return f"{value:.0f}" if value.is_integer() else significant(value, 4)
 
 
 def significant(value: float, digits: int = 3) -> str:
     """Return a number with some significant digits, without an exponent above 0.001."""
-    if value == 0.0 or not math.isfinite(value):
-        return f"{value:g}"
     if abs(value) < 1e-3:
-        return f"{value:.{digits - 1}e}"
-    decimals = digits - 1 - math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    return f"{round(value, decimals):,.{max(0, decimals)}f}"
+        return f"{value:.{digits}g}"
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
@@ -140,80 +94,65 @@ def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
     ``agreement`` and ``window_times`` are those of ``ema_study.agreement``.
     """
     name = ALGORITHM_NAMES[ALGORITHM]
+    sentences = []
+    for label in MODEL_LABELS.values():
+        verdicts = agreement.get((label, "verdict"), pd.Series(dtype=str))
+        better, within, worse = ((verdicts == one).sum() for one in (BETTER, WITHIN, WORSE))
+        sentences.append(
+            f"With the {label}, the mean error of {name} is better than all of the thesis's runs "
+            f"in {better} of {better + within + worse} faults, within their range in {within} and "
+            f"worse in {worse}."
+            if better + within + worse
+            else f"There are no {name} runs with the {label}."
+        )
     times_ms = {label: time_s / 10.0 for label, time_s in window_times.T[name].dropna().items()}
     printed = times_ms.pop(PRINTED)
     of_models = "; ".join(
         f"{significant(time_ms)} ms with the {label}" for label, time_ms in times_ms.items()
     )
     return [
-        *(_verdict_of(label, agreement) for label in MODEL_LABELS.values()),
+        *sentences,
         f"One evaluation of the monitor within {name} takes {of_models or 'an unknown time'}, "
         f"{significant(printed)} ms in the thesis.",
     ]
 
 
-def _verdict_of(label: str, agreement: pd.DataFrame) -> str:
-    columns = agreement.get(label, pd.DataFrame(columns=["verdict", "runs", "mean error [%]"]))
-    columns = columns[columns["verdict"].isin([BETTER, WITHIN, WORSE])]
-    if columns.empty:
-        return f"There are no {ALGORITHM_NAMES[ALGORITHM]} runs with the {label}."
-    counts = columns["verdict"].value_counts()
-    worse = ", ".join(columns.index[columns["verdict"] == WORSE])
-    single = int((columns["runs"] == 1).sum())
-    printed = agreement.loc[columns.index, (PRINTED, "mean error [%]")].astype(float).mean()
-    return (
-        f"With the {label}, the mean error of {ALGORITHM_NAMES[ALGORITHM]} is better than all of "
-        f"the thesis's runs in {counts.get(BETTER, 0)} of {len(columns)} faults, within their "
-        f"range in {counts.get(WITHIN, 0)} and worse in {counts.get(WORSE, 0)}"
-        f"{f' ({worse})' if worse else ''}; its mean over these faults is "
-        f"{columns['mean error [%]'].astype(float).mean():.2f} %, the thesis's {printed:.2f} %."
-        + (f" {single} of the {len(columns)} means are of a single run." if single else "")
-    )
+def by_model(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return what there is of the full study with each model, and what its threshold became.
 
-
-def completeness(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return how many runs of the full study there are with each model."""
-    made = set() if runs.empty else set(runs[list(KEY)].itertuples(index=False, name=None))
+    The faults that a model does not describe are those whose true values cost more than the healthy
+    ones.
+    """
     rows = []
     for model, label in MODEL_LABELS.items():
+        made = runs[runs["model"] == model] if len(runs) else pd.DataFrame(columns=[*KEY, "cost"])
         keys = {job.key for job in plan(model, RUNS)}
-        rows.append((label, len(keys & made), len(keys)))
-    return pd.DataFrame(rows, columns=["model", "runs", "of the full study"])
-
-
-def ranking_sentences(runs: pd.DataFrame) -> Iterator[str]:
-    """Yield how the algorithms rank over the single faults, a sentence for each source."""
-    for label, frame in by_source(runs).items():
-        single = single_fault_runs(frame)
-        if single.empty:
-            continue
-        # Each fault and level counts alike, however many runs it has.
-        columns = single.groupby(["algorithm", "fault", "level"])[["error_percent", "time_s"]]
-        means = columns.mean().groupby("algorithm").mean().rename(index=ALGORITHM_NAMES)
-        errors = means["error_percent"].sort_values()
-        ranked = ", ".join(f"{name} {error:.2f} %" for name, error in errors.items())
-        subject = "The thesis prints" if label == PRINTED else f"{label.capitalize()}:"
-        yield (
-            f"{subject} mean errors of {ranked}; fastest is {means['time_s'].idxmin()} with "
-            f"{significant(means['time_s'].min())} s a run."
+        costs = made.loc[made["rule"] == "printed", "cost"].astype(float)
+        rows.append(
+            {
+                "model": label,
+                "runs": len(keys & set(made[list(KEY)].itertuples(index=False, name=None))),
+                "of the full study": len(keys),
+                "under the printed stop rule": len(costs),
+                "of these at its threshold": (costs <= THRESHOLD).sum(),
+                "their lowest cost [A²·s]": costs.min(),
+                "faults that the model does not describe": ", ".join(
+                    name for name in CASES if len(made) and not problem(model, name).is_described
+                ),
+            }
         )
+    return pd.DataFrame(rows)
 
 
-def threshold_sentences(runs: pd.DataFrame) -> Iterator[str]:
-    """Yield what became of the stop rule's threshold, for each model with runs."""
-    for model, label in MODEL_LABELS.items() if not runs.empty else ():
-        of_model = runs[runs["model"] == model]
-        costs = of_model.loc[of_model["rule"] == "printed", "cost"]
-        if len(costs):
-            yield (
-                f"With the {label}, {(costs <= THRESHOLD).sum()} of {len(costs)} runs under the "
-                f"stop rule as printed reached its threshold of {significant(THRESHOLD, 1)} A²·s; "
-                f"the lowest cost was {significant(costs.min())} A²·s."
-            )
-        missed = [name for name in CASES if len(of_model) and not describes(model, name)]
-        if missed:
-            yield (
-                f"With the {label} the true faults cost more than the healthy ones in "
-                f"{' and '.join(missed)}: DE and GWO meet the floor-corrected threshold at once "
-                "and stop as soon as they may."
-            )
+def ranking(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return mean error [%] and time of a run [s] over the single faults by algorithm.
+
+    Each fault and level counts alike, however many runs it has.
+    """
+    means = {}
+    for label, frame in by_source(runs).items():
+        cells = single_fault_runs(frame).groupby(["algorithm", "fault", "level"])
+        means[label] = cells[["error_percent", "time_s"]].mean().groupby("algorithm").mean()
+    headings = {"error_percent": "mean error [%]", "time_s": "mean time [s]"}
+    table = pd.concat(means, axis=1).reindex(list(ALGORITHM_NAMES))
+    return table.rename(index=ALGORITHM_NAMES, columns=headings)

@@ -8,18 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.commands import THESIS_CHIRP, Command
-from ema_core.description import SAMPLE_PERIOD
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.telemetry import Telemetry
-from ema_monitor.identification.objective import Objective
 from ema_monitor.windows.window import Window
-from ema_sim.actuator import SimulatedActuator
-from ema_study.models import FITNESS, MODELS, calibration, reference_window
+from ema_study.models import MODELS, calibration, objective_of, reference, reference_window
 
 COMMANDS: Final = {"step": Command("step", amplitude=1.0), "chirp": THESIS_CHIRP}
 """Commands by name: 1 rad at 0.01 s, and 5 mrad from 0 to 15 Hz (its table 3)."""
 
-NOISE_SEED: Final = 2018
 NOISE_GAINS: Final = (0.0, 1.0, 10.0, 100.0)
 """K_noise of figure 4.50, and no noise."""
 
@@ -52,8 +48,7 @@ class Currents(NamedTuple):
 def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
     """Run the reference from rest at time 0, the motor centred in its play, by severity."""
     return {
-        label: _run(SimulatedActuator(), faults, command)
-        for label, faults in SEVERITIES[fault].items()
+        label: reference(faults, COMMANDS[command]) for label, faults in SEVERITIES[fault].items()
     }
 
 
@@ -63,8 +58,7 @@ def noisy_response(noise_gain: float) -> Telemetry:
 
     ``noise_gain`` is K_noise; the noise is held for 1 us.
     """
-    rng = np.random.default_rng(NOISE_SEED)
-    return _run(SimulatedActuator(noise_gain=noise_gain, rng=rng), {}, "chirp")
+    return reference({}, noise_gain=noise_gain, rng=np.random.default_rng(2018))
 
 
 def compared(fault: str) -> str:
@@ -82,7 +76,7 @@ def chirp_currents(fault: str) -> Currents:
     window = reference_window(faults)
     monitor = {}
     for model in MODELS:
-        objective = Objective(window, calibration(model), FITNESS, cartesian=False)
+        objective = objective_of(model, window)
         monitor[model] = objective.expect(objective.encode(faults)[None]).current[0]
     return Currents(window.current, monitor)
 
@@ -108,8 +102,3 @@ def uncalibrated_currents() -> Currents:
     """Return the currents before the row of differences is added (figure 6.4)."""
     current = reference_window(healthy_faults()).current
     return Currents(current, {model: current - calibration(model).correction for model in MODELS})
-
-
-def _run(actuator: SimulatedActuator, faults: Mapping[str, float], command: str) -> Telemetry:
-    actuator.faults = fault_vector(faults)
-    return actuator.advance(np.concatenate([[0.0], COMMANDS[command].sample(SAMPLE_PERIOD)]))

@@ -64,7 +64,7 @@ def as_frame(results: Iterable[RunResult]) -> pd.DataFrame:
 
 def run_job(job: Job) -> RunResult:
     """Make a run; as in the thesis, the whole starting population is random."""
-    objective, truth, floor = problem(job.model, job.case)
+    objective, truth, floor, _ = problem(job.model, job.case)
     rng = np.random.default_rng(job.seed)
     settings: dict[str, Any] = {"population": job.population, **job.settings}
     start, hints = rng.random(objective.dimension), Hints(budget=job.budget)

@@ -4,8 +4,8 @@ from typing import Final
 
 import pandas as pd
 
-from ema_study.cases import SINGLE_FAULTS
-from ema_study.plan import ALGORITHMS, VARIANTS
+from ema_study.cases import ALGORITHMS, SINGLE_FAULTS
+from ema_study.plan import VARIANTS
 from ema_study.printed import PRINTED, printed_runs
 from ema_study.stop_rules import family_of
 
@@ -39,14 +39,8 @@ SOURCES: Final = (
 def counted(runs: pd.DataFrame, first_table: int = 11) -> pd.DataFrame:
     """Return the runs that statistics are made of, with their ``source`` and ``family``.
 
-    The trials of GA and DE (tables 8 to 10) and the runs under the printed rule are left out.
-
-    Parameters
-    ----------
-    runs
-        Runs of any models; may be empty, even of columns.
-    first_table
-        Another first table, e.g. 9 to include the trials of DE.
+    The trials of GA and DE (tables 8 to 10) and the runs under the printed rule are left out; a
+    ``first_table`` of 9 includes the trials of DE. There may be no runs, and no columns.
     """
     if runs.empty:
         columns = ["model", "table", "algorithm", "fault", "level", "source", "family"]
@@ -76,17 +70,9 @@ def present_sources(runs: pd.DataFrame) -> list[str]:
 def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs of tables 9 to 57 by label of their source, the thesis's first.
 
-    Parameters
-    ----------
-    runs
-        Our runs, as of ``ema_study.run.as_frame``; may be empty.
-
-    Returns
-    -------
-    dict
-        ``PRINTED`` and then our sources that have runs. "algorithm" is one of the thesis's four; a
-        source with the thesis's own code of DE and GWO shares GA and PSO with that without, and
-        "own_code" is True for the former only.
+    ``PRINTED`` is followed by our sources that have runs. "algorithm" is one of the thesis's four;
+    a source with the thesis's own code of DE and GWO shares GA and PSO with that without, and
+    "own_code" is True for the former only.
     """
     ours = counted(runs, 9)
     sources = {PRINTED: printed_runs().assign(own_code=False)}

@@ -2,14 +2,13 @@
 
 import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from click.testing import Result
 
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import TABLES
@@ -25,17 +24,8 @@ from ema_core.tasks import Workers
 from ema_monitor.model.threads import limit_threads
 from ema_sim.lives import SimulatedLife, WindowKind
 
-from .. import commands
-
 HOURS = (300.0, 600.0, 900.0, 1200.0, 1500.0)
 WINDOWS: tuple[WindowKind, ...] = ("good", "good", "gap", "good", "good")
-
-Ema = Callable[..., Result]
-
-
-@pytest.fixture(scope="session")
-def ema() -> Ema:
-    return commands.ema
 
 
 @pytest.fixture(scope="session")
@@ -69,10 +59,31 @@ def whole(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def made_archive(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a copy of the bags and an archive of them; beside it is all of it, as made."""
+    root = tmp_path_factory.mktemp("changed") / "now"
+    shutil.copytree(made_fleet, root / "bags")
+    with Manifest(root / "archive", is_new=True) as manifest, Workers("threads", 2) as pool:
+        scan(manifest, [str(root / "bags")])
+        tally = run(manifest, pool)
+    assert (tally.bags, tally.units) == (10, 2)
+    shutil.copytree(root, root.with_name("as made"))
+    return root
+
+
 @pytest.fixture
-def fleet(made_fleet: Path, tmp_path: Path) -> Path:
-    """A copy that a test may change."""
-    return Path(shutil.copytree(made_fleet, tmp_path / "bags"))
+def fleet(made_archive: Path) -> Path:
+    """Bags that a test may change."""
+    shutil.rmtree(made_archive)
+    shutil.copytree(made_archive.with_name("as made"), made_archive)
+    return made_archive / "bags"
+
+
+@pytest.fixture
+def archive(fleet: Path) -> Path:
+    """An archive of these bags that a test may change."""
+    return fleet.parent / "archive"
 
 
 @pytest.fixture(autouse=True)

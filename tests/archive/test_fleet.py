@@ -9,11 +9,12 @@ from datetime import UTC, datetime, timedelta
 import pyarrow as pa
 import pytest
 
-from ema_archive.fleet import fleet_summary
+from ema_archive.fleet import fleet_summary, survival
 from ema_archive.partitions import TABLES, write_table
-from ema_archive.survival import survival
 from ema_archive.tables import WHOLE
 from ema_archive.unit_task import lives_of
+
+from ..pages import Page
 
 LATEST = datetime(2031, 5, 20, tzinfo=UTC)
 # Weeks of remission under 6-MP, and whether it ended (Freireich et al., 1963): the textbook case.
@@ -144,29 +145,21 @@ def test_a_summary_is_bounded(archive, tmp_path):
         fleet_summary(archive, limit_s=1e-5)
 
 
-def shown(page, caption):
-    """Return the exact figures of a table of a page, by row."""
-    table = page[page.index(f"<caption>{caption}") :]
-    body = table[: table.index("</table>")].partition("<tbody>")[2]
-    rows = [re.findall(r'<data value="([^"]+)"', row) for row in body.split("<tr>")[1:]]
-    return [[float(value) for value in row] for row in rows]
-
-
 def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_path):
     path = tmp_path / "fleet.html"
     result = ema("report", "--fleet", archive, "-o", path)
     assert result.exit_code == 0, result.output
-    page, found = path.read_text(), fleet_summary(archive)
+    page, found = Page(path), fleet_summary(archive)
     names = ("units", "error", "warn", "stale", "ok", "health_index")
     for caption, rows in (("Units by model", found.models), ("Units by service", found.ages)):
-        assert shown(page, caption) == [
+        assert page.exactly(caption) == [
             [row[name] for name in names if row[name] is not None] for row in rows
         ]
-    assert [row[-1] for row in shown(page, "By level")] == [row["hours"] for row in found.worst]
-    assert shown(page, "Age of the calibration") == [[row["units"]] for row in found.calibrations]
-    assert [row[0] for row in shown(page, "Units tested in")] == [1.0, 3.0, 4.0, 4.0]
-    assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page
-    assert not re.search(r"(?:src|href)=\"(?!#)", page)
+    assert [row[-1] for row in page.exactly("By level")] == [row["hours"] for row in found.worst]
+    assert page.exactly("Age of the calibration") == [[row["units"]] for row in found.calibrations]
+    assert [row[0] for row in page.exactly("Units tested in")] == [1.0, 3.0, 4.0, 4.0]
+    assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page.words
+    assert not re.search(r"(?:src|href)=\"(?!#)", page.text)
     assert ema("report", "--fleet", archive, "-o", path).exit_code != 0
     assert ema("report", "--fleet", archive, "--replace", "-o", path).exit_code == 0
 

@@ -11,20 +11,21 @@ import pytest
 from ema_archive.bag_task import unit_name
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import path_of, read_unit, replace_rows, shortened, write_health
-from ema_archive.query import VIEWS, answer, columns_of, export
+from ema_archive.query import answer, columns_of, export
 from ema_archive.running import scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
 from ema_core.faults import FAULT_NAMES
+from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS
+
+UNIT = {"actuator_id": "flap", "serial_number": "1"}
 
 
 def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
     (tmp_path / "empty").mkdir()
     with Manifest(tmp_path / "archive", is_new=True) as manifest:
         assert scan(manifest, [str(tmp_path / "empty")]) == 0
-    columns = columns_of(tmp_path / "archive")
-    assert {*VIEWS} <= {*columns, "growth"}
-    for view in VIEWS:
+    for view in columns_of(tmp_path / "archive"):
         assert answer(tmp_path / "archive", f"select * from {view}")[1] == []
 
 
@@ -98,25 +99,15 @@ def test_folder_that_is_no_archive_is_named(ema, tmp_path):
     assert "is a folder with other files: an archive is made in a new folder" in result.stderr
 
 
-@pytest.mark.parametrize(
-    ("events", "expected"),
-    [
-        # Levels of the tests of a unit, which of them were repairs, and the false alarms.
-        (([0, 1, 0], []), 1),
-        (([0, 1, 2, 0, 0, 1, 1, 0], []), 2),
-        (([0, 1, 1], []), 0),
-        (([0, 1, 0], [2]), 0),
-        (([1, 3, 0], []), 1),
-    ],
-)
-def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(tmp_path, events, expected):
-    levels, repairs = events
+def write_course(archive, levels, repairs):
+    """Write the health of a unit at the levels of its tests, 10 h apart, some of them repairs."""
     rows = [
         {
-            "actuator_id": "flap",
-            "serial_number": "1",
+            **UNIT,
             "stamp_ns": number,
             "tested": number,
+            "hours": 10.0 * number,
+            "cycles": number,
             "level": level,
             "dominant_fault": "friction" if level else "",
             "events": [{"kind": "repair", "text": "", "hours": 0.0, "stamp_ns": number}]
@@ -125,35 +116,36 @@ def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(tmp_path
         }
         for number, level in enumerate(levels)
     ]
-    write_health(tmp_path, "model", "flap+1", pa.Table.from_pylist(rows, HEALTH))
-    _, found = answer(tmp_path, "select tests, level from false_alarms")
-    assert len(found) == expected
+    write_health(archive, "model", "flap+1", pa.Table.from_pylist(rows, HEALTH))
+
+
+@pytest.mark.parametrize(
+    ("levels", "repairs", "alarms"),
+    [
+        ([0, 1, 0], [], 1),
+        ([0, 1, 2, 0, 0, 1, 1, 0], [], 2),
+        ([0, 1, 1], [], 0),
+        ([0, 1, 0], [2], 0),
+        ([1, 3, 0], [], 1),
+    ],
+)
+def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(
+    tmp_path, levels, repairs, alarms
+):
+    write_course(tmp_path, levels, repairs)
+    assert len(answer(tmp_path, "select tests, level from false_alarms")[1]) == alarms
 
 
 def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
     """A repair begins another life; what is left of a life that goes on is not known."""
-    place = ("model", "flap+1", "1970-01")
-    levels, repaired = [0, 1, 2, 2, 0, 0], 4
-    shared = {"actuator_id": "flap", "serial_number": "1"}
-    health = [
-        shared
-        | {
-            "stamp_ns": number,
-            "hours": 10.0 * number,
-            "cycles": number,
-            "level": level,
-            "events": [{"kind": "repair", "text": "", "hours": 0.0, "stamp_ns": number}]
-            if number == repaired
-            else [],
-        }
-        for number, level in enumerate(levels)
-    ]
-    write_health(tmp_path, *place[:2], pa.Table.from_pylist(health, HEALTH))
+    levels = [0, 1, 2, 2, 0, 0]
+    write_course(tmp_path, levels, [4])
     estimates = [
-        shared | {"end_ns": number, "valid": True, "friction": 0.1 * number, "bag": str(number)}
+        UNIT | {"end_ns": number, "valid": True, "friction": 0.1 * number, "bag": str(number)}
         for number in range(len(levels))
     ]
-    replace_rows(path_of(tmp_path, "estimates", *place), "estimates", set(), estimates)
+    path = path_of(tmp_path, "estimates", "model", "flap+1", "1970-01")
+    replace_rows(path, "estimates", set(), estimates)
     names, rows = answer(tmp_path, "select * from runs_to_failure")
     assert {*FAULT_NAMES, *(f"{name}_sigma" for name in FAULT_NAMES)} <= {*names}
     found = [dict(zip(names, row, strict=True)) for row in rows]
@@ -163,8 +155,6 @@ def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
 
 
 def test_settings_of_the_archive_are_kept_exactly():
-    from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS
-
     settings = ArchiveSettings(calibration="/c/{serial_number}.yaml")
     tracker = replace(settings.prognosis.tracker, laws={"friction": NOMINAL_LAWS["friction"]})
     settings = replace(settings, prognosis=replace(settings.prognosis, tracker=tracker))

@@ -17,8 +17,6 @@ class Case:
         All that is random in a case follows from these: it is repeated by them.
     folder
         An empty folder of its own, which is kept where the case fails.
-    steps
-        How many steps it has; None for as many as are usual. Fewer are the first of these.
     counts
         How often what happened, by name; summed over all cases.
     failures
@@ -28,13 +26,12 @@ class Case:
     seed: int
     number: int
     folder: Path
-    steps: int | None = None
     counts: Counter[str] = field(default_factory=Counter)
     failures: list[str] = field(default_factory=list)
 
-    def rng(self, *more: int) -> np.random.Generator:
-        """Return a generator of its own for each sequence of further numbers."""
-        return np.random.default_rng([self.seed, self.number, *more])
+    def rng(self) -> np.random.Generator:
+        """Return its generator, from the start."""
+        return np.random.default_rng([self.seed, self.number])
 
     def count(self, what: str, times: int = 1) -> None:
         """Add to a count."""

@@ -20,9 +20,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def case_of(tmp_path: Path) -> Callable[..., Case]:
-    """Make a case by its number, seed and steps."""
+    """Make a case by its number and seed."""
 
-    def make(number: int = 0, seed: int = SEED, steps: int | None = None) -> Case:
-        return Case(seed, number, tmp_path, steps)
+    def make(number: int = 0, seed: int = SEED) -> Case:
+        return Case(seed, number, tmp_path)
 
     return make

@@ -1,9 +1,9 @@
 """Rules that what a graph published has to keep, whatever happened to its nodes and links.
 
-Nothing here needs ROS: a record of what was published goes in, violations come out. What a record
-cannot show, as what was sent while its recorder was out of touch, is excused by what the status of
-recorder and monitor counted, and by the times in which the recorder said that it stood still, and
-by nothing else: what is lost without a word is a violation.
+Nothing here needs ROS: what was published is held against the rules. What a record cannot show, as
+what was sent while its recorder was out of touch, is excused by what the status of recorder and
+monitor counted, and by the times in which the recorder said that it stood still, and by nothing
+else: what is lost without a word is a violation.
 """
 
 import statistics
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from .case import Case
 from .graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, StatusNote
 
 ANSWER_S: Final = 15.0
@@ -31,33 +32,6 @@ _MOST_LATE: Final = 50
 _LATE_NS: Final = _NS
 _AHEAD_NS: Final = 20_000_000
 _STAMP_NS: Final = 1_000
-
-
-class Violation(NamedTuple):
-    """A rule that was not kept, of which actuator, and how."""
-
-    rule: str
-    actuator_id: str
-    text: str
-
-    def __str__(self) -> str:
-        return f"{self.rule}: {self.actuator_id or 'graph'}: {self.text}"
-
-
-@dataclass
-class Findings:
-    """What the checker found.
-
-    Attributes
-    ----------
-    violations
-        Rules that were not kept.
-    counts
-        How much was checked, by name.
-    """
-
-    violations: list[Violation] = field(default_factory=list)
-    counts: Counter[str] = field(default_factory=Counter)
 
 
 class Lost(NamedTuple):
@@ -102,27 +76,16 @@ class Run:
         return (before[-1], after[0]) if before and after else None
 
 
-def check(record: GraphRecord) -> Findings:
-    """Return the rules that what a graph published does not keep."""
-    findings = Findings()
-    add, counts = findings.violations.append, findings.counts
+def check(case: Case, record: GraphRecord, what: str = "") -> None:
+    """Note the rules that what a graph published does not keep, and how much was checked."""
     lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
     for name in record.actuators():
         one = _Actuator(record, name)
         for rule, check_rule in _RULES.items():
             for text in check_rule(one, lost):
-                add(Violation(rule, name, text))
-        counts.update(
-            blocks=len(one.blocks),
-            windows=len(one.answers),
-            valid=sum(item.valid for item in one.answers),
-            dropped=sum(item.dropped for item in one.answers),
-            healths=len(one.healths),
-            runs=len(one.runs),
-            found=len(one.found),
-        )
-    counts["lost by the recorder"] = lost_messages(record)
-    return findings
+                case.fail(f"{what}{rule}: {name}: {text}")
+        case.count("windows", len(one.answers))
+        case.count("runs", len(one.runs))
 
 
 def lost_messages(record: GraphRecord, topic: str = "") -> int:

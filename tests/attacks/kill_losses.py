@@ -7,9 +7,9 @@ from ema_bags.reader import Bag
 from ema_bags.recording import RecorderSettings
 from ema_monitor.prognosis.history import History
 
+from ..ros.graph import Graph
 from .case import Case
 from .graph_checker import check
-from .graph_processes import Graph
 from .graph_record import read_graph
 
 LATE_S: Final = 0.5
@@ -43,13 +43,11 @@ def measure_loss(case: Case, path: Path, graph: Graph, killed_s: float, *, is_du
     if holes:
         case.fail(f"{path.name}: {len(holes)} blocks are missing before the last one")
     tail_s = min((came_s for sent_ns, came_s in lost if sent_ns > last), default=killed_s)
-    case.count("kills of a recorder that was writing")
     case.require(
         killed_s - tail_s <= MOST_LOST_S,
         f"{path.name} lost the last {killed_s - tail_s:.2f} s before the recorder was killed, "
         f"expected {MOST_LOST_S:g} s at most",
     )
-    case.count("blocks lost by killed recorders", len(lost) - len(holes))
 
 
 def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -> None:
@@ -60,15 +58,11 @@ def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -
         if is_closed and bag.damage:
             case.fail(f"{path.name} was closed and is damaged: {bag.damage}")
         case.count("messages read back", count)
-        findings = check(read_graph(path))
+        check(case, read_graph(path), f"{path.name}: ")
     except (FileNotFoundError, ValueError) as error:
         # Else it was killed before the file, or anything in it, was there.
         if is_due or not (isinstance(error, FileNotFoundError) or "empty" in str(error)):
             case.fail(f"{path.name} cannot be read: {error}")
-        return
-    for violation in findings.violations:
-        case.fail(f"{path.name}: {violation}")
-    case.count("windows checked", findings.counts["windows"])
 
 
 def check_history(
@@ -98,6 +92,4 @@ def check_history(
             f"{len(missing)} of {len(answered)} tests that were answered are not in the "
             f"history, expected the last one at most"
         )
-    case.count("current tests lost", len(missing))
-    case.count("tests in histories checked", len(answered))
     return {*missing}

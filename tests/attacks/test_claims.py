@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK
 from ema_core.telemetry import Telemetry
+from ema_monitor.prognosis.history_entry import StampedTest, unordered
 from ema_ros import topics
 from ema_ros.actuator_messages import messages_of_block
 from ema_ros.messages import description_to_message
@@ -34,10 +36,11 @@ def write(path: Path, *parts: tuple[ActuatorDescription, Telemetry]) -> None:
     with BagWriter(path) as writer:
         for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items():
             writer.add_topic(f"{topics.NAMESPACE}/{name}", message_class, qos)
-        for unit, block in parts:
+        for number, (unit, block) in enumerate(parts):
+            logged_ns = block.stamp_ns + number * 10**10
             described = {topics.DESCRIPTION: description_to_message(unit, block.stamp_ns)}
             for name, message in (described | messages_of_block(unit, block, 0.0)).items():
-                writer.write(f"{topics.NAMESPACE}/{name}", message, block.stamp_ns, block.stamp_ns)
+                writer.write(f"{topics.NAMESPACE}/{name}", message, logged_ns, logged_ns)
 
 
 def archived(bags: Path) -> Path:
@@ -97,14 +100,31 @@ def test_each_window_is_of_the_unit_that_was_described_then(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_different_tests_that_end_at_the_same_time_are_no_copies(tmp_path: Path):
-    for name, faults in (("a", {}), ("b", {"friction": 0.45, "short_circuit_a": 0.4})):
-        write(tmp_path / "bags" / f"{name}.mcap", (FLAP, telemetry(faults, 0.0)))
+@pytest.mark.parametrize(("tests_of_bag", "cause"), [(1, ""), (2, ""), (2, "open_phase_a")])
+def test_different_tests_that_end_at_the_same_time_are_no_copies(
+    tmp_path: Path, tests_of_bag: int, cause: str
+):
+    worn = telemetry({"friction": 0.45}, 0.0, causes={cause: 1.0} if cause else ())
+    tests = [(FLAP, telemetry({}, 0.0)), (FLAP, worn)]
+    for first in range(0, 2, tests_of_bag):
+        write(tmp_path / "bags" / f"{first}.mcap", *tests[first : first + tests_of_bag])
     archive = archived(tmp_path / "bags")
     [row] = asked(archive, "select health, reason from worst_first")
-    assert row["health"] == "STALE"
-    assert "their stamps must show which came first" in row["reason"]
+    words = "open phase A" if cause else "their stamps must show which came first"
+    assert (row["health"], words in row["reason"]) == ("ERROR" if cause else "STALE", True)
+    assert len(asked(archive, "select * from unordered")) == (1 if cause else 2)
     assert asked(archive, "select * from copies") == []
+
+
+@pytest.mark.parametrize("order", list(permutations([("a", 0), ("copy of a", 0), ("c", 1)])))
+def test_copies_of_a_test_hide_no_other_at_its_time(order: tuple[tuple[str, int], ...]):
+    tests = [StampedTest(0, 10, bag, content) for bag, content in order]
+    assert set(unordered(tests)) == {"a", "copy of a", "c"}
+
+
+def test_test_within_the_time_of_two_others_is_noticed():
+    times = {"a": (5, 10), "b": (20, 30), "c": (0, 100)}
+    assert set(unordered([StampedTest(*times[bag], bag, bag) for bag in times])) == set(times)
 
 
 @pytest.mark.slow

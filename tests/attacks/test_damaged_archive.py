@@ -8,19 +8,20 @@ import pytest
 from ema_archive.database import FILE
 from ema_archive.partitions import TABLES
 
-from ..archive.conftest import Ema, ema, exactly, fleet, made_fleet
+from ..archive.conftest import (
+    _threads_as_before,
+    archive,
+    exactly,
+    fleet,
+    made_archive,
+    made_fleet,
+)
+from ..commands import ema
 
-__all__ = ["ema", "fleet", "made_fleet"]
+__all__ = ["_threads_as_before", "archive", "fleet", "made_archive", "made_fleet"]
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def archive(ema: Ema, fleet: Path, tmp_path: Path) -> Path:
-    folder = tmp_path / "archive"
-    assert ema("archive", "scan", folder, fleet).exit_code == 0
-    assert ema("archive", "run", folder, "--workers", "1").exit_code == 0
-    return folder
+HERE = ("--executor", "threads", "--workers", "1")
 
 
 def remove(archive: Path) -> None:
@@ -40,29 +41,29 @@ def alter(archive: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [remove, truncate, alter])
-def test_damaged_tables_are_made_anew(ema: Ema, archive: Path, damage):
+def test_damaged_tables_are_made_anew(archive: Path, damage):
     whole = {name: exactly(archive, name) for name in ("estimates", "health")}
     damage(archive)
     assert "of the tables missing or damaged" in ema("archive", "status", archive).stdout
-    result = ema("archive", "run", archive, "--workers", "1")
+    result = ema("archive", "run", archive, *HERE)
     assert "made anew" in result.stderr
     assert "all is up to date" in result.stdout
     assert {name: exactly(archive, name) for name in whole} == whole
-    assert ema("archive", "run", archive, "--workers", "1").stderr == ""
+    assert ema("archive", "run", archive, *HERE).stderr == ""
 
 
-def test_what_bags_that_are_gone_said_is_named(ema: Ema, archive: Path, fleet: Path):
+def test_what_bags_that_are_gone_said_is_named(archive: Path, fleet: Path):
     for bag in fleet.rglob("*.mcap"):
         bag.unlink()
     assert ema("archive", "scan", archive).exit_code == 0
     remove(archive)
-    result = ema("archive", "run", archive, "--workers", "1")
+    result = ema("archive", "run", archive, *HERE)
     assert "10 bags of these tables are missing, such as" in result.stderr
     assert "bring them back" in result.stderr
 
 
 @pytest.mark.parametrize("content", [b"", b"SQLite format 3\0" + b"\xd8" * 5000])
-def test_damaged_database_is_an_error_with_its_remedy(ema: Ema, archive: Path, content: bytes):
+def test_damaged_database_is_an_error_with_its_remedy(archive: Path, content: bytes):
     for suffix in ("-wal", "-shm"):
         (archive / f"{FILE}{suffix}").unlink(missing_ok=True)
     (archive / FILE).write_bytes(content)

@@ -16,7 +16,7 @@ from ema_monitor.calibrations import load_calibration
 from ema_monitor.prognosis.history import History
 from ema_ros.actuator_file import load_description
 
-from ..prognosis.kept_histories import UNIT, entry
+from ..prognosis.made_tests import UNIT, entry
 from .conftest import CASES, SEED
 
 ROOT = Path(__file__).parents[2]
@@ -118,7 +118,9 @@ TARGETS: dict[str, tuple[Callable[[Path], bytes], Change, str, Callable[[Path], 
 def test_changed_files_are_read_or_refused(name, tmp_path):
     seed_of, change, file_name, read = TARGETS[name]
     original = seed_of(tmp_path)
-    refused = 0
+    unchanged = tmp_path / file_name
+    unchanged.write_bytes(original)
+    read(unchanged)
     for number in range(INPUTS * CASES):
         folder = tmp_path / str(number)
         folder.mkdir()
@@ -127,7 +129,6 @@ def test_changed_files_are_read_or_refused(name, tmp_path):
         try:
             read(path)
         except (ValueError, OSError):
-            refused += 1
+            continue
         except Exception as error:
             raise AssertionError(f"{name} {number} of seed {SEED}: {error!r}") from error
-    assert refused < INPUTS * CASES

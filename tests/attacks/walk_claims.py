@@ -11,16 +11,17 @@ from hypothesis.stateful import invariant, precondition, rule
 from ema_cli.fleet import HeardFleet
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK
-from ema_dashboard.metrics import Metrics, OwnFigures
+from ema_dashboard.hub import Totals
+from ema_dashboard.metrics import Metrics
 from ema_interfaces.msg import Health
+from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
-from ema_monitor.windows.finder import Segment
-from ema_monitor.windows.trigger import Refusal, TriggerSettings
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.claims import Claims
 
 from ..prognosis.made_tests import FIRST_NS, PERIOD_NS, made_test
@@ -65,7 +66,7 @@ class Claimed(Walk):
     def _come(self) -> None:
         """A dashboard and a terminal that know nothing yet; they get what is latched."""
         self.claims, self.fleet = Claims(), HeardFleet()
-        self.metrics = Metrics(["/ema"], lambda: OwnFigures(0, 0, 0, 0, 0, 0))
+        self.metrics = Metrics(["/ema"], Totals)
         for health in self.latched.values():
             self._show(health)
 
@@ -112,9 +113,8 @@ class Claimed(Walk):
     def _tell(self, name: str, estimate: Estimate, kind: str) -> None:
         unit, actuator = self.units[name], self.actuators[name]
         outlook = unit.update(estimate, None, _SETTINGS, received_ns=self.now_ns)
-        window = Refusal(estimate.start_ns, estimate.end_ns, "")
-        segment = Segment(len(self.told[name]), actuator.finder.description, window)
-        actuator.record(segment, estimate, outlook, self.now_ns, 2)
+        number, description = len(self.told[name]), actuator.finder.description
+        actuator.record(Diagnosed(number, number, description, estimate), outlook, self.now_ns, 2)
         self.told[name].append(estimate)
         if estimate.end_ns > self.newest.get(name, (0, ""))[0]:
             self.newest[name] = estimate.end_ns, kind

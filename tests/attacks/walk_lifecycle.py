@@ -16,6 +16,7 @@ _STEPS = {
     Transition.TRANSITION_ACTIVATE: ("activate", "inactive", "active"),
     Transition.TRANSITION_DEACTIVATE: ("deactivate", "active", "inactive"),
     Transition.TRANSITION_CLEANUP: ("clean_up", "inactive", "unconfigured"),
+    200: ("what there is not", "never", "never"),
 }
 # The others end what was begun: when that fails, the node lets go of all that it has.
 _MAY_BE_REFUSED = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)

@@ -17,8 +17,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from ..prognosis.kept_histories import UNIT
-from ..prognosis.made_tests import made_test
+from ..prognosis.made_tests import UNIT, made_test
 from .stateful import Walk
 
 _SETTINGS = PrognosisSettings()

@@ -1,9 +1,9 @@
-"""What is recorded while the disk is full or fails: all but what has no room, and that is told."""
+"""What is recorded while the disk is full or fails, or somebody removes the bag."""
 
 import errno
 import itertools
 import random
-from collections.abc import Callable
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from std_msgs.msg import String
 from ema_bags import bag_file, writer
 from ema_bags.reader import Bag
 from ema_bags.writer import BagWriter
+from ema_interfaces.msg import ActuatorDescription
+from ema_ros import topics
 
 from ..waiting import wait_for
 
@@ -58,9 +60,9 @@ class _File:
 @pytest.fixture
 def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     disk = Disk()
-    init = bag_file._HeldFile.__init__
+    init = bag_file.HeldFile.__init__
 
-    def on_disk(self: bag_file._HeldFile, path: Path) -> None:
+    def on_disk(self: bag_file.HeldFile, path: Path) -> None:
         file = disk.open(path)
         path_there = path.with_suffix(".made")
         init(self, path_there)
@@ -68,7 +70,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
         path_there.unlink()
         self._file = file
 
-    monkeypatch.setattr(bag_file._HeldFile, "__init__", on_disk)
+    monkeypatch.setattr(bag_file.HeldFile, "__init__", on_disk)
     monkeypatch.setattr(writer, "_MOST_WAITING", 30_000)
     return disk
 
@@ -90,8 +92,7 @@ def numbers_in(bag: Bag) -> list[int]:
     return [int(item.message.data.partition(" ")[0]) for item in bag.messages()]
 
 
-@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO])
-@pytest.mark.parametrize("name", ["flight", "flight.mcap"])
+@pytest.mark.parametrize(("name", "error"), [("flight", errno.ENOSPC), ("flight.mcap", errno.EIO)])
 def test_recording_goes_on_when_there_is_room_again(
     disk: Disk, tmp_path: Path, name: str, error: int
 ):
@@ -173,11 +174,47 @@ def test_killed_while_the_disk_is_full_keeps_what_was_written(disk: Disk, tmp_pa
 
 
 def test_without_patience_a_full_disk_is_an_error(disk: Disk, tmp_path: Path):
-    def fill(bag: BagWriter) -> None:
-        bag.add_topic("/t", String, QOS)
-        disk.room = 0
+    bag = BagWriter(tmp_path / "flight.mcap")
+    bag.add_topic("/t", String, QOS)
+    disk.room = 0
+    with pytest.raises(OSError, match="no room"):
         write(bag, range(10_000))
+    with pytest.raises(OSError, match="no room"):
+        bag.close()
 
-    expect: Callable[..., Any] = pytest.raises
-    with expect(OSError, match="no room"), BagWriter(tmp_path / "flight.mcap") as bag:
-        fill(bag)
+
+@pytest.mark.parametrize("name", ["one.mcap", "folder"])
+def test_recording_of_a_bag_that_is_removed_goes_on_in_a_new_file(tmp_path: Path, name: str):
+    path = tmp_path / "bags" / name
+    with BagWriter(path, flush_s=0.1, waits_for_room=True) as bag:
+        bag.add_topic("/words", String, QOS)
+        bag.add_topic("/ema/actuator_description", ActuatorDescription, topics.LATCHED)
+        bag.write("/ema/actuator_description", ActuatorDescription(actuator_id="flap"), 5)
+        for number in range(3):
+            bag.write("/words", String(data="before"), 10 + number)
+        bag.flush()
+        shutil.rmtree(path.parent)
+        wait_for(lambda: bag.removed, "the removal is noticed")
+        assert bag.failure is None
+        bag.write("/words", String(data="after"), 20)
+    [removed] = bag.removed
+    assert removed.startswith("4 messages from 0.000 s to 0.000 s not recorded: ")
+    assert "was removed or moved while it was recorded" in removed
+    found = Bag(path)
+    assert found.damage == ""
+    assert [one.message.data for one in found.messages(["/words"])] == ["after"]
+    [described] = found.messages(["/ema/actuator_description"])
+    assert described.message.actuator_id == "flap"
+    assert found.topics["/words"].count == 1
+    assert found.gaps[0].messages == 4
+
+
+def test_without_patience_a_removed_bag_is_an_error(tmp_path: Path):
+    path = tmp_path / "one.mcap"
+    bag = BagWriter(path)
+    bag.add_topic("/words", String, QOS)
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match="was removed or moved while it was recorded"):
+        bag.flush()
+    with pytest.raises(FileNotFoundError):
+        bag.close()

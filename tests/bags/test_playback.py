@@ -1,6 +1,5 @@
 """Messages are played at their times, and what is latched at a time is found."""
 
-import math
 import threading
 from pathlib import Path
 
@@ -15,6 +14,8 @@ from ema_bags.writer import BagWriter
 from ema_interfaces.msg import Health
 from ema_ros import topics
 
+from ..waiting import SimulatedTime
+
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
 
@@ -24,25 +25,6 @@ def recorded(count: int) -> list[Recorded]:
         Recorded(MessagePlace(START_NS + number * STEP_NS, 0, 0, 0), "/t", "", str(number), 0)
         for number in range(count)
     ]
-
-
-class SimulatedTime(threading.Event):
-    """A clock that stands still unless somebody waits; as an event, it may be set at a time."""
-
-    def __init__(self, set_at_s: float = math.inf) -> None:
-        super().__init__()
-        self.now_s = 100.0
-        self._set_at_s = self.now_s + set_at_s
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def wait(self, timeout: float | None = None) -> bool:
-        assert timeout is not None
-        self.now_s = min(self.now_s + timeout, self._set_at_s)
-        if self.now_s == self._set_at_s:
-            self.set()
-        return self.is_set()
 
 
 @pytest.fixture

@@ -3,24 +3,31 @@
 import random
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import yaml
+import zstandard
 from mcap.writer import CompressionType, IndexType, Writer
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Header, String
 
 from ema_bags.gaps import GAP
+from ema_bags.metadata import METADATA_FILE
 from ema_bags.reader import Bag
 from ema_bags.schema import schema_text
 from ema_bags.writer import BagWriter
 
 QOS = QoSProfile(depth=10)
 STEP_NS = 10_000_000
-N = 200
+N = 100
 STRING = "std_msgs/msg/String"
 Written = list[tuple[str, str, int]]
 
@@ -37,7 +44,7 @@ def record_by_us(path: Path, first: int = 0) -> Written:
     written = [
         (f"/t{number % 2}", text(number), number * STEP_NS) for number in range(first, first + N)
     ]
-    with BagWriter(path, chunk_bytes=10_000) as writer:
+    with BagWriter(path, chunk_bytes=5000) as writer:
         for topic in ("/t0", "/t1"):
             writer.add_topic(topic, String, QOS)
         for topic, data, log_time_ns in written:
@@ -45,18 +52,24 @@ def record_by_us(path: Path, first: int = 0) -> Written:
     return written
 
 
-def record_by_mcap(path: Path, **settings) -> Written:
-    """Write by the library itself, with settings of which rosbag2 has some as its presets."""
-    written = [(f"/t{number % 2}", text(number), number * STEP_NS) for number in range(N)]
+@contextmanager
+def mcap_writer(path: Path, **settings) -> Iterator[Writer]:
+    """The library itself, with settings of which rosbag2 has some as its presets."""
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=10_000, **settings)
+        writer = Writer(file, **settings)
         writer.start(profile="ros2")
+        yield writer
+        writer.finish()
+
+
+def record_by_mcap(path: Path, **settings) -> Written:
+    written = [(f"/t{number % 2}", text(number), number * STEP_NS) for number in range(N)]
+    with mcap_writer(path, chunk_size=5000, **settings) as writer:
         schema = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
         channels = [writer.register_channel(f"/t{n}", "cdr", schema) for n in range(2)]
         for number, (_, data, log_time_ns) in enumerate(written):
             content = serialize_message(String(data=data))
             writer.add_message(channels[number % 2], log_time_ns, content, log_time_ns)
-        writer.finish()
     return written
 
 
@@ -79,13 +92,11 @@ RECORDERS: dict[str, Callable[[Path], Written]] = {
     "no message index": lambda path: record_by_mcap(path, index_types=IndexType.CHUNK),
     "no repeated channels": lambda path: record_by_mcap(path, repeat_channels=False),
 }
-every_recorder = pytest.mark.parametrize("recorder", RECORDERS.values(), ids=RECORDERS)
 
 
-@every_recorder
-def test_whole_files_are_read_whole(recorder: Callable, tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    written = recorder(path)
+@pytest.mark.parametrize("recorder", RECORDERS)
+def test_whole_files_are_read_whole(recorder: str, path: Path):
+    written = RECORDERS[recorder](path)
     bag = Bag(path)
     assert as_read(bag) == written
     assert as_read(bag) == written, "a second time"
@@ -97,10 +108,10 @@ def test_whole_files_are_read_whole(recorder: Callable, tmp_path: Path):
     ]
 
 
-@every_recorder
-def test_truncated_file_yields_what_is_before_the_cut(recorder: Callable, tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    written = recorder(path)
+# Without its end a file has neither summary nor index.
+@pytest.mark.parametrize("recorder", ["ours", "not compressed", "lz4", "no checksums", "no chunks"])
+def test_truncated_file_yields_what_is_before_the_cut(recorder: str, path: Path):
+    written = RECORDERS[recorder](path)
     whole = path.read_bytes()
     rng = random.Random(20)
     read_counts = []
@@ -120,13 +131,12 @@ def test_truncated_file_yields_what_is_before_the_cut(recorder: Callable, tmp_pa
 
 
 @pytest.mark.parametrize("recorder", ["ours", "not compressed"])
-def test_flipped_bits_never_make_a_message(recorder: str, tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_flipped_bits_never_make_a_message(recorder: str, path: Path):
     written = RECORDERS[recorder](path)
     whole = path.read_bytes()
     rng = random.Random(21)
     harmed = 0
-    for _ in range(100):
+    for _ in range(60):
         damaged = bytearray(whole)
         damaged[rng.randrange(8, len(whole))] ^= 1 << rng.randrange(8)
         path.write_bytes(damaged)
@@ -137,23 +147,22 @@ def test_flipped_bits_never_make_a_message(recorder: str, tmp_path: Path):
         if len(read) < N:
             harmed += 1
             assert "lost" in bag.damage
-    assert harmed > 50
+    assert harmed > 30
 
 
-def test_damaged_chunk_is_told_with_what_is_lost(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_damaged_chunk_is_told_with_what_is_lost(path: Path):
     written = record_by_mcap(path, compression=CompressionType.NONE)
-    damaged = path.read_bytes().replace(b"message 100 ", b"massage 100 ")
+    damaged = path.read_bytes().replace(b"message 50 ", b"massage 50 ")
     path.write_bytes(damaged)
     bag = Bag(path)
     assert bag.damage == "", "an indexed file is checked as it is read"
     read = as_read(bag)
-    assert ("/t0", text(100), 100 * STEP_NS) not in read
+    assert ("/t0", text(50), 50 * STEP_NS) not in read
     assert N - 20 < len(read) < N
     assert set(read) < set(written)
     assert "the chunk at byte" in bag.damage
     assert "crc validation failed" in bag.damage
-    assert f"topic /t0: {N // 2 - sum(item[0] == '/t0' for item in read)} of 100 " in bag.damage
+    assert f"topic /t0: {N // 2 - sum(item[0] == '/t0' for item in read)} of 50 " in bag.damage
     assert sum(bag.readable_counts().values()) == len(read)
     # Read through, as without an index, the same is lost.
     path.write_bytes(damaged[:-1])
@@ -162,8 +171,7 @@ def test_damaged_chunk_is_told_with_what_is_lost(tmp_path: Path):
     assert as_read(again) == read
 
 
-def test_zeros_after_a_power_failure_are_no_records(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_zeros_after_a_power_failure_are_no_records(path: Path):
     written = record_by_us(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] + bytes(len(whole) // 2))
@@ -173,26 +181,24 @@ def test_zeros_after_a_power_failure_are_no_records(tmp_path: Path):
     assert read == written[: len(read)]
     place = re.search(r"breaks off at byte (\d+) of", bag.damage)
     assert place
-    assert int(place[1]) <= len(whole) // 2 + 10_000, "after the chunk that was cut"
+    assert int(place[1]) <= len(whole) // 2 + 5000, "after the chunk that was cut"
 
 
-def test_damaged_index_is_not_believed(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_damaged_index_is_not_believed(path: Path):
     written = record_by_us(path)
     before, name, after = path.read_bytes().rpartition(b"/t0")
     assert name
     path.write_bytes(before + b"/t9" + after)
     bag = Bag(path)
     assert sorted(bag.topics) == ["/t0", "/t1"]
-    assert "its index is damaged; 200 messages are intact" in bag.damage
+    assert "its index is damaged; 100 messages are intact" in bag.damage
     assert as_read(bag) == written
 
 
-def test_messages_come_in_the_order_of_their_log_times(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    times = list(range(500))
+def test_messages_come_in_the_order_of_their_log_times(path: Path):
+    times = list(range(200))
     random.Random(22).shuffle(times)
-    times += [250] * 10
+    times += [100] * 10
     with BagWriter(path, chunk_bytes=1000) as writer:
         writer.add_topic("/t", String, QOS)
         for number, log_time_ns in enumerate(times):
@@ -200,11 +206,10 @@ def test_messages_come_in_the_order_of_their_log_times(tmp_path: Path):
     bag = Bag(path)
     read = [(item.log_time_ns, int(item.message.data)) for item in bag.messages()]
     assert read == sorted((log_time_ns, number) for number, log_time_ns in enumerate(times))
-    assert (bag.start_ns, bag.end_ns) == (0, 499)
+    assert (bag.start_ns, bag.end_ns) == (0, 199)
 
 
-def test_equal_log_times_stay_in_the_order_of_the_file(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_equal_log_times_stay_in_the_order_of_the_file(path: Path):
     chunks = [[250], [100, 250], [250, 300], [50, 250]]
     with BagWriter(path) as writer:
         writer.add_topic("/t", String, QOS)
@@ -216,11 +221,8 @@ def test_equal_log_times_stay_in_the_order_of_the_file(tmp_path: Path):
     assert read == [(50, 3), (100, 1), (250, 0), (250, 1), (250, 2), (250, 3), (300, 2)]
 
 
-def test_only_the_topics_asked_for_are_decoded(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2")
+def test_only_the_topics_asked_for_are_decoded(path: Path):
+    with mcap_writer(path) as writer:
         unknown = writer.register_schema("no_such/msg/Thing", "ros2msg", b"what is this")
         known = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
         things = writer.register_channel("/things", "cdr", unknown)
@@ -230,7 +232,6 @@ def test_only_the_topics_asked_for_are_decoded(tmp_path: Path):
         for channel, data in ((things, b"12345678"), (notes, b"{}")):
             writer.add_message(channel, 1, data, 1)
         writer.add_message(texts, 2, serialize_message(String(data="known")), 2)
-        writer.finish()
     bag = Bag(path)
     assert [item.message.data for item in bag.messages(["/texts", "/never"])] == ["known"]
     assert [item.message.data for item in bag.messages("/texts")] == ["known"]
@@ -244,41 +245,32 @@ def test_only_the_topics_asked_for_are_decoded(tmp_path: Path):
     assert len(list(bag.raw_messages())) == 3
 
 
-def test_type_that_is_not_installed_is_read_by_the_definition_in_the_recording(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2")
+def test_type_that_is_not_installed_is_read_by_the_definition_in_the_recording(path: Path):
+    with mcap_writer(path) as writer:
         schema = writer.register_schema("no_such/msg/Thing", "ros2msg", b"float64 x\nfloat64[] y\n")
         channel = writer.register_channel("/things", "cdr", schema)
         data = b"\x00\x01\x00\x00" + struct.pack("<dIxxxxdd", 1.5, 2, 2.5, 3.5)
         writer.add_message(channel, 1, data, 1)
-        writer.finish()
     [item] = Bag(path).messages()
     assert (item.message.x, item.message.y.tolist()) == (1.5, [2.5, 3.5])
 
 
 @pytest.mark.parametrize("with_hash", [True, False])
-def test_type_that_has_changed_is_refused(with_hash: bool, tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_type_that_has_changed_is_refused(with_hash: bool, path: Path):
     name = "std_msgs/msg/Header"
     schema = schema_text(name).replace("string frame_id", "string frame")
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2")
+    with mcap_writer(path) as writer:
         number = writer.register_schema(name, "ros2msg", schema.encode())
         metadata = {"topic_type_hash": "RIHS01_" + "1" * 64} if with_hash else {}
         channel = writer.register_channel("/t", "cdr", number, metadata)
         writer.add_message(channel, 1, serialize_message(Header()), 1)
-        writer.finish()
     bag = Bag(path)
     with pytest.raises(ValueError, match=r"/t .* std_msgs/msg/Header .*\[string frame\]"):
         bag.messages()
     assert len(list(bag.raw_messages())) == 1
 
 
-def test_message_that_is_none_is_skipped_counted_and_named(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
+def test_message_that_is_none_is_skipped_counted_and_named(path: Path):
     rng = random.Random(23)
     with BagWriter(path) as writer:
         writer.add_topic("/t", Header, QOS)
@@ -296,9 +288,8 @@ def test_message_that_is_none_is_skipped_counted_and_named(tmp_path: Path):
     assert "lost" not in bag.damage
 
 
-def test_lengths_beyond_64_bits_with_sign_are_damage(tmp_path: Path):
+def test_lengths_beyond_64_bits_with_sign_are_damage(path: Path):
     """Python's files refuse such an offset by an OverflowError."""
-    path = tmp_path / "flight.mcap"
     record_by_mcap(path, compression=CompressionType.NONE)
     whole, offset, lengths = path.read_bytes(), 8, 0
     while offset < len(whole) - 8:
@@ -334,53 +325,56 @@ def test_what_is_not_a_recording_is_refused(tmp_path: Path):
         Bag(tmp_path / "folder")
 
 
-def split_folder(folder: Path) -> Written:
-    """Make a recording in two files, as rosbag2 splits them."""
+@pytest.fixture
+def split(tmp_path: Path) -> tuple[Path, Written]:
+    """A recording in two files, as rosbag2 splits them, and what is in it."""
+    folder = tmp_path / "flight"
     folder.mkdir()
     written = record_by_us(folder / "flight_0.mcap")
     written += record_by_us(folder / "flight_1.mcap", first=N)
+    write_metadata(folder, ["flight_0.mcap", "flight_1.mcap"], len(written))
+    return folder, written
+
+
+def write_metadata(folder: Path, names: list[str], count: int, **changes: str) -> None:
+    """Write what the reader wants of rosbag2's metadata."""
     information = {
         "version": 9,
         "storage_identifier": "mcap",
-        "message_count": len(written),
+        "message_count": count,
+        "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": ["flight_0.mcap", "flight_1.mcap"],
+        "relative_file_paths": names,
     }
-    write_metadata(folder, information)
-    return written
+    text = yaml.safe_dump({"rosbag2_bagfile_information": information | changes})
+    (folder / "metadata.yaml").write_text(text)
 
 
-def write_metadata(folder: Path, information: dict) -> None:
-    (folder / "metadata.yaml").write_text(
-        yaml.safe_dump({"rosbag2_bagfile_information": information})
-    )
-
-
-def test_folder_with_several_files_is_one_recording(tmp_path: Path):
-    written = split_folder(tmp_path / "flight")
-    bag = Bag(tmp_path / "flight")
+def test_folder_with_several_files_is_one_recording(split: tuple[Path, Written]):
+    folder, written = split
+    bag = Bag(folder)
     assert as_read(bag) == written
     assert bag.damage == ""
     assert bag.topics["/t0"].count == N
     assert (bag.start_ns, bag.end_ns) == (0, (2 * N - 1) * STEP_NS)
 
 
-def test_folder_with_a_file_missing_gives_the_others(tmp_path: Path):
-    written = split_folder(tmp_path / "flight")
-    (tmp_path / "flight" / "flight_0.mcap").unlink()
-    bag = Bag(tmp_path / "flight")
+def test_folder_with_a_file_missing_gives_the_others(split: tuple[Path, Written]):
+    folder, written = split
+    (folder / "flight_0.mcap").unlink()
+    bag = Bag(folder)
     assert as_read(bag) == written[N:]
     assert "flight_0.mcap is missing" in bag.damage
     assert f"promises {2 * N} messages, {N} are there" in bag.damage
-    (tmp_path / "flight" / "flight_1.mcap").unlink()
+    (folder / "flight_1.mcap").unlink()
     with pytest.raises(FileNotFoundError, match=r"flight_0.mcap, flight_1.mcap .* missing"):
-        Bag(tmp_path / "flight")
+        Bag(folder)
 
 
-def test_folder_with_a_file_that_is_none_gives_the_others(tmp_path: Path):
-    written = split_folder(tmp_path / "flight")
-    (tmp_path / "flight" / "flight_1.mcap").write_bytes(b"")
-    bag = Bag(tmp_path / "flight")
+def test_folder_with_a_file_that_is_none_gives_the_others(split: tuple[Path, Written]):
+    folder, written = split
+    (folder / "flight_1.mcap").write_bytes(b"")
+    bag = Bag(folder)
     assert as_read(bag) == written[:N]
     assert "flight_1.mcap is empty" in bag.damage
 
@@ -394,12 +388,14 @@ def test_folder_with_a_file_that_is_none_gives_the_others(tmp_path: Path):
         (b"\xff\xfe", "metadata.yaml cannot be read"),
     ],
 )
-def test_folder_without_good_metadata_gives_its_files(metadata, told: str, tmp_path: Path):
-    written = split_folder(tmp_path / "flight")
-    (tmp_path / "flight" / "metadata.yaml").unlink()
+def test_folder_without_good_metadata_gives_its_files(
+    metadata, told: str, split: tuple[Path, Written]
+):
+    folder, written = split
+    (folder / "metadata.yaml").unlink()
     if metadata is not None:
-        (tmp_path / "flight" / "metadata.yaml").write_bytes(metadata)
-    bag = Bag(tmp_path / "flight")
+        (folder / "metadata.yaml").write_bytes(metadata)
+    bag = Bag(folder)
     assert as_read(bag) == written
     assert told in bag.damage
 
@@ -416,23 +412,18 @@ def test_folder_without_good_metadata_gives_its_files(metadata, told: str, tmp_p
     ],
 )
 def test_other_storage_is_refused(change: dict, told: str, tmp_path: Path):
-    split_folder(tmp_path / "flight")
-    text = (tmp_path / "flight" / "metadata.yaml").read_text()
-    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
-    write_metadata(tmp_path / "flight", information | change)
+    (tmp_path / "flight").mkdir()
+    write_metadata(tmp_path / "flight", ["flight_0.mcap"], N, **change)
     with pytest.raises(ValueError, match=told):
         Bag(tmp_path / "flight")
 
 
 def test_gaps_are_told_up_to_a_number(tmp_path: Path):
     path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2")
-        values = {"reason": "no room", "start_ns": "1", "end_ns": "2", "messages": "3"}
+    values = {"reason": "no room", "start_ns": "1", "end_ns": "2", "messages": "3"}
+    with mcap_writer(path) as writer:
         for _ in range(13):
             writer.add_metadata(GAP, values)
-        writer.finish()
     for cut in (0, 1):  # read by the index, and through
         path.write_bytes(path.read_bytes()[: -cut or None])
         gaps = [remark for remark in Bag(path).remarks if "gap" in remark]
@@ -440,14 +431,94 @@ def test_gaps_are_told_up_to_a_number(tmp_path: Path):
         assert gaps[-1] == "3 more gaps: 9 messages not recorded"
 
 
-def test_topic_of_two_types_is_refused(tmp_path: Path):
-    path = tmp_path / "flight.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2")
+def test_topic_of_two_types_is_refused(path: Path):
+    with mcap_writer(path) as writer:
         for name in (STRING, "std_msgs/msg/Header"):
             number = writer.register_schema(name, "ros2msg", schema_text(name).encode())
             writer.register_channel("/t", "cdr", number)
-        writer.finish()
     with pytest.raises(ValueError, match=f"topic /t holds {STRING} as well as std_msgs/msg/Header"):
         Bag(path)
+
+
+def by_file(files: list[Path], folder: Path, count: int) -> Path:
+    """Compress each of the MCAP files of a recording, as ``--compression-mode file`` does."""
+    folder.mkdir()
+    names = []
+    for number, source in enumerate(files):
+        names.append(f"{folder.name}_{number}.mcap.zstd")
+        content = zstandard.ZstdCompressor(level=1).compress(source.read_bytes())
+        (folder / names[-1]).write_bytes(content)
+    write_metadata(folder, names, count, compression_format="zstd", compression_mode="FILE")
+    return folder
+
+
+def test_compressed_files_are_read(split: tuple[Path, Written], tmp_path: Path):
+    plain, written = split
+    folder = by_file(sorted(plain.glob("*.mcap")), tmp_path / "packed", 2 * N)
+    bag = Bag(folder)
+    assert as_read(bag) == written
+    assert as_read(bag) == written, "a second time"
+    assert bag.damage == ""
+    assert bag.writers
+    assert (bag.start_ns, bag.end_ns) == (0, written[-1][2])
+    alone = Bag(folder / "packed_1.mcap.zstd")
+    assert as_read(alone) == written[N:]
+    (folder / "metadata.yaml").unlink()
+    assert as_read(Bag(folder)) == written
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE])
+def test_bags_compressed_by_rosbags_are_read(mode: CompressionMode, tmp_path: Path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = RosbagsWriter(tmp_path / "flight", version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/t", STRING, typestore=store)
+        for number in range(50):
+            data = store.serialize_cdr(store.types[STRING](data=str(number)), STRING)
+            writer.write(connection, number, data)
+    with AnyReader([tmp_path / "flight"]) as reader:
+        assert len(list(reader.messages())) == 50
+    bag = Bag(tmp_path / "flight")
+    written = [("/t", str(number), number) for number in range(50)]
+    assert as_read(bag) == written
+    assert bag.damage == ""
+    # The same is read where the metadata are lost.
+    (tmp_path / "flight" / METADATA_FILE).unlink()
+    assert as_read(Bag(tmp_path / "flight")) == written
+
+
+def test_truncated_compressed_file_yields_what_is_before_the_cut(tmp_path: Path):
+    source = tmp_path / "plain.mcap"
+    written = record_by_us(source)
+    folder = by_file([source], tmp_path / "flight", N)
+    path = folder / "flight_0.mcap.zstd"
+    # As zstd hands blocks out while it streams; rosbag2's are of 128 KiB.
+    packer = zstandard.ZstdCompressor().compressobj()
+    plain = source.read_bytes()
+    parts = [
+        packer.compress(plain[at : at + 5000]) + packer.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK)
+        for at in range(0, len(plain), 5000)
+    ]
+    path.write_bytes(b"".join(parts[: len(parts) // 2]))
+    bag = Bag(path)
+    read = as_read(bag)
+    assert N / 4 < len(read) < N
+    assert read == written[: len(read)]
+    assert f"{len(read)} messages are intact" in bag.damage
+    content = path.read_bytes()
+    path.write_bytes(content[:3])
+    with pytest.raises(ValueError, match=r"flight_0.mcap.zstd is not an MCAP file"):
+        Bag(path)
+    path.write_bytes(content[:4] + b"no frame of zstd")
+    with pytest.raises(ValueError, match=r"mcap.zstd cannot be unpacked: .*compressed by zstd"):
+        Bag(path)
+
+
+def test_unknown_compression_of_chunks_is_refused_with_the_remedy(path: Path):
+    record_by_mcap(path, compression=CompressionType.LZ4)
+    content = path.read_bytes().replace(b"\x03\x00\x00\x00lz4", b"\x03\x00\x00\x00lzo")
+    for damaged in (content, content[:-1]):  # with an index, and without
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"mcap has chunks compressed by 'lzo', .*`mcap"):
+            Bag(path)

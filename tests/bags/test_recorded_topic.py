@@ -13,69 +13,43 @@ STREAM = QoSProfile(depth=500)
 BEST_EFFORT = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def test_gaps_count_where_one_publisher_stays():
+PAUSE = "pause"
+OF_TWO = (10, 9000, 11, 9001)
+SEVERAL = ("ab", *OF_TWO)
+
+
+@pytest.mark.parametrize(
+    ("events", "lost"),
+    [
+        # Numbers count once the publisher is seen to be the same.
+        (("a", 7, 8, 11, None, 12), 0),
+        (("a", 7, 8, 11, None, 12, "a"), 2),
+        (("a", 7, 8, 11, None, 12, "a", "a"), 2),
+        # What it sent while it was out of reach is lost; another in its place has its own numbers.
+        (("a", 100, "", 1101, "a"), 1000),
+        (("a", 100, "", 1101, "a", "", 5000, "b", "b"), 1000),
+        (("a", 1, PAUSE, 1001, "a"), 0),
+        # A gap before the last message counts when the publisher has gone.
+        (("a", 1, 7, ""), 5),
+        (("a", 1, 7, "", ""), 5),
+        # A second publisher that is not seen yet, several, and one that starts anew.
+        (
+            ("a", 100, 1, 101, 2, *SEVERAL, *SEVERAL, "b", *SEVERAL, "", *OF_TWO, "a", "c", 1, "c"),
+            0,
+        ),
+    ],
+)
+def test_gaps_count_where_one_publisher_stays(events: tuple[str | int | None, ...], lost: int):
+    """Of publishers that are seen, one letter each, and sequence numbers."""
     gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    for number in (7, 8, 11, None, 12):
-        gaps.count(number)
-    assert gaps.lost == 0  # until the publisher is seen to be the same
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 2
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 2
-
-
-def test_what_a_publisher_sent_while_it_was_out_of_reach_counts_as_lost():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(100)
-    gaps.set_publishers(frozenset())
-    gaps.count(1101)
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 1000
-    # Another one in its place has numbers of its own.
-    gaps.set_publishers(frozenset())
-    gaps.count(5000)
-    gaps.set_publishers(frozenset("b"))
-    gaps.set_publishers(frozenset("b"))
-    assert gaps.lost == 1000
-
-
-def test_what_comes_while_nothing_is_recorded_is_not_lost():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(1)
-    gaps.pause()
-    gaps.count(1001)
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 0
-
-
-def test_gap_before_the_last_message_of_a_publisher_counts_when_it_has_gone():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(1)
-    gaps.count(7)
-    for _ in range(2):
-        gaps.set_publishers(frozenset())
-        assert gaps.lost == 5
-
-
-def test_gaps_of_several_or_new_publishers_do_not_count():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(100)
-    for number in (1, 101, 2):  # a second publisher that is not seen yet
-        gaps.count(number)
-    for publishers in ("ab", "ab", "b", "ab", "", "a"):
-        gaps.set_publishers(frozenset(publishers))
-        if len(publishers) != 1:
-            for number in (10, 9000, 11, 9001):
-                gaps.count(number)
-    gaps.set_publishers(frozenset("c"))
-    gaps.count(1)  # a publisher that starts anew
-    gaps.set_publishers(frozenset("c"))
-    assert gaps.lost == 0
+    for event in events:
+        if event == PAUSE:
+            gaps.pause()
+        elif isinstance(event, str):
+            gaps.set_publishers(frozenset(event))
+        else:
+            gaps.count(event)
+    assert gaps.lost == lost
 
 
 def test_blocks_that_are_missing_count_by_the_index_of_their_samples():

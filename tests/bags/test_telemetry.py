@@ -1,4 +1,4 @@
-"""Telemetry is found in a recording by its type, and by its actuator where there are several."""
+"""Telemetry in a recording: by its type and actuator, and with what the simulator adds to it."""
 
 import array
 from collections.abc import Sequence
@@ -7,18 +7,32 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from mcap.reader import make_reader
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.reader import Bag
 from ema_bags.telemetry import Malformed, RecordedTelemetry, read_telemetry
 from ema_bags.writer import BagWriter
+from ema_core.cause_profiles import cause_profiles
 from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
-from ema_ros.messages import description_to_message, telemetry_to_message
+from ema_ros import topics
+from ema_ros.messages import (
+    description_from_message,
+    description_to_message,
+    stamped_faults_from_message,
+    telemetry_to_message,
+)
 from ema_ros.stamps import stamp_from_message
+from ema_sim.actuator import SimulatedActuator
+
+from .recorded_messages import ros_messages
 
 QOS = QoSProfile(depth=10)
 
@@ -89,62 +103,54 @@ def test_unit_that_was_replaced_has_two_descriptions(tmp_path: Path):
     assert read_telemetry(bag).descriptions == (first, second)
 
 
-def test_recording_without_telemetry_says_what_it_has(tmp_path: Path):
-    bag = record(tmp_path / "flight")
-    with pytest.raises(
-        ValueError,
-        match=r"flight has no topic of ema_interfaces/msg/TelemetryBlock; topics: "
-        r"/remarks \(std_msgs/msg/String\), /description",
-    ):
-        read_telemetry(bag)
+FLAP = ("/telemetry", "flap", blocks())
+OWN_TOPICS = [("/left/telemetry", "left", blocks(0)), ("/right/telemetry", "right", blocks(7000))]
+ONE_TOPIC = [("/telemetry", "left", blocks(0)), ("/telemetry", "right", blocks(7000))]
+ONE_ACTUATOR = [("/raw", "flap", blocks(0)), ("/filtered", "flap", blocks(7000))]
 
 
-def test_telemetry_topic_without_a_block_is_refused(tmp_path: Path):
-    bag = record(tmp_path / "flight", ("/telemetry", "flap", []))
-    with pytest.raises(ValueError, match="has no message on /telemetry"):
-        read_telemetry(bag)
+@pytest.mark.parametrize(
+    ("streams", "choice", "told"),
+    [
+        (
+            [],
+            {},
+            r"flight has no topic of ema_interfaces/msg/TelemetryBlock; topics: "
+            r"/remarks \(std_msgs/msg/String\), /description",
+        ),
+        ([("/telemetry", "flap", [])], {}, "has no message on /telemetry"),
+        ([FLAP], {"topic": "/remarks"}, "has no telemetry on '/remarks'; topics: .*/telemetry"),
+        ([FLAP], {"topic": "/telemetri"}, "has no telemetry on '/telemetri'; topics: .*/tele"),
+        (
+            OWN_TOPICS,
+            {},
+            r"several topics: /left/telemetry \(actuator 'left'\), "
+            r"/right/telemetry \(actuator 'right'\): choose one by topic or actuator_id",
+        ),
+        (OWN_TOPICS, {"actuator_id": "mid"}, r"no telemetry of actuator 'mid'; it has /left/tele"),
+        (ONE_TOPIC, {}, r"actuators: 'left', 'right': choose one .*--actuator-id"),
+        (ONE_ACTUATOR, {"actuator_id": "flap"}, "choose one by topic"),
+    ],
+)
+def test_telemetry_that_is_none_or_several_is_refused(tmp_path: Path, streams, choice, told: str):
+    bag = record(tmp_path / "flight", *streams)
+    with pytest.raises(ValueError, match=told):
+        blocks_of(read_telemetry(bag, **choice))
 
 
-@pytest.mark.parametrize("topic", ["/remarks", "/telemetri"])
-def test_topic_that_is_no_telemetry_is_refused(topic: str, tmp_path: Path):
-    bag = record(tmp_path / "flight", ("/telemetry", "flap", blocks()))
-    with pytest.raises(ValueError, match=f"has no telemetry on '{topic}'; topics: .*/telemetry"):
-        read_telemetry(bag, topic=topic)
-
-
-def test_several_actuators_on_topics_of_their_own(tmp_path: Path):
-    left, right = blocks(0), blocks(7000)
-    bag = record(
-        tmp_path / "flight", ("/left/telemetry", "left", left), ("/right/telemetry", "right", right)
-    )
-    with pytest.raises(
-        ValueError,
-        match=r"several topics: /left/telemetry \(actuator 'left'\), "
-        r"/right/telemetry \(actuator 'right'\): choose one by topic or actuator_id",
-    ):
-        read_telemetry(bag)
-    assert_same(blocks_of(read_telemetry(bag, actuator_id="right")), right)
-    assert_same(blocks_of(read_telemetry(bag, topic="/left/telemetry")), left)
-    with pytest.raises(ValueError, match=r"no telemetry of actuator 'middle'; it has /left/tele"):
-        read_telemetry(bag, actuator_id="middle")
-
-
-def test_several_actuators_on_one_topic(tmp_path: Path):
-    left, right = blocks(0), blocks(7000)
-    bag = record(tmp_path / "flight", ("/telemetry", "left", left), ("/telemetry", "right", right))
-    with pytest.raises(ValueError, match=r"actuators: 'left', 'right': choose one .*--actuator-id"):
-        blocks_of(read_telemetry(bag))
-    assert_same(blocks_of(read_telemetry(bag, actuator_id="left")), left)
-    assert_same(blocks_of(read_telemetry(bag, actuator_id="right")), right)
-
-
-def test_one_actuator_on_two_topics_needs_a_topic(tmp_path: Path):
-    raw, filtered = blocks(0), blocks(7000)
-    bag = record(tmp_path / "flight", ("/raw", "flap", raw), ("/filtered", "flap", filtered))
-    with pytest.raises(ValueError, match="choose one by topic"):
-        read_telemetry(bag, actuator_id="flap")
-    telemetry = read_telemetry(bag, topic="/filtered", actuator_id="flap")
-    assert_same(blocks_of(telemetry), filtered)
+@pytest.mark.parametrize(
+    ("streams", "choice", "number"),
+    [
+        (OWN_TOPICS, {"actuator_id": "right"}, 1),
+        (OWN_TOPICS, {"topic": "/left/telemetry"}, 0),
+        (ONE_TOPIC, {"actuator_id": "left"}, 0),
+        (ONE_TOPIC, {"actuator_id": "right"}, 1),
+        (ONE_ACTUATOR, {"topic": "/filtered", "actuator_id": "flap"}, 1),
+    ],
+)
+def test_telemetry_is_chosen_by_topic_and_actuator(tmp_path: Path, streams, choice, number: int):
+    bag = record(tmp_path / "flight", *streams)
+    assert_same(blocks_of(read_telemetry(bag, **choice)), streams[number][2])
 
 
 def test_malformed_block_is_told_in_its_place(tmp_path: Path):
@@ -178,3 +184,78 @@ def test_impossible_description_is_skipped_and_named_with_its_place(tmp_path: Pa
     assert "log time 5 ns: the description is impossible: tau = 0 - is outside" in (
         recorded.bag.damage
     )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Two cycles of 30 ms with other faults, and what was written."""
+    description = replace(ActuatorDescription(), serial_number="SN-3")
+    actuator = SimulatedActuator(description.parameters)
+    path = tmp_path_factory.mktemp("bag") / "two.mcap"
+    written = []
+    with SimulatedActuatorBag(BagWriter(path), description) as bag:
+        for cycle, friction in enumerate((0.1, 0.2)):
+            bag.begin_cycle(cycle, fault_vector({"friction": friction}), 10.0 * cycle)
+            for _ in range(3):
+                block = actuator.advance(np.full(100, 1e-3))
+                bag.write_block(block, actuator.state.torque)
+                written.append((block, actuator.state.torque))
+    return description, written, ros_messages(Bag(path))
+
+
+def on(recorded, name):
+    return [item for item in recorded[2] if item.topic == f"{topics.NAMESPACE}/{name}"]
+
+
+def test_description_comes_first(recorded):
+    assert recorded[2][0].topic.endswith(topics.DESCRIPTION)
+    [item] = on(recorded, topics.DESCRIPTION)
+    assert description_from_message(item.message) == recorded[0]
+
+
+def test_truth_is_stamped_with_the_start_of_its_cycle(recorded):
+    truths = [stamped_faults_from_message(i.message) for i in on(recorded, topics.SIMULATED_FAULTS)]
+    assert [(t.cycle, t.faults[0], t.stamp_ns) for t in truths] == [
+        (0, 0.1, 0),
+        (1, 0.2, 30_000_000),
+    ]
+
+
+def test_service_life_is_counted_at_the_start_of_each_cycle(recorded):
+    counts = [item.message for item in on(recorded, topics.USAGE)]
+    assert {(m.actuator_id, m.serial_number) for m in counts} == {("flap", "SN-3")}
+    assert [(m.flight_hours, m.cycles) for m in counts] == [(0.0, 1), (10.0, 2)]
+    truths = [item.message for item in on(recorded, topics.SIMULATED_FAULTS)]
+    assert [m.header.stamp for m in counts] == [m.header.stamp for m in truths]
+
+
+def test_joint_state_is_that_of_the_user_shaft(recorded):
+    tau = recorded[0].parameters.tau
+    joints = [item.message for item in on(recorded, topics.JOINT_STATES)]
+    assert len(joints) == len(recorded[1])
+    for joint, (block, torque) in zip(joints, recorded[1], strict=True):
+        assert list(joint.name) == ["flap"]
+        assert list(joint.position) == [block.position[-1]]
+        assert list(joint.velocity) == [tau * block.speed[-1]]
+        assert list(joint.effort) == [torque / tau]
+
+
+def test_telemetry_is_received_at_its_last_sample(recorded):
+    for item, (block, _) in zip(on(recorded, topics.TELEMETRY), recorded[1], strict=True):
+        assert item.publish_time_ns == block.stamp_ns
+        assert item.log_time_ns == block.stamps_ns[-1]
+        assert item.message.first_index == block.first_index
+        np.testing.assert_array_equal(item.message.current, block.current)
+
+
+@pytest.mark.parametrize("name", ["case.mcap", "case"])
+def test_hidden_causes_are_in_the_metadata(tmp_path, name):
+    with SimulatedActuatorBag(BagWriter(tmp_path / name), ActuatorDescription()) as bag:
+        bag.note_causes(cause_profiles(["load_torque=0.01", "winding_temperature=80@0..10"]))
+        bag.write_block(SimulatedActuator().advance(np.zeros(2)))
+    noted = {"hidden_causes": "load_torque=0.01 winding_temperature=80@0..10"}
+    file = tmp_path / name if name.endswith("mcap") else tmp_path / name / f"{name}_0.mcap"
+    with file.open("rb") as stream:
+        [record] = [item for item in make_reader(stream).iter_metadata() if item.name == "rosbag2"]
+    assert yaml.safe_load(record.metadata["serialized_metadata"])["custom_data"] == noted
+    assert cause_profiles(noted["hidden_causes"].split())["load_torque"].value == 0.01

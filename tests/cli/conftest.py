@@ -1,27 +1,37 @@
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import Result
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
+from ema_cli.simulated_lives import simulated_tests, write_test
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_sim.actuator import SimulatedActuator
+from ema_sim.lives import SimulatedLife
 
-from .. import commands
-
-Ema = Callable[..., Result]
+INTERVAL_H, TESTS, RATE = 10.0, 10, 0.02
+"""Of the recorded life: hours between tests, tests, growth of friction from test to test."""
 
 
 @pytest.fixture(scope="session")
-def ema() -> Ema:
-    return commands.ema
+def life_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bags of the tests of a life, which no test changes."""
+    folder = tmp_path_factory.mktemp("life")
+    hours = INTERVAL_H * np.arange(1.0, TESTS + 1)
+    faults = np.array([fault_vector({"friction": 0.1 + RATE * i}) for i in range(TESTS)])
+    life = SimulatedLife("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
+    description = ActuatorDescription()
+    for test in simulated_tests(life, description, np.random.default_rng(0)):
+        # Names whose order is not that of the tests.
+        write_test(folder / f"{TESTS - test.number:02d}.mcap", test, description)
+    return folder
 
 
 @pytest.fixture(scope="session")

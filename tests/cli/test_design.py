@@ -82,34 +82,6 @@ def test_impossible_wish_names_fault_best_sigma_and_limit_and_writes_nothing(ema
     assert not file.exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        ((), ("--travel",)),
-        (("--travel", "5"), ("travel = 5 rad", "1.2 rad")),
-        (("--travel", "0.01", "--sigma", "0.1,3"), ("'3'", "name=value")),
-        (("--travel", "0.01", "--sigma", "frict=1"), ("'frict'", "did you mean 'friction'")),
-        (("--travel", "0.01", "--sigma", "gain=0"), ("gain = 0", "above 0")),
-        (("--travel", "0.01", "--actuator", "missing.yaml"), ("missing.yaml",)),
-    ],
-)
-def test_design_refuses_by_name_value_and_unit(ema, tmp_path, arguments, parts):
-    result = ema("design", *arguments, "-o", tmp_path / "quick.yaml")
-    assert result.exit_code in (1, 2)
-    error = result.stderr.strip().splitlines()[-1]
-    for part in parts:
-        assert part in error
-
-
-def test_design_writes_yaml_only_and_replaces_only_when_forced(ema, tmp_path):
-    wrong = ema("design", "--travel", "0.01", "-o", tmp_path / "quick.csv")
-    assert "expected a name that ends in .yaml" in wrong.stderr
-    there = tmp_path / "there.yaml"
-    there.write_text("")
-    again = ema("design", "--travel", "0.01", "-o", there)
-    assert "is there already: --replace replaces it" in again.stderr
-
-
 def test_command_is_read_from_its_file_as_it_was_written(tmp_path):
     file = tmp_path / "quick.yaml"
     swing = Command("swing", amplitude=0.0075, duration=0.21, start_frequency=4.5)
@@ -118,22 +90,6 @@ def test_command_is_read_from_its_file_as_it_was_written(tmp_path):
     assert vars(given.command) == vars(swing)
     assert dict(parameters_in(file, "monitor")) == {"window_s": 0.21}
     assert file.read_text().startswith("# made by a test\n# of two lines\n")
-
-
-@pytest.mark.parametrize(
-    ("content", "part"),
-    [
-        ("{", "wrong.yaml: expected a parameter file"),
-        ("/**/actuator: {ros__parameters: {command: {shape: square}}}", "'square'"),
-        ("/**: {ros__parameters: {command: {amplitude: 99}}}", "command.amplitude = 99"),
-    ],
-)
-def test_wrong_command_file_is_refused(ema, tmp_path, content, part):
-    file = tmp_path / "wrong.yaml"
-    file.write_text(content)
-    result = ema("simulate", "--params", file, "-o", tmp_path / "case.mcap")
-    assert result.exit_code == 1
-    assert part in result.stderr
 
 
 def test_window_length_of_a_bag_can_be_given(ema, tmp_path):

@@ -8,65 +8,40 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector, healthy_faults
 
+from ..commands import SAMPLE
 from .conftest import repeated
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 SAMPLE_FAULTS = {"friction": 0.25, "eccentricity": 0.1, "eccentricity_phase": 0.7}
 
-KEYS = {
-    "faults",
-    "sigma",
-    "fitness",
-    "evaluations",
-    "computing_time_s",
-    "valid",
-    "reason",
-    "algorithm",
-    "start",
-    "end",
-}
 
-
-@pytest.fixture(scope="module")
-def sample_estimate(ema):
+def test_sample_bag_has_its_faults_named(ema):
     result = ema("estimate", SAMPLE, "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
-    return estimate
-
-
-def test_sample_bag_has_its_faults_named(sample_estimate):
-    assert set(sample_estimate) >= KEYS
-    assert sample_estimate["valid"]
-    assert list(sample_estimate["faults"]) == list(FAULT_NAMES)
-    found = [sample_estimate["faults"][name] for name in FAULT_NAMES]
+    assert {"fitness", "evaluations", "computing_time_s", "reason", "start", "end"} < {*estimate}
+    assert (estimate["valid"], estimate["algorithm"]) == (True, "least_squares")
+    assert list(estimate["faults"]) == list(FAULT_NAMES) == list(estimate["sigma"])
     # Measured 0.5 %; noise and resolution of the sample's sensors are part of it.
-    assert estimation_error(found, fault_vector(SAMPLE_FAULTS)) < 1.5
+    assert estimation_error([*estimate["faults"].values()], fault_vector(SAMPLE_FAULTS)) < 1.5
 
 
-def test_same_seed_same_estimate_in_every_field_but_the_time(ema, sample_estimate):
-    [again] = json.loads(ema("estimate", SAMPLE, "--json").stdout)
-    times = ("computing_time_s",)
-    assert {k: v for k, v in again.items() if k not in times} == {
-        k: v for k, v in sample_estimate.items() if k not in times
-    }
-
-
-def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, tmp_path):
-    bag = tmp_path / "worn.mcap"
+@pytest.fixture(scope="module")
+def worn(ema, tmp_path_factory) -> Path:
+    """Three cycles with friction."""
+    bag = tmp_path_factory.mktemp("worn") / "worn.mcap"
     assert ema("simulate", "--cycles", "3", "--fault", "friction=0.3", "-o", bag).exit_code == 0
-    warm = json.loads(ema("estimate", bag, "--json").stdout)
-    cold = json.loads(ema("estimate", bag, "-p", "warm_start=false", "--json").stdout)
-    assert [one["warm_start"] for one in warm] == [False, True, True]
-    assert [one["warm_start"] for one in cold] == [False, False, False]
-    table = ema("estimate", bag, "--verbose").stdout
-    assert (table.count("least_squares, cold:"), table.count("least_squares, warm:")) == (1, 2)
+    return bag
 
 
-def test_several_windows_are_a_line_each_and_a_summary(ema, tmp_path):
-    bag = tmp_path / "worn.mcap"
-    assert ema("simulate", "--cycles", "3", "--fault", "friction=0.3", "-o", bag).exit_code == 0
-    result = ema("estimate", bag)
+@pytest.mark.parametrize("is_warm", [True, False])
+def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, worn, is_warm):
+    options = () if is_warm else ("-p", "warm_start=false")
+    found = json.loads(ema("estimate", worn, *options, "--json").stdout)
+    assert [one["warm_start"] for one in found] == [False, is_warm, is_warm]
+
+
+def test_several_windows_are_a_line_each_and_a_summary(ema, worn):
+    result = ema("estimate", worn)
     assert result.exit_code == 0
     calibration, *windows, count, largest = result.stdout.splitlines()
     assert calibration.startswith("calibration ")
@@ -75,16 +50,8 @@ def test_several_windows_are_a_line_each_and_a_summary(ema, tmp_path):
     assert len(windows) == 3
     assert count == "3 windows: 3 valid, 0 degraded, 0 refused"
     assert re.match(r"largest: friction 0\.\d+ \(window \d\)", largest)
-
-
-def test_refused_windows_are_counted_by_reason(ema, tmp_path):
-    bag = tmp_path / "other.mcap"
-    unit = ("-p", "serial_number=SN-7", "--cycles", "2")
-    assert ema("simulate", *unit, "-o", bag).exit_code == 0
-    result = ema("estimate", bag)
-    assert result.exit_code == 3
-    assert "2 windows: 0 valid, 0 degraded, 2 refused\n2 refused: " in result.stdout
-    assert "largest" not in result.stdout
+    table = ema("estimate", worn, "--verbose").stdout
+    assert (table.count("least_squares, cold:"), table.count("least_squares, warm:")) == (1, 2)
 
 
 def test_parameter_file_of_the_monitor_holds_unless_it_is_overridden(ema, tmp_path):
@@ -98,17 +65,12 @@ def test_parameter_file_of_the_monitor_holds_unless_it_is_overridden(ema, tmp_pa
     assert (estimate["goodness_limit"], estimate["seed"]) == (3.0, 5)
 
 
-def test_table_names_the_shipped_calibration(ema):
+def test_faults_are_named_in_one_line_the_largest_first(ema, tmp_path):
     result = ema("estimate", SAMPLE)
     assert result.exit_code == 0
     assert "shipped one of the built-in actuator" in result.stdout
     assert "short circuit A" in result.stdout
-
-
-def test_faults_are_named_in_one_line_the_largest_first(ema, tmp_path):
-    [line] = [
-        line for line in ema("estimate", SAMPLE).stdout.splitlines() if line.startswith("found:")
-    ]
+    [line] = [line for line in result.stdout.splitlines() if line.startswith("found:")]
     assert line.index("friction 0.2") < line.index("eccentricity 0.1")
     assert "× nominal" in line
     assert "gain" not in line
@@ -134,6 +96,10 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     )
     unit = ("-p", "serial_number=SN-7")
     ema("simulate", *unit, "--cycles", "3", "-o", healthy)
+    told = ema("estimate", healthy)
+    assert told.exit_code == 3
+    assert "3 windows: 0 valid, 0 degraded, 3 refused\n3 refused: " in told.stdout
+    assert "largest" not in told.stdout
     ema("simulate", *unit, "--fault", "gain=0.6", "-o", case)
     result = ema("calibrate", healthy, "-o", calibration)
     assert result.exit_code == 0
@@ -143,29 +109,22 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     refused = ema("estimate", case, "--json")
     assert refused.exit_code == 3
     [estimate] = json.loads(refused.stdout)
-    assert not estimate["valid"]
     assert "'SN-7'" in estimate["reason"]
-    assert "'SIM-0001'" in estimate["reason"]
-    assert estimate["faults"]["gain"] is None
-
+    assert (estimate["valid"], estimate["faults"]["gain"]) == (False, None)
     [forced] = json.loads(ema("estimate", case, "--accept-defects", "--json").stdout)
     assert forced["valid"]
     assert "forced" in forced["reason"]
-
     [own] = json.loads(ema("estimate", case, "--calibration", calibration, "--json").stdout)
     assert own["valid"]
     assert own["reason"] == ""
     assert own["faults"]["gain"] == pytest.approx(0.6, abs=0.01)
 
 
-def test_plot_draws_telemetry_and_fit(ema, tmp_path):
-    for arguments in ((), ("--window", "0")):
-        picture = tmp_path / f"{len(arguments)}.png"
-        assert ema("plot", SAMPLE, *arguments, "-o", picture).exit_code == 0
-        assert picture.read_bytes().startswith(b"\x89PNG")
-    missing = ema("plot", SAMPLE, "--window", "5", "-o", tmp_path / "no.png")
-    assert missing.exit_code == 1
-    assert "--window 5" in missing.stderr
+@pytest.mark.parametrize("window", [(), ("--window", "0")])
+def test_plot_draws_telemetry_and_fit(ema, tmp_path, window):
+    picture = tmp_path / "picture.png"
+    assert ema("plot", SAMPLE, *window, "-o", picture).exit_code == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_info_tells_topics_actuator_and_windows(ema):
@@ -185,7 +144,6 @@ def test_another_command_than_the_calibrated_one_is_estimated(ema, tmp_path):
     faulty = ("--fault", "backlash=0.3")
     assert ema("simulate", "--command", samples, *faulty, "-o", bag).exit_code == 0
     [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
-    assert estimate["valid"]
     assert estimate["faults"]["backlash"] == pytest.approx(0.3, abs=0.02)
     # What the calibration could not learn from the chirp shows in the standard deviations.
     for name in {*FAULT_NAMES} - {"backlash", *estimate["insignificant"]}:
@@ -203,21 +161,6 @@ def test_calibration_on_a_faulty_bag_is_refused_unless_it_is_accepted(ema, tmp_p
     assert result.exit_code == 0
     assert "warning: " in result.stderr
     assert "residual of a healthy window unknown" in result.stdout
-
-
-def test_fault_within_its_uncertainty_is_none(ema, tmp_path):
-    """Beside other faults, 0.03 of phase A is needed to explain the window, and is ± 0.06."""
-    bag = tmp_path / "case.mcap"
-    faults = "friction=0.378,short_circuit_a=0.029,short_circuit_b=0.1718,short_circuit_c=0.0965"
-    more = "eccentricity=0.5385,eccentricity_phase=0.8604,gain=0.6433"
-    ema("simulate", "--fault", faults, "--fault", more, "--seed", 9, "-o", bag)
-    [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
-    assert "short_circuit_a" not in estimate["insignificant"]
-    assert 0.0 < estimate["faults"]["short_circuit_a"] < estimate["sigma"]["short_circuit_a"]
-    told = ema("estimate", bag).stdout
-    [found] = [line for line in told.splitlines() if line.startswith("found: ")]
-    assert "short circuit B" in found
-    assert "short circuit A" not in found
 
 
 def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, faulty_blocks):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+from ..commands import SAMPLE
 
 
 @contextmanager
@@ -39,9 +39,7 @@ def _kernels(ema, tmp_path_factory) -> None:
         (("simulate",), "case"),
         (("recover", SAMPLE), "whole.mcap"),
         (("plot", SAMPLE), "case.png"),
-        (("plot", SAMPLE, "--window", "0"), "fit.png"),
         (("calibrate", SAMPLE, "--accept-defects"), "c.yaml"),
-        (("compare", SAMPLE, "--algorithms", "least_squares"), "compared.png"),
     ],
 )
 def test_nothing_is_left_of_what_could_not_be_written(

@@ -1,5 +1,7 @@
-"""The list of commands: what each says of itself, without importing any."""
+"""The help of commands: the list, without importing any, and its length."""
 
+import click
+import pytest
 from click.testing import CliRunner
 
 from ema_cli.main import _COMMANDS, main
@@ -10,3 +12,14 @@ def test_list_says_of_each_command_what_its_own_help_begins_with():
     for name, first in _COMMANDS.items():
         said = " ".join(runner.invoke(main, [name, "--help"]).stdout.split())
         assert f" {first}" in said
+
+
+@pytest.mark.parametrize("name", _COMMANDS)
+def test_help_fits_a_screen_of_40_lines(name):
+    """Also that of its own commands, on a terminal of 80 columns."""
+    context = click.Context(main)
+    command = main.get_command(context, name)
+    below = command.list_commands(context) if isinstance(command, click.Group) else []
+    for path in [[name], *([name, one] for one in below)]:
+        said = CliRunner().invoke(main, [*path, "--help"], terminal_width=78).stdout
+        assert len(said.splitlines()) <= 40, said

@@ -8,6 +8,7 @@ from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry
 
+from ..commands import SAMPLE
 from ..prognosis.made_tests import made_test
 from ..ros.monitor_session import FLAP, monitor
 
@@ -90,8 +91,7 @@ def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
 
 
 def test_a_prognosis_of_bags_says_whose_growth_it_assumes(ema, fleet: Path):
-    sample = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
-    result = ema("prognose", sample, "--hours-per-cycle", 10, "--fleet", fleet)
+    result = ema("prognose", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
     assert result.exit_code == 0, result.output
     assumed = "assumption: future use as in the past; growth is likely as of 2 others (line A)"
     assert assumed in result.stdout

@@ -12,8 +12,8 @@ from ema_bags.telemetry import DESCRIPTION_TYPE, TELEMETRY_TYPE
 from ema_bags.writer import BagWriter
 
 from ..bags.recorded_messages import ros_messages
+from ..commands import SAMPLE
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 pytestmark = pytest.mark.slow
 NOT_CDR = b"\x00\x01\x00\x00\x07\xff"
 
@@ -57,7 +57,6 @@ def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("info",),
         ("estimate",),
         ("plot", "-o", "out.png"),
-        ("plot", "--window", "0", "-o", "out.png"),
         ("compare", "--algorithms", "least_squares"),
         ("prognose", "--hours-per-cycle", "10"),
         ("report", "-o", "out.html"),

@@ -37,7 +37,9 @@ def healthy(bags):
     return [bags(f"healthy{seed}", friction_a=0.6 + 0.002 * seed, seed=seed) for seed in range(5)]
 
 
-def test_departure_is_told_with_what_changed(ema, tmp_path, bags, healthy):
+def test_departure_is_told_with_what_changed_and_a_state_that_was_labelled_is_named(
+    ema, tmp_path, bags, healthy
+):
     file = tmp_path / "normal.yaml"
     result = ema("normal", "learn", file, *healthy, "--condition", "20 kg")
     assert result.exit_code == 0, result.output
@@ -54,6 +56,12 @@ def test_departure_is_told_with_what_changed(ema, tmp_path, bags, healthy):
     assert {one["name"] for one in second["changes"]} >= {"friction_current", "current_forward"}
     change = next(one for one in second["changes"] if one["name"] == "friction_current")
     assert change["value"] - change["healthy"] == pytest.approx(0.15, abs=0.02)
+    more = [bags(f"dry{seed}", friction_a=0.75, seed=20 + seed) for seed in range(3)]
+    result = ema("normal", "learn", file, *more, "--state", "dry", "--condition", "20 kg")
+    assert "5 healthy, 3 dry" in result.output
+    result = ema("normal", "check", file, dry, "--condition", "20 kg")
+    assert result.exit_code == 3
+    assert "named: dry" in result.output
 
 
 def test_estimate_tells_a_departure_that_no_fault_explains(ema, tmp_path, bags, healthy):
@@ -76,17 +84,6 @@ def test_estimate_tells_a_departure_that_no_fault_explains(ema, tmp_path, bags, 
     result = ema("estimate", bags("dry", friction_a=0.75, seed=12), *command)
     assert result.exit_code == 0, result.output
     assert "the faults above explain it" in result.output
-
-
-def test_states_that_were_labelled_are_named(ema, tmp_path, bags, healthy):
-    file = tmp_path / "normal.yaml"
-    assert ema("normal", "learn", file, *healthy).exit_code == 0
-    dry = [bags(f"dry{seed}", friction_a=0.75, seed=20 + seed) for seed in range(3)]
-    result = ema("normal", "learn", file, *dry, "--state", "dry")
-    assert "5 healthy, 3 dry" in result.output
-    result = ema("normal", "check", file, bags("dry", friction_a=0.75, seed=12))
-    assert result.exit_code == 3
-    assert "named: dry" in result.output
 
 
 def test_what_cannot_be_judged_is_refused_with_its_cause(ema, tmp_path, bags, healthy):

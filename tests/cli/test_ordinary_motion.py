@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from ema_monitor.plot import plot_fit
 FAULTS = {"friction": 0.2, "short_circuit_b": 0.1}
 FIGURES = ("amplitude=0.008", "rate=0.3", "duration=4", "seed=3")
 MOVES = ("--command", "moves", *(word for one in FIGURES for word in ("-p", f"command.{one}")))
+
+OPTIONS = ("--any-motion", "-p", "wanted_sigma=0.02")
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +32,16 @@ def test_info_lists_the_stretches(ema, bag):
     assert result.stdout.count("start in the play") >= 6
 
 
-@pytest.mark.slow
-def test_estimate_combines_stretches_and_says_so(ema, bag):
-    result = ema("estimate", "--any-motion", "-p", "wanted_sigma=0.02", "--json", bag)
+@pytest.fixture(scope="module")
+def estimates(ema, bag) -> list[dict[str, Any]]:
+    result = ema("estimate", *OPTIONS, "--json", bag)
     assert result.exit_code == 0
     assert "stretches of motion: " in result.stderr
-    estimates = json.loads(result.stdout)
+    return json.loads(result.stdout)
+
+
+@pytest.mark.slow
+def test_estimate_combines_stretches_and_says_so(estimates):
     assert estimates
     for one in estimates:
         assert one["verdict"] != "refused"
@@ -64,7 +71,9 @@ def test_a_bag_without_motion_is_an_error(ema, tmp_path):
 
 
 @pytest.mark.slow
-def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(ema, bag, tmp_path, monkeypatch):
+def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(
+    ema, bag, estimates, tmp_path, monkeypatch
+):
     """The stretch is under a load, which is part of the fit."""
     drawn = []
 
@@ -74,22 +83,15 @@ def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(ema, bag, tmp_p
 
     monkeypatch.setattr(fit, "plot_fit", note)
     picture = tmp_path / "fit.png"
-    options = ("--any-motion", "-p", "wanted_sigma=0.02")
-    result = ema("plot", *options, "--window", "0", "-o", picture, bag)
+    result = ema("plot", *OPTIONS, "--window", "0", "-o", picture, bag)
     assert result.exit_code == 0, result.stderr
     assert picture.stat().st_size > 0
     [(window, estimate)] = drawn
-    [combined, *others] = json.loads(ema("estimate", *options, "--json", bag).stdout)
+    combined, *others = estimates
     assert estimate.stretches == combined["stretches"]
     assert (estimate.end_ns, window.end_ns) == (combined["end_ns"], combined["end_ns"])
     [load] = [one.value for one in estimate.causes if one.name == "load_torque"]
     assert load == pytest.approx(0.3, abs=0.02)
     number = 1 + len(others)
-    result = ema("plot", *options, "--window", number, "-o", tmp_path / "none.png", bag)
+    result = ema("plot", *OPTIONS, "--window", number, "-o", tmp_path / "none.png", bag)
     assert (result.exit_code, f"gives {number} estimate" in result.stderr) == (1, True)
-
-
-def test_compare_names_what_compares_algorithms_on_motion(ema, bag):
-    result = ema("compare", "--any-motion", bag)
-    assert result.exit_code == 1
-    assert "`ema estimate --any-motion --algorithm NAME`" in " ".join(result.stderr.split())

@@ -1,70 +1,69 @@
 """A command never writes onto what it reads, and onto other files only when it is forced to."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from ema_cli.output import require_free
 
-@pytest.fixture
-def healthy(ema, tmp_path: Path) -> Path:
-    """Return a folder of a recording of one healthy cycle."""
-    path = tmp_path / "healthy"
-    assert ema("simulate", "-o", path).exit_code == 0
+from ..commands import SAMPLE
+
+
+@pytest.fixture(scope="module")
+def folder(ema, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a recording of one healthy cycle, `bag`, a description and a mapping."""
+    path = tmp_path_factory.mktemp("healthy")
+    assert ema("simulate", "-o", path / "bag").exit_code == 0
+    (path / "unit.yaml").write_text("actuator_id: flap\n")
+    (path / "mapping.yaml").write_text("position: a\ncommand: b\nclock: {source: c}\n")
     return path
 
 
-def by_its_name(folder: Path, member: Path) -> Path:
-    return member
+@pytest.mark.parametrize("link", [None, Path.symlink_to, Path.hardlink_to])
+def test_input_is_recognised_under_every_name(tmp_path: Path, link):
+    member = tmp_path / "bag" / "bag_0.mcap"
+    member.parent.mkdir()
+    member.touch()
+    output = tmp_path / "link.yaml" if link else member
+    if link:
+        link(output, member)
+    for given in (member.parent, member):
+        for overwrite in (False, True):
+            with pytest.raises(ValueError, match="is the input"):
+                require_free(output, [given], overwrite=overwrite)
 
 
-def by_a_symbolic_link(folder: Path, member: Path) -> Path:
-    link = folder.parent / "link.yaml"
-    link.symlink_to(member)
-    return link
+@pytest.mark.parametrize(
+    ("words", "read"),
+    [
+        (("calibrate", "bag"), "bag/bag_0.mcap"),
+        (("calibrate", "bag", "--actuator", "unit.yaml"), "unit.yaml"),
+        (("recover", "bag"), "bag/bag_0.mcap"),
+        (("recover", "bag/bag_0.mcap"), "bag/bag_0.mcap"),
+        (("import", "bag", "--mapping", "mapping.yaml"), "mapping.yaml"),
+    ],
+)
+def test_command_never_replaces_what_it_reads(ema, folder: Path, monkeypatch, words, read):
+    monkeypatch.chdir(folder)
+    content = Path(read).read_bytes()
+    result = ema(*words, "-o", read, "--replace")
+    assert (result.exit_code, "give another name" in result.stderr) == (1, True), result.stderr
+    assert Path(read).read_bytes() == content
+    assert not list(folder.rglob("*.partial"))
 
 
-def by_a_hard_link(folder: Path, member: Path) -> Path:
-    link = folder.parent / "link.yaml"
-    link.hardlink_to(member)
-    return link
-
-
-@pytest.mark.parametrize("named", [by_its_name, by_a_symbolic_link, by_a_hard_link])
-@pytest.mark.parametrize("given", ["folder", "file"])
-def test_calibration_never_replaces_its_own_input(
-    ema, healthy: Path, named: Callable[[Path, Path], Path], given: str
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [(("simulate",), "a.mcap"), (("report", SAMPLE), "a.html"), (("calibrate", "BAG"), "a.txt")],
+)
+def test_another_file_is_replaced_only_by_force(
+    ema, folder: Path, tmp_path: Path, arguments: tuple, name: str
 ):
-    member = healthy / "healthy_0.mcap"
-    content = member.read_bytes()
-    output = named(healthy, member)
-    bag = healthy if given == "folder" else member
-    for force in ((), ("--replace",)):
-        result = ema("calibrate", bag, "-o", output, *force)
-        assert (result.exit_code, "is the input" in result.stderr) == (1, True)
-        assert member.read_bytes() == content
-    assert not list(healthy.parent.rglob("*.partial"))
-
-
-def test_calibration_replaces_another_file_only_by_force(ema, healthy: Path, tmp_path: Path):
-    other = tmp_path / "notes.txt"
+    other = tmp_path / name
     other.write_text("keep me")
-    refused = ema("calibrate", healthy, "-o", other)
+    command = (*(folder / "bag" if one == "BAG" else one for one in arguments), "-o", other)
+    refused = ema(*command)
     assert (refused.exit_code, "--replace" in refused.stderr) == (1, True)
     assert other.read_text() == "keep me"
-    assert ema("calibrate", healthy, "-o", other, "--replace").exit_code == 0
-    assert "correction" in other.read_text()
-
-
-def test_calibration_never_replaces_the_description_it_reads(ema, healthy: Path, tmp_path: Path):
-    unit = tmp_path / "unit.yaml"
-    unit.write_text("actuator_id: flap\n")
-    result = ema("calibrate", healthy, "--actuator", unit, "-o", unit, "--replace")
-    assert (result.exit_code, unit.read_text()) == (1, "actuator_id: flap\n")
-
-
-def test_recovery_never_replaces_a_file_of_its_input(ema, healthy: Path):
-    member = healthy / "healthy_0.mcap"
-    content = member.read_bytes()
-    assert ema("recover", healthy, "-o", member, "--replace").exit_code == 1
-    assert member.read_bytes() == content
+    assert ema(*command, "--replace").exit_code == 0
+    assert other.stat().st_size > 100

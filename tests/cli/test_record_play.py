@@ -14,21 +14,17 @@ from ema_bags.reader import Bag
 from ema_cli.bags.diagnoses import read_history
 from ema_cli.figures.history import draw_history
 
-from ..waiting import DEADLINE_S, wait_for
+from ..commands import SAMPLE
+from ..waiting import DEADLINE_S, started, wait_for
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 PLAYED = ("/ema/telemetry", "/ema/actuator_description", "/ema/simulated_faults")
 
 
-def end(process: subprocess.Popen[str], number: int) -> str:
+def end(process: subprocess.Popen[str], number: int) -> None:
     process.send_signal(number)
-    try:
-        _, said = process.communicate(timeout=DEADLINE_S)
-    finally:
-        process.kill()
+    _, said = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, said
     assert "Traceback" not in said
-    return said
 
 
 @pytest.fixture(scope="module")
@@ -36,22 +32,19 @@ def replayed(tmp_path_factory):
     """Return a bag in which a monitor diagnosed the sample, played by the command."""
     # A name that YAML would take for a number.
     bag = tmp_path_factory.mktemp("replay") / "1e3"
-    recorder = subprocess.Popen(
-        ["ema", "record", "-o", bag.name], cwd=bag.parent, stderr=subprocess.PIPE, text=True
-    )
-    monitor = subprocess.Popen(["ema", "up", "monitor"], stderr=subprocess.PIPE, text=True)
-    try:
+    output: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True}
+    with (
+        started(["ema", "record", "-o", bag.name], cwd=bag.parent, **output) as recorder,
+        started(["ema", "up", "monitor"], **output) as monitor,
+    ):
         # A player goes on as soon as somebody listens, be it the recorder alone.
         assert monitor.stderr is not None
         assert any("active" in line for line in monitor.stderr)
-        said = subprocess.run(
-            ["ema", "play", str(SAMPLE)], stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S
-        )
+        said = subprocess.run(["ema", "play", SAMPLE], **output, timeout=DEADLINE_S, check=False)
         assert said.returncode == 0, said.stderr
         wait_for(lambda: _has_health(bag), "a health in the bag")
-    finally:
-        errors = [end(monitor, signal.SIGINT), end(recorder, signal.SIGTERM)]
-    assert len(errors) == 2
+        end(monitor, signal.SIGINT)
+        end(recorder, signal.SIGTERM)
     return bag
 
 
@@ -101,37 +94,10 @@ def test_history_plot_is_written_beside_the_bag(ema, replayed):
     assert replayed.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_history_of_a_bag_without_estimates_is_refused(ema):
-    result = ema("plot", SAMPLE, "--history")
-    assert result.exit_code == 1
-    assert "has no estimates, so no history" in result.stderr
-    assert ema("plot", SAMPLE, "--history", "--window", "0").exit_code == 2
-
-
 def test_history_names_the_actuators_that_there_are(ema, replayed):
     result = ema("plot", replayed, "--history", "--actuator-id", "rudder")
     assert result.exit_code == 1
     assert "no estimates of actuator 'rudder', but of flap" in result.stderr
-
-
-def test_existing_bag_is_kept_unless_forced(tmp_path):
-    bag = tmp_path / "kept.mcap"
-    bag.write_bytes(SAMPLE.read_bytes())
-    refused = subprocess.run(
-        ["ema", "record", "-o", str(bag)], capture_output=True, text=True, timeout=DEADLINE_S
-    )
-    assert refused.returncode == 1
-    assert "kept.mcap is there already" in refused.stderr
-    assert bag.read_bytes() == SAMPLE.read_bytes()
-
-
-def test_bag_that_is_not_there_is_refused(tmp_path):
-    missing = tmp_path / "missing.mcap"
-    refused = subprocess.run(
-        ["ema", "play", str(missing)], capture_output=True, text=True, timeout=DEADLINE_S
-    )
-    assert refused.returncode == 1
-    assert str(missing) in refused.stderr
 
 
 def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
@@ -160,21 +126,9 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
     ]
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (
-            ("record", "-o", "a.mcap", "-p", "max_bag_size=1000000"),
-            "is one file: expected a folder",
-        ),
-        (("play", str(SAMPLE), "-p", "start_offset=1000"), "start_offset = 1000 s is beyond"),
-        (("play", str(SAMPLE), "--topic", "telemetri"), "did you mean '/ema/telemetry'"),
-    ],
-)
-def test_impossible_options_are_one_clear_line(words: tuple[str, ...], told: str, tmp_path: Path):
-    result = subprocess.run(
-        ["ema", *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S
-    )
+def test_impossible_options_are_one_clear_line(tmp_path: Path):
+    command = ["ema", "record", "-o", "a.mcap", "-p", "max_bag_size=1000000"]
+    result = subprocess.run(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, check=False)
     assert result.returncode == 1
     [line] = result.stderr.splitlines()
-    assert told in line
+    assert "is one file: expected a folder" in line

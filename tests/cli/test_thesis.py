@@ -17,6 +17,7 @@ from ema_study.store import RunStore
 
 from ..waiting import DEADLINE_S, wait_for
 
+HERE = ("--executor", "threads")
 JOBS = [
     Job("fast", table, algorithm, case, "low", run, "floor_corrected", 10, 3)
     for table, algorithm, case in (
@@ -52,7 +53,7 @@ def without_report(monkeypatch):
 @pytest.mark.long
 def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
     folder = tmp_path / "study"
-    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "threads")
+    result = ema("thesis", "-o", folder, "--runs", "2", *HERE)
     assert result.exit_code == 0, result.output
     runs = pd.read_csv(folder / "runs.csv")
     assert sorted(zip(runs["table"], runs["algorithm"], runs["run"], strict=True)) == sorted(
@@ -67,9 +68,9 @@ def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
 
 def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
-    assert ema("thesis", "-o", folder, "--runs", "1", "--executor", "threads").exit_code == 0
+    assert ema("thesis", "-o", folder, "--runs", "1", *HERE).exit_code == 0
     before = (folder / "runs.jsonl").read_text()
-    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "threads")
+    result = ema("thesis", "-o", folder, "--runs", "2", *HERE)
     assert result.exit_code == 0, result.output
     assert f"3 of {len(JOBS)} runs are already done" in result.output
     after = (folder / "runs.jsonl").read_text()
@@ -77,39 +78,38 @@ def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
     assert len(after.splitlines()) == len(JOBS)
 
 
-def test_quick_is_two_runs_without_table_8(ema, tmp_path, small, without_report):
-    result = ema("thesis", "-o", tmp_path / "study", "--quick", "--executor", "threads")
+@pytest.mark.parametrize(
+    ("options", "planned"),
+    [
+        (("--quick",), [("fast", command.QUICK_RUNS, False)]),
+        (
+            ("--model", "thesis", "--model", "fast", "--model", "thesis", "--runs", "1"),
+            [("thesis", 1, True), ("fast", 1, True)],
+        ),
+    ],
+)
+def test_quick_is_two_runs_without_table_8_and_models_add_up(
+    ema, tmp_path, small, without_report, options, planned
+):
+    result = ema("thesis", "-o", tmp_path / "study", *options, *HERE)
     assert result.exit_code == 0, result.output
-    assert small == [("fast", command.QUICK_RUNS, False)]
-
-
-def test_models_add_up(ema, tmp_path, small, without_report):
-    arguments = ("--model", "thesis", "--model", "fast", "--model", "thesis", "--runs", "1")
-    ema("thesis", "-o", tmp_path / "study", *arguments, "--executor", "threads")
-    assert [model for model, _, _ in small] == ["thesis", "fast"]
+    assert small == planned
 
 
 def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
-    ema("thesis", "-o", folder, "--runs", "1", "--executor", "threads")
+    ema("thesis", "-o", folder, "--runs", "1", *HERE)
     path = folder / "runs.jsonl"
     path.write_text(path.read_text().replace('{"version": "', '{"version": "x'))
-    result = ema("thesis", "-o", folder, "--runs", "1", "--executor", "threads")
+    result = ema("thesis", "-o", folder, "--runs", "1", *HERE)
     assert result.exit_code == 1
     assert "other models or algorithms" in result.stderr
     assert "use another folder" in result.stderr
 
 
-def test_wrong_usage_is_refused(ema, tmp_path, small):
-    result = ema("thesis", "-o", tmp_path / "study", "--quick", "--runs", "5")
-    assert result.exit_code == 2
-    assert "--quick and --runs exclude each other" in result.stderr
-    assert not (tmp_path / "study").exists()
-
-
 def test_folder_in_use_is_refused(ema, tmp_path, small):
     with RunStore(tmp_path):
-        result = ema("thesis", "-o", tmp_path, "--executor", "threads")
+        result = ema("thesis", "-o", tmp_path, *HERE)
     assert result.exit_code == 1
     assert "is in use by another study" in result.stderr
 
@@ -119,7 +119,7 @@ def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monk
         raise WorkerLostError("3 worker processes ended while they worked on it")
 
     monkeypatch.setattr(command, "execute", execute)
-    result = ema("thesis", "-o", tmp_path, "--executor", "threads")
+    result = ema("thesis", "-o", tmp_path, *HERE)
     assert result.exit_code == 1
     assert "3 worker processes ended while they worked on it; the runs so far" in result.stderr
 

@@ -14,8 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 
-from ema_cli.fleet import SILENT_S, HeardFleet
-from ema_cli.show.fleet_table import FleetTable, age_in_words
+from ema_cli.fleet import SILENT_S, FleetTable, HeardFleet, age_in_words
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import FaultEstimate, FaultHealth, Health, HiddenCause, RemainingUsefulLife
 from ema_ros.stamps import stamp_to_message
@@ -246,9 +245,3 @@ def test_watch_says_where_nothing_is_heard_and_where_something_is(publish, tmp_p
     assert log.read_text().startswith(
         f"no health is published on /wing/left in domain {domain}, but on /ema: choose it with"
     )
-
-
-def test_watch_of_an_impossible_namespace_is_refused(ema):
-    result = ema("watch", "--namespace", "left wing")
-    assert result.exit_code == 1
-    assert "--namespace 'left wing'" in result.stderr

@@ -3,9 +3,9 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+from ..commands import SAMPLE
+
 # Found neither by import nor by the ament index.
 WITHOUT_ROS = """
 import sys

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numba
@@ -18,78 +19,63 @@ A, B = np.array(PAIRS).T.copy()
 
 
 def in_lanes(function: Any, *arrays: np.ndarray) -> np.ndarray:
-    """What a function of vectors gives for arrays, ``(n,)`` with full vectors."""
-    compiled = numba.njit(function, error_model="numpy")
+    """What a function of vectors gives for arrays, ``(n, k)`` with its k results in columns."""
+    compiled: Any = numba.njit(function, error_model="numpy")
 
     @numba.njit
-    def run(arrays, result):
+    def run(arrays):
+        result = np.empty((len(arrays[0]), len(compiled(*load(arrays, 0)))))
         for first in range(0, len(result), LANES):
-            store(result, first, 0, compiled(*load(arrays, first)))
+            for column, lanes in enumerate(compiled(*load(arrays, first))):
+                store(result, first, column, lanes)
+        return result
 
-    result = np.empty((len(arrays[0]), 1))
-    run(arrays, result)
-    return result[:, 0]
+    return run(arrays)
 
 
-def assert_same(result: np.ndarray, expected: np.ndarray) -> None:
-    """Equal with the sign of zeros, and not a number in the same places."""
-    np.testing.assert_array_equal(result, expected)
-    numbers = ~np.isnan(expected)
-    np.testing.assert_array_equal(np.signbit(result[numbers]), np.signbit(expected[numbers]))
+OPERATIONS = (
+    *("a + b", "a - b", "a * b", "a / b", "copysign(a, b)", "min(a, b)", "max(a, b)"),
+    *("-a", "abs(a)", "floor(a)", "select(a < b, a, b)", "select(a <= b, a, b)"),
+    *("select(a > b, a, b)", "select(a >= b, a, b)", "select(a == b, a, 7.0)"),
+    *("select(a != b, a, 7.0)", "select((a < 1.0) & (b < 1.0), a, 7.0)"),
+    *("select((a < 1.0) | (b < 1.0), a, 7.0)", "select(~(a < b), a, b)"),
+    # A number stands for all lanes.
+    *("2.0 - a", "a - 2", "3 / a", "max(0.25, min(a, 1))", "select(a > 0.5, 1, a)"),
+    "broadcast(4) * broadcast(0.5) + a",
+)
+
+
+def function_of(operations: Iterable[str], **names: Any) -> Any:
+    """The results of all operations of a and b, with what the names in them mean."""
+    return eval(f"lambda a, b: ({', '.join(operations)},)", names)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("of_lanes", "of_arrays"),
-    [
-        (lambda a, b: a + b, np.add),
-        (lambda a, b: a - b, np.subtract),
-        (lambda a, b: a * b, np.multiply),
-        (lambda a, b: a / b, np.divide),
-        (lambda a, b: math.copysign(a, b), np.copysign),
+def test_lanes_do_what_arrays_do():
+    of_lanes = function_of(
+        OPERATIONS,
+        copysign=math.copysign,
+        floor=math.floor,
+        select=select,
+        broadcast=broadcast,
+    )
+    of_arrays = function_of(
+        OPERATIONS,
+        copysign=np.copysign,
+        floor=np.floor,
+        select=np.where,
+        broadcast=float,
         # As for floats, the first where one is not a number or both are equal.
-        (lambda a, b: min(a, b), lambda a, b: np.where(b < a, b, a)),
-        (lambda a, b: max(a, b), lambda a, b: np.where(b > a, b, a)),
-        (lambda a, b: -a, lambda a, b: -a),
-        (lambda a, b: abs(a), lambda a, b: np.abs(a)),
-        (lambda a, b: math.floor(a), lambda a, b: np.floor(a)),
-        (lambda a, b: select(a < b, a, b), lambda a, b: np.where(a < b, a, b)),
-        (lambda a, b: select(a <= b, a, b), lambda a, b: np.where(a <= b, a, b)),
-        (lambda a, b: select(a > b, a, b), lambda a, b: np.where(a > b, a, b)),
-        (lambda a, b: select(a >= b, a, b), lambda a, b: np.where(a >= b, a, b)),
-        (lambda a, b: select(a == b, a, 7.0), lambda a, b: np.where(a == b, a, 7.0)),
-        (lambda a, b: select(a != b, a, 7.0), lambda a, b: np.where(a != b, a, 7.0)),
-        (
-            lambda a, b: select((a < 1.0) & (b < 1.0), a, 7.0),
-            lambda a, b: np.where((a < 1) & (b < 1), a, 7),
-        ),
-        (
-            lambda a, b: select((a < 1.0) | (b < 1.0), a, 7.0),
-            lambda a, b: np.where((a < 1) | (b < 1), a, 7),
-        ),
-        (lambda a, b: select(~(a < b), a, b), lambda a, b: np.where(a < b, b, a)),
-    ],
-)
-def test_lanes_do_what_arrays_do(of_lanes, of_arrays):
+        min=lambda a, b: np.where(b < a, b, a),
+        max=lambda a, b: np.where(b > a, b, a),
+    )
     with np.errstate(all="ignore"):
-        assert_same(in_lanes(of_lanes, A, B), of_arrays(A, B))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("of_lanes", "of_arrays"),
-    [
-        (lambda a: 2.0 - a, lambda a: 2.0 - a),
-        (lambda a: a - 2, lambda a: a - 2.0),
-        (lambda a: 3 / a, lambda a: 3.0 / a),
-        (lambda a: max(0.25, min(a, 1)), lambda a: np.clip(a, 0.25, 1.0)),
-        (lambda a: select(a > 0.5, 1, a), lambda a: np.where(a > 0.5, 1.0, a)),
-        (lambda a: broadcast(4) * broadcast(0.5) + a, lambda a: 2.0 + a),
-    ],
-)
-def test_number_stands_for_all_lanes(of_lanes, of_arrays):
-    a = np.random.default_rng(1).normal(0.5, 1.0, 4 * LANES)
-    np.testing.assert_array_equal(in_lanes(of_lanes, a), of_arrays(a))
+        expected = of_arrays(A, B)
+    for name, one, other in zip(OPERATIONS, in_lanes(of_lanes, A, B).T, expected, strict=True):
+        np.testing.assert_array_equal(one, other, err_msg=name)
+        # The sign of zeros is the same.
+        numbers = ~np.isnan(other)
+        assert np.array_equal(np.signbit(one[numbers]), np.signbit(other[numbers])), name
 
 
 def test_variable_may_begin_as_a_number():
@@ -97,10 +83,10 @@ def test_variable_may_begin_as_a_number():
         result = 0.0
         for _ in range(5):
             result = result + a
-        return result
+        return (result,)
 
     a = np.arange(LANES, dtype=float)
-    np.testing.assert_array_equal(in_lanes(total, a), 5 * a)
+    np.testing.assert_array_equal(in_lanes(total, a), 5 * a[:, None])
 
 
 class Inner(NamedTuple):

@@ -1,4 +1,4 @@
-"""Workers: every task has one outcome, whatever becomes of its worker."""
+"""Workers: every task has one outcome, whatever becomes of its worker, and one thread."""
 
 import importlib.util
 import os
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from ema_core.linear_algebra import one_thread
 from ema_core.tasks import WorkerLostError, Workers
 
 from ..waiting import wait_for
@@ -203,3 +204,23 @@ except tasks.ClusterLostError as error:
     said = run_script(folder, body, free_port())
     assert "does not answer within 1 s" in said
     assert "is out of reach; what is done is kept" in said
+
+
+# Large enough for several threads below numpy, where there are several processors.
+MULTIPLY = """
+import os
+{before}
+import numpy as np
+a = np.ones((400, 400))
+a @ a
+print(len(os.listdir("/proc/self/task")))
+"""
+
+
+def test_process_that_asks_for_one_thread_has_one():
+    unsaid = {name: value for name, value in os.environ.items() if "_NUM_THREADS" not in name}
+    asking = "from ema_core.linear_algebra import one_thread; os.environ.update(one_thread())"
+    for before, environment in ((asking, unsaid), ("", unsaid | one_thread(unsaid))):
+        words = [sys.executable, "-c", MULTIPLY.format(before=before)]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+        assert int(done.stdout) == 1

@@ -40,6 +40,7 @@ def test_package_declares_its_quality(package):
     assert declaration in [path.resolve() for path in linked]
 
 
-@pytest.mark.parametrize("name", ["docs/quality.md", "docs/security.md", "SECURITY.md"])
-def test_links_of_the_documents_lead_somewhere(name):
-    check_links(ROOT / name)
+@pytest.mark.parametrize("place", ["*.md", "docs/*.md"])
+def test_links_of_the_documents_lead_somewhere(place):
+    for document in ROOT.glob(place):
+        check_links(document)

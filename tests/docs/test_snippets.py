@@ -8,13 +8,19 @@ ends in ``...`` shows its beginning. ``<!-- not run: reason -->`` before a block
 
 import contextlib
 import io
+import os
 import re
 import shutil
 import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+
+from ..waiting import started, wait_for
+from .forked_ema import CLIENT
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
@@ -26,6 +32,7 @@ BLOCK = re.compile(
     r"^```(?P<kind>python|sh|text)\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
+SHOWN_AS = {"MPLBACKEND": "agg", "COLUMNS": "80"}
 FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
 
 
@@ -71,12 +78,28 @@ def assert_shown(snippet: Snippet, output: str) -> None:
         ), line
 
 
+@pytest.fixture(scope="module")
+def quick_ema(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Folder with an ``ema`` that does not import everything each time."""
+    folder = tmp_path_factory.mktemp("bin")
+    client, path = folder / "ema", folder / "socket"
+    client.write_text(CLIENT.format(python=sys.executable, path=str(path)))
+    client.chmod(0o755)
+    program = Path(__file__).with_name("forked_ema.py")
+    environment = os.environ | SHOWN_AS
+    with started(
+        [sys.executable, program, path], env=environment, stdout=subprocess.DEVNULL
+    ) as server:
+        wait_for(lambda: path.exists() or server.poll() is not None, "the server of ema")
+        yield folder
+
+
 @pytest.fixture
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "bags", tmp_path / "bags")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    monkeypatch.setenv("COLUMNS", "80")
+    for name, value in SHOWN_AS.items():
+        monkeypatch.setenv(name, value)
     return tmp_path
 
 
@@ -100,25 +123,25 @@ LONG = "docs/command-line.md"
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.long if n == LONG else ()) for n in DOCUMENTS]
 )
-def test_shell_commands_in_the_document_do_what_it_shows(workplace, name):
-    run_shell(name, snippets(ROOT / name, "sh"))
+def test_shell_commands_in_the_document_do_what_it_shows(workplace, quick_ema, name):
+    run_shell(name, snippets(ROOT / name, "sh"), quick_ema)
 
 
 @pytest.mark.long
-def test_long_shell_commands_do_what_the_document_shows(workplace):
+def test_long_shell_commands_do_what_the_document_shows(workplace, quick_ema):
     """With those before them, whose files they need."""
     name = "docs/your-actuator.md"
     found = snippets(ROOT / name, "sh", with_long=True)
     assert len(found) > len(snippets(ROOT / name, "sh"))
-    run_shell(name, found)
+    run_shell(name, found, quick_ema)
 
 
-def run_shell(name: str, found: list[Snippet]) -> None:
+def run_shell(name: str, found: list[Snippet], quick_ema: Path) -> None:
     """Run blocks one after the other and compare their outputs."""
+    environment = os.environ | {"PATH": f"{quick_ema}:{os.environ['PATH']}"}
     for snippet in found:
-        done = subprocess.run(
-            ["bash", "-euc", snippet.text], capture_output=True, text=True, check=False
-        )
+        command = ["bash", "-euc", snippet.text]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         assert done.returncode == 0, f"{name}, line {snippet.line}: {done.stderr}"
         if snippet.output:
             assert_shown(snippet, done.stdout)
@@ -137,10 +160,3 @@ def test_every_block_says_what_it_is(name):
     text = (ROOT / name).read_text(encoding="utf-8")
     kinds = re.findall(r"^```(\w*)$", text, re.MULTILINE)[::2]
     assert set(kinds) <= {"python", "sh", "text", "yaml", "mermaid"}
-
-
-@pytest.mark.parametrize("name", DOCUMENTS)
-def test_documents_that_are_linked_exist(name):
-    document = ROOT / name
-    for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", document.read_text(encoding="utf-8")):
-        assert (document.parent / link).exists(), link

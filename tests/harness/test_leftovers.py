@@ -28,17 +28,11 @@ def test_node_that_is_not_destroyed_is_found(context: Context):
     assert participants() == set()
 
 
-def test_node_that_is_destroyed_leaves_nothing(context: Context):
-    with nothing_left():
-        node = Node("tidy", context=context)
-        assert len(participants()) == 1
-        node.destroy_node()
-
-
-def test_node_with_a_lifecycle_that_is_destroyed_leaves_nothing(context: Context):
+@pytest.mark.parametrize("kind", [Node, ManagedNode])
+def test_node_that_is_destroyed_leaves_nothing(context: Context, kind: type[Node]):
     """Not even while something refers to it."""
     with nothing_left(0.2):
-        node = ManagedNode("tidy", context=context)
+        node = kind("tidy", context=context)
         assert len(participants()) == 1
         node.destroy_node()
 

@@ -1,16 +1,18 @@
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import Mapping, mapping_from
+from ema_bags.inputs.mapping import Mapping
 from ema_core.description import ActuatorDescription
+from ema_core.settings_file import settings_from
 from ema_core.telemetry import Telemetry
 from ema_sim import simulate
 
+mapping_from = partial(settings_from, Mapping)
 COLUMNS = {"position": "p", "command": "c", "speed": "s", "current": "i", "clock": "t"}
 
 

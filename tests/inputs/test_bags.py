@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 import zstandard
 
-from ema_bags.inputs.bags import AnyBag
+from ema_bags.inputs.bags import SqliteBag
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import import_series
-from ema_bags.inputs.mapping import mapping_from
+from ema_bags.reader import Bag
+from ema_monitor.model.threads import limit_threads
 
 from ..commands import ema
 from . import other_makes
-from .conftest import described
+from .conftest import described, mapping_from
 from .other_makes import START_NS, OtherBag
 
 FLAP = described(1000)
@@ -61,15 +62,17 @@ def test_joint_states_of_both_storages_are_the_telemetry(telemetry, tmp_path, st
 
 
 def test_each_malformed_message_is_counted_once(telemetry, tmp_path):
-    """However often the bag is read, and where several were received at once."""
+    """However often the bag is read, with other topics too, and where several came at once."""
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry)
+        bag.write("/first", bag.make("std_msgs/msg/Float64", 0.0), 0)
         for received_ns in (1, 2, 2, 2):
             bag.write_raw("/joint_states", b"\x00\x01\x00\x00\x07", received_ns)
-    bag = AnyBag(tmp_path / "bag")
-    for _ in range(2):
-        assert sum(1 for _ in bag.messages(["/joint_states"])) == len(telemetry)
-        assert "topic /joint_states: 4 malformed messages skipped" in bag.damage
+    bag = SqliteBag(tmp_path / "bag")
+    for others in ([], ["/first"]):
+        read = sum(1 for _ in bag.messages(["/joint_states", *others]))
+        assert read == len(telemetry) + len(others)
+        assert "topic /joint_states: 4 malformed messages skipped" in bag.remarks[0]
 
 
 def test_stamps_that_are_zero_are_rebuilt_and_said(telemetry, tmp_path):
@@ -185,24 +188,31 @@ def other_storage(kind: str, folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "kind", ["folder", "folder without metadata", "db3", "db3.zstd", "mcap.lz4"]
-)
+KINDS = ("folder", "folder without metadata", "db3", "db3.zstd", "mcap.lz4")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bag_in_another_storage_is_refused_with_the_command_that_rewrites_it(tmp_path, kind):
+    with pytest.raises(ValueError, match=r"`ros2 bag convert -i BAG -o FILE`.*storage_id: mcap"):
+        Bag(other_storage(kind, tmp_path))
+
+
 @pytest.mark.parametrize("command", ["info", "estimate", "report", "recover"])
-def test_bag_in_another_storage_is_refused_with_the_command_that_rewrites_it(
-    tmp_path, kind, command
-):
+def test_commands_say_how_another_storage_is_rewritten(tmp_path, command):
     output = ["-o", tmp_path / "new.mcap"] if command == "recover" else []
-    result = ema(command, other_storage(kind, tmp_path), *output)
+    result = ema(command, other_storage("folder", tmp_path), *output)
     assert result.exit_code == 1
     assert "`ros2 bag convert -i BAG -o FILE`" in result.stderr
-    assert "storage_id: mcap" in result.stderr
 
 
-@pytest.mark.parametrize("kind", ["folder", "folder without metadata", "db3"])
-def test_archive_refuses_a_bag_in_another_storage_with_the_command_that_rewrites_it(tmp_path, kind):
-    other_storage(kind, tmp_path / "bags")
-    assert ema("archive", "scan", tmp_path / "archive", tmp_path / "bags").exit_code == 0
-    assert "refused_why" in ema("archive", "run", tmp_path / "archive").stderr
-    why = ema("archive", "query", tmp_path / "archive", "SELECT * FROM refused_why", "--json")
-    assert "`ros2 bag convert -i BAG -o FILE`" in why.stdout
+def test_archive_refuses_bags_in_another_storage_with_the_command_that_rewrites_them(tmp_path):
+    for number, kind in enumerate(KINDS[:3]):
+        other_storage(kind, tmp_path / "bags" / str(number))
+    archive = tmp_path / "archive"
+    assert ema("archive", "scan", archive, tmp_path / "bags").exit_code == 0
+    result = ema("archive", "run", archive, "--executor", "threads", "--workers", "1")
+    limit_threads(None)
+    assert "refused_why" in result.stderr
+    question = "SELECT bag FROM refused WHERE contains(reason, '`ros2 bag convert -i BAG')"
+    refused = ema("archive", "query", archive, question, "--json").stdout
+    assert all(bag in refused for bag in ("0/flight", "1/flight", "2/flight.db3")), refused

@@ -1,13 +1,20 @@
-"""Mapping files say what is wrong with them, by name, value and what is expected."""
+"""Mapping files: mistakes are named; units, shafts and kinds of current, in closed form."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from ema_bags.inputs.conversion import convert
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.mapping import load_mapping, mapping_from, mapping_text
+from ema_bags.inputs.mapping import load_mapping, mapping_text
 from ema_core.acquisition import Acquisition
+from ema_core.description import ActuatorDescription
+
+from .conftest import mapping_from
 
 SHIPPED = Path(__file__).parents[2] / "ros2_ws" / "src" / "ema_bags" / "mappings"
 EXAMPLES = sorted(SHIPPED.glob("*.yaml"))
@@ -145,3 +152,148 @@ def test_field_that_is_not_there_is_named(path, words):
 def test_text_that_is_no_path_is_refused(path):
     with pytest.raises(ValueError, match="expected names of fields separated by dots"):
         FieldPath(path)
+
+
+FLAP = ActuatorDescription()
+P = FLAP.parameters
+BASE = {"position": "p", "command": "c", "clock": "t"}
+
+
+def converted(raw, description=FLAP, **sections):
+    content = {name: item for name, item in (BASE | sections).items() if item is not None}
+    given = {"position": 0.0, "command": 0.0} | raw
+    columns = {name: np.array([value]) for name, value in given.items()}
+    return convert(columns, mapping_from(content), description)
+
+
+@pytest.mark.parametrize(
+    ("section", "raw", "expected"),
+    [
+        ({"unit": "deg"}, 180.0, math.pi),
+        ({"unit": "turn", "shaft": "motor"}, 500.0, 2.0 * math.pi),
+        ({"unit": "mrad", "sign": -1, "offset": 0.5}, 100.0, 0.4),
+        ({"scale": 2.0}, 0.25, 0.5),
+        ({"unit": "mm", "lead": 0.005}, 2.5, math.pi),
+        ({"unit": "in", "lead": 0.0254, "shaft": "motor"}, 500.0, 2.0 * math.pi),
+        ({"encoding": "sign_bit_16", "scale": 0.01}, 32968.0, -2.0),
+        ({"encoding": "twos_complement_16"}, 65535.0, -1.0),
+        ({"encoding": "twos_complement_32"}, 5.0, 5.0),
+    ],
+)
+def test_angles_are_those_of_the_user_shaft(section, raw, expected):
+    found = converted({"position": raw}, position={"source": "p", **section})["position"]
+    assert found[0] == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [
+        ({"unit": "rpm"}, math.pi),
+        ({"unit": "turn/s", "shaft": "user"}, 30.0 * 2.0 * math.pi * 500.0),
+        ({"unit": "deg/s", "sign": -1}, -math.pi / 6.0),
+        ({"unit": "mm/s", "lead": 0.005}, 12.0 * math.pi),
+    ],
+)
+def test_speeds_are_those_of_the_motor_shaft(section, expected):
+    found = converted({"speed": 30.0}, speed={"source": "s", **section})["speed"]
+    assert found[0] == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        # Angle [rad], speed of the motor [rad/s] and current [A] that one count stands for.
+        ("dynamixel", (2 * math.pi / 4096, 0.229 * math.pi / 30 * 500, 2.69e-3)),
+        ("cia402", (2 * math.pi / 524288 / 500, 2 * math.pi / 524288, 1.27e-3 / P.k_t)),
+    ],
+)
+def test_registers_of_drives_are_read_within_half_a_count(telemetry, name, counts):
+    angle, speed, current = counts
+    middle = 2048 if name == "dynamixel" else 0
+    values = {
+        "position": telemetry.position / angle + middle,
+        "command": telemetry.command / angle + middle,
+        "speed": telemetry.speed / speed,
+    }
+    raw = {key: np.round(value) % 2.0**32 for key, value in values.items()}
+    raw["current"] = np.round(telemetry.current / current) % 2.0**16
+    found = convert(raw, load_mapping(SHIPPED / f"{name}.yaml"), FLAP)
+    for key, count in zip((*values, "current"), (angle, *counts), strict=True):
+        expected = getattr(telemetry, key)
+        np.testing.assert_allclose(found[key], expected, rtol=1e-9, atol=0.501 * count, err_msg=key)
+
+
+def test_lead_is_that_of_a_length():
+    for section in ({"unit": "mm"}, {"unit": "rad", "lead": 0.005}):
+        with pytest.raises(ValueError, match="position: lead = "):
+            converted({}, position={"source": "p", **section})
+
+
+def test_magnitude_of_a_current_has_the_sign_of_the_motion():
+    position = np.concatenate([np.zeros(5), np.arange(10.0), np.full(5, 9.0), 9.0 - np.arange(10)])
+    raw = {"position": position, "command": position, "current": np.full(len(position), 0.5)}
+    mapping = mapping_from(BASE | {"current": {"source": "i", "kind": "magnitude"}})
+    current = convert(raw, mapping, FLAP)["current"]
+    assert np.all(current[6:14] == 0.5)
+    assert np.all(current[21:] == -0.5)
+    assert set(np.abs(current)) == {0.5}
+
+
+def test_command_follows_from_the_position_error():
+    found = converted({"position": 0.3, "error": 0.2}, command=None, error="e")
+    assert found["command"][0] == 0.5
+
+
+def test_what_is_not_mapped_is_empty():
+    found = converted({})
+    assert (len(found["speed"]), len(found["current"])) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("section", "raw", "expected"),
+    [
+        ({"unit": "mA"}, 1500.0, 1.5),
+        ({"kind": "motor_torque", "unit": "N.m"}, P.k_t * 3.0, 3.0),
+        ({"kind": "joint_torque", "unit": "N.m"}, P.k_t * 3.0 / P.tau, 3.0),
+        ({"kind": "i_q"}, 2.0, math.sqrt(3.0)),  # torque constant phase to phase, 3/2 k_t / sqrt(3)
+    ],
+)
+def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expected):
+    found = converted({"current": raw}, current={"source": "i", **section})["current"]
+    assert found[0] == pytest.approx(expected, rel=1e-14)
+
+
+def test_conventions_of_i_q_give_one_torque():
+    """A current of 1 A peak, as each convention counts it; the constant is that of i_q (M33)."""
+    drive = replace(FLAP, drive="field_oriented")
+    counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
+    found = [
+        converted(
+            {"current": raw}, drive, current={"source": "i", "kind": "i_q", "amplitude": name}
+        )
+        for name, raw in counted.items()
+    ]
+    assert [item["current"][0] for item in found] == pytest.approx([1.0] * 3)
+
+
+def phases(angle):
+    raw = {f"phase_{c}": math.cos(angle - k * 2.0 * math.pi / 3.0) for k, c in enumerate("abc")}
+    return raw | {"torque_sign": -0.3}
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_phase_currents_of_a_sinusoidal_motor_are_those_of_i_q_at_any_angle(count):
+    section = {"kind": "phase_currents", "phases": list("abc")[:count], "torque_sign": "q"}
+    drive = replace(FLAP, drive="field_oriented")
+    for angle in np.linspace(0.0, 6.0, 7):
+        raw = phases(angle)
+        if count == 2:
+            del raw["phase_c"]
+        found = converted(raw, drive, current=section)["current"]
+        assert found[0] == pytest.approx(-1.0, rel=1e-12)
+
+
+def test_phase_currents_of_six_steps_are_half_their_magnitudes():
+    section = {"kind": "phase_currents", "phases": ["a", "b", "c"], "torque_sign": "q"}
+    raw = {"phase_a": 4.0, "phase_b": -3.9, "phase_c": -0.1, "torque_sign": 1.0}
+    assert converted(raw, current=section)["current"][0] == pytest.approx(4.0)

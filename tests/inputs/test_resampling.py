@@ -92,6 +92,44 @@ def test_losses_leave_a_gap_of_their_size(jitter_ns):
 
 
 @pytest.mark.parametrize("jitter_ns", [0.0, 1e5])
+@pytest.mark.parametrize("part", [3000, 7, 1])
+def test_short_losses_are_filled_but_not_over_a_reversal(jitter_ns, part):
+    rng = np.random.default_rng(6)
+    keep = np.ones(3000, bool)
+    keep[510] = keep[999:1001] = keep[2300:2303] = keep[2500:2504] = False
+    stamps = regular(3000) + np.rint(rng.uniform(-jitter_ns, jitter_ns, 3000)).astype(np.int64)
+    seconds = (stamps - START_NS) * 1e-9
+    # It reverses at 1 s and rests from 2 s on.
+    position = np.interp(seconds, [0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
+    values = np.column_stack([np.arange(3000.0), position + rng.normal(0.0, 1e-6, 3000)])[keep]
+    kept = stamps[keep]
+    resampler = Resampler(find_rate(kept), 3, (1,))
+    runs = []
+    for start in range(0, len(kept), part):
+        runs += resampler.push(kept[start : start + part], values[start : start + part])
+    losses = resampler.losses
+    assert (losses.filled, losses.lost, losses.gaps) == (4, 6, 2)
+    for run in runs:
+        assert np.interp(run.stamps_ns, stamps, np.arange(3000.0)) == pytest.approx(
+            run.values[:, 0], abs=1e-3 + jitter_ns / H_NS
+        )
+    ends = [after.first_index - len(b.values) - b.first_index for b, after in pairwise(runs)]
+    assert [number for number in ends if number] == pytest.approx([2, 4], abs=bool(jitter_ns))
+
+
+def test_pause_is_not_filled_and_the_last_sample_is_not_lost():
+    stamps = regular(60, 2e8)
+    stamps = np.concatenate(
+        [stamps[:30], stamps[38:58], stamps[59:]]
+    )  # 1.8 s, and the last but one
+    resampler = Resampler(find_rate(stamps), 10, (0,))
+    runs = resampler.push(stamps, np.arange(len(stamps), dtype=float)[:, None], is_last=True)
+    losses = resampler.losses
+    assert (losses.filled, losses.pauses, losses.gaps) == (0, 1, 1)
+    assert sum(len(run.values) for run in runs) == len(stamps)
+
+
+@pytest.mark.parametrize("jitter_ns", [0.0, 1e5])
 def test_clock_that_goes_back_ends_a_run(jitter_ns):
     rng = np.random.default_rng(4)
     stamps = regular(3000) + np.rint(rng.uniform(-jitter_ns, jitter_ns, 3000)).astype(np.int64)
@@ -139,19 +177,23 @@ def test_stamps_are_rebuilt_from_arrival():
     assert np.all(np.abs(np.diff(rebuilt) / H_NS - 1.0) < 0.1)
 
 
+def rebuilt(arrivals: np.ndarray, parts: int, period: float = 1e-3) -> np.ndarray:
+    """The stamps of messages that come in parts."""
+    clock = ArrivalClock(period)
+    stamps = [clock.push(part) for part in np.array_split(arrivals, parts)]
+    return np.concatenate([*stamps, clock.flush()])
+
+
 def test_losses_are_seen_in_arrival_and_queues_are_none():
     keep = np.ones(10_000, bool)
     keep[3000] = keep[6000:6030] = False
     arrivals = (regular(10_000) + delays(10_000, 6))[keep]
-    clock = ArrivalClock(1e-3)
-    parts = [clock.push(part) for part in np.array_split(arrivals, 700)]
-    stamps = np.concatenate([*parts, clock.flush()])
-    _, losses, _ = resampled(stamps)
+    _, losses, _ = resampled(rebuilt(arrivals, 700))
     assert (losses.lost, losses.gaps) == (31, 2)
 
 
 @pytest.mark.parametrize("rate_hz", [100, 1000])
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, 3, 5])
 def test_samples_that_are_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate_hz, seed):
     rng = np.random.default_rng(seed)
     times = np.arange(20 * rate_hz) / rate_hz
@@ -164,25 +206,23 @@ def test_samples_that_are_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate
         arrivals[waits] = np.maximum(arrivals[waits], end)
         start += rng.uniform(0.2, 2.0)
     arrivals = START_NS + np.rint(1e9 * np.maximum.accumulate(arrivals)).astype(np.int64)
-    clock = ArrivalClock(1.0 / rate_hz)
-    parts = [clock.push(part) for part in np.array_split(arrivals, len(arrivals) // 5)]
-    stamps = np.concatenate([*parts, clock.flush()])
+    stamps = rebuilt(arrivals, len(arrivals) // 5, 1.0 / rate_hz)
     assert set(np.rint(np.diff(stamps) * 1e-9 * rate_hz)) == {1.0}
-    # A true loss of 3 samples in their midst is one, and the only one.
-    keep = np.ones(len(arrivals), bool)
-    keep[len(keep) // 2 : len(keep) // 2 + 3] = False
-    clock = ArrivalClock(1.0 / rate_hz)
-    stamps = np.concatenate([clock.push(arrivals[keep]), clock.flush()])
-    steps = np.rint(np.diff(stamps) * 1e-9 * rate_hz)
-    assert np.sum(steps) == len(arrivals) - 1
+
+
+@pytest.mark.parametrize("lost", [3, 100, 300])
+def test_loss_soon_after_a_long_stall_is_counted(lost):
+    keep, arrivals = np.ones(20_000, bool), regular(20_000)
+    # Nothing arrives for 0.4 s, then all that waited, and 2 s later some are lost.
+    arrivals[8000:8400] = arrivals[8400]
+    keep[10_400 : 10_400 + lost] = False
+    _, losses, _ = resampled(rebuilt(arrivals[keep], 4000))
+    assert (losses.lost, losses.gaps) == (lost, 1)
 
 
 def test_stamps_do_not_depend_on_how_messages_come_in_parts():
     arrivals = regular(5000) + delays(5000, 7)
-    whole, parts = ArrivalClock(1e-3), ArrivalClock(1e-3)
-    at_once = np.concatenate([whole.push(arrivals), whole.flush()])
-    one_by_one = [parts.push(part) for part in np.array_split(arrivals, 5000)]
-    gradually = np.concatenate([*one_by_one, parts.flush()])
+    at_once, gradually = rebuilt(arrivals, 1), rebuilt(arrivals, 5000)
     # They see other samples ahead, but the same line.
     assert np.std((at_once - gradually)[1000:]) < 1e4
 

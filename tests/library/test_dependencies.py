@@ -130,14 +130,3 @@ def test_bounds_are_the_same_everywhere_and_hold_for_the_lock():
         if not item.name.startswith("ema_"):
             assert bounds.setdefault(item.name, str(item.specifier)) == str(item.specifier)
             assert item.specifier.contains(lock[item.name])
-
-
-@pytest.mark.parametrize(
-    "lock", sorted((ROOT / "requirements").glob("*lock.txt")), ids=lambda one: one.name
-)
-def test_every_locked_release_has_hashes(lock):
-    # An entry is a line that is not indented, and the lines below it that are.
-    entries = re.split(r"^(?=[^\s#])", lock.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
-    assert entries
-    for entry in entries:
-        assert re.match(r"[^\s=]+==\S+ \\\n    --hash=sha256:[0-9a-f]{64}\b", entry), entry

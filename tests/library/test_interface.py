@@ -3,7 +3,6 @@
 import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas
@@ -16,7 +15,8 @@ from ema_core.faults import FAULTS, FaultVector
 from ema_core.wording import text_table
 from ema_monitor.plot import plot_fit
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+from ..commands import SAMPLE
+
 TRUTH = {"friction": 0.25, "eccentricity": 0.1}
 
 
@@ -35,20 +35,6 @@ def test_named_vector_has_the_components_of_the_registry_in_their_order():
     assert FaultVector._fields == tuple(fault.name for fault in FAULTS)
     vector = FaultVector.of(np.arange(8))
     assert (vector.backlash, vector[1], np.asarray(vector).shape) == (1.0, 1.0, (8,))
-
-
-def test_faults_of_an_estimate_have_names(estimate):
-    assert estimate.faults.friction == pytest.approx(0.25, abs=4.0 * estimate.sigma.friction)
-    assert estimate.faults.eccentricity == pytest.approx(0.1, abs=4.0 * estimate.sigma.eccentricity)
-
-
-def test_estimate_prints_what_each_fault_means(estimate):
-    lines = str(estimate).splitlines()
-    assert lines[0].split() == ["fault", "estimate", "sigma", "which", "means"]
-    assert lines[1].startswith("friction")
-    assert lines[1].endswith("× nominal")
-    assert lines[2].endswith("healthy (not significant)")
-    assert lines[-1].startswith("valid, goodness of fit")
 
 
 def test_estimate_that_is_refused_prints_why(window):

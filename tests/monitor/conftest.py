@@ -1,7 +1,6 @@
-"""Telemetry of simulated actuators, and a calibration, that the tests of the monitor share."""
+"""Telemetry of simulated actuators, a calibration and estimates that the tests share."""
 
 from collections.abc import Callable, Mapping
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,12 +9,18 @@ from ema_core.commands import THESIS_CHIRP, Cycle, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
-from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.diagnosis import identify
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
+
+from .reference_cases import CASES
+from .streams import only
+from .windows import once
 
 
 @pytest.fixture(scope="session")
@@ -29,36 +34,23 @@ def cycle(description) -> Cycle:
 
 
 @pytest.fixture(scope="session")
-def record(cycle) -> Callable[[Mapping[str, float], int], Telemetry]:
-    """Telemetry of an actuator with faults through some test cycles; each run is made once."""
+def windows_of(cycle) -> Callable[..., list[Window]]:
+    """Windows of an actuator with faults, one of each test cycle; each run is made once."""
 
-    @cache
-    def run(faults: tuple[tuple[str, float], ...], cycles: int) -> Telemetry:
+    @once
+    def windows_of(faults: Mapping[str, float], cycles: int = 1) -> list[Window]:
         actuator = SimulatedActuator()
         actuator.faults = fault_vector(dict(faults))
-        return actuator.advance(np.tile(cycle.samples, cycles))
-
-    def record(faults: Mapping[str, float], cycles: int = 1) -> Telemetry:
-        return run(tuple(sorted(faults.items())), cycles)
-
-    return record
-
-
-@pytest.fixture(scope="session")
-def windows_of(record) -> Callable[[Mapping[str, float], int], list[Window]]:
-    """Windows of an actuator with faults, one of each test cycle."""
-
-    def windows_of(faults: Mapping[str, float], cycles: int = 1) -> list[Window]:
-        events = WindowTrigger(ActuatorParameters()).feed(record(faults, cycles))
-        windows = [event for event in events if isinstance(event, Window)]
-        assert len(windows) == len(events) == cycles
+        telemetry = actuator.advance(np.tile(cycle.samples, cycles))
+        windows = only(Window, WindowTrigger(ActuatorParameters()).feed(telemetry))
+        assert len(windows) == cycles
         return windows
 
     return windows_of
 
 
 @pytest.fixture(scope="session")
-def stirred_window(cycle) -> Callable[[Mapping[str, float], int, ActuatorParameters], Window]:
+def stirred_window(cycle) -> Callable[..., Window]:
     """Window after a tremble of the command, which makes the PWM take another course each time.
 
     From rest and without noise the simulation repeats itself to the last bit. The tremble of some
@@ -66,8 +58,10 @@ def stirred_window(cycle) -> Callable[[Mapping[str, float], int, ActuatorParamet
     """
     nominal = ActuatorParameters()
 
-    @cache
-    def run(faults: tuple[tuple[str, float], ...], seed: int, plant: ActuatorParameters) -> Window:
+    @once
+    def stirred_window(
+        faults: Mapping[str, float], seed: int, plant: ActuatorParameters = nominal
+    ) -> Window:
         rng = np.random.default_rng(seed)
         actuator = SimulatedActuator(plant)
         actuator.faults = fault_vector(dict(faults))
@@ -76,19 +70,57 @@ def stirred_window(cycle) -> Callable[[Mapping[str, float], int, ActuatorParamet
         [window] = [w for w in WindowTrigger(nominal).feed(telemetry) if isinstance(w, Window)]
         return window
 
-    def stirred_window(
-        faults: Mapping[str, float], seed: int, plant: ActuatorParameters = nominal
-    ) -> Window:
-        return run(tuple(sorted(faults.items())), seed, plant)
-
     return stirred_window
 
 
 @pytest.fixture(scope="session")
 def healthy_windows(windows_of) -> list[Window]:
-    return windows_of({}, 5)
+    return windows_of({}, 6)[:5]
+
+
+@pytest.fixture(scope="session")
+def unseen_window(windows_of) -> Window:
+    """A healthy window that the calibration has not seen."""
+    return windows_of({}, 6)[5]
 
 
 @pytest.fixture(scope="session")
 def calibration(healthy_windows, description) -> Calibration:
     return calibrate_model(healthy_windows, description)
+
+
+@pytest.fixture(scope="session")
+def estimates(windows_of, unseen_window, calibration, description) -> Callable[[str], Estimate]:
+    """Estimate of a reference case by the default algorithm; each is made once."""
+
+    @once
+    def estimate(case: str) -> Estimate:
+        [window] = windows_of(CASES[case]) if CASES[case] else [unseen_window]
+        return identify(window, description, calibration)
+
+    return estimate
+
+
+@pytest.fixture(scope="session")
+def stirred_estimates(stirred_window, calibration, description) -> Callable[[str], Estimate]:
+    """Estimate of a reference case under another course of the PWM; each is made once."""
+
+    @once
+    def estimate(case: str) -> Estimate:
+        return identify(stirred_window(CASES[case], 3), description, calibration)
+
+    return estimate
+
+
+@pytest.fixture
+def counted(monkeypatch) -> list[int]:
+    """How many windows the model has computed, call by call."""
+    counts = []
+    respond = MonitorModel.respond
+
+    def counting(model, window, faults, *others):
+        counts.append(len(np.atleast_2d(faults)))
+        return respond(model, window, faults, *others)
+
+    monkeypatch.setattr(MonitorModel, "respond", counting)
+    return counts

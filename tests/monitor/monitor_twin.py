@@ -11,25 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ema_core.parameters import ActuatorParameters
 
-PHASES = (0, 1, 2)
-
-
-def sign(x: float) -> int:
-    return (x > 0) - (x < 0)
-
-
-def saturate(x: float, limit: float) -> float:
-    return math.copysign(limit, x) if abs(x) > limit else x
-
-
-def driven(degrees: float) -> int:
-    """Sign of the current in a phase at its electrical angle."""
-    degrees %= 360
-    if 30 < degrees < 150:
-        return 1
-    if 210 < degrees < 330:
-        return -1
-    return 0
+from ..sim.reference_twin import PHASES, driven, saturate, sign
 
 
 def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:

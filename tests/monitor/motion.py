@@ -7,9 +7,11 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_monitor.windows.stretches import StretchTrigger
-from ema_monitor.windows.trigger import ANY_MOTION, Refusal, TriggerSettings
+from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
+
+from .streams import blocks, only
 
 FLAP = ActuatorDescription()
 H = FLAP.sample_period
@@ -29,15 +31,8 @@ def moved(command: np.ndarray, *, load: float = 0.3, **faults: float) -> Telemet
     return actuator.advance(command)
 
 
-def blocks_of(telemetry: Telemetry, size: int = 1000) -> list[Telemetry]:
-    """Telemetry in blocks of a size."""
-    n = len(telemetry)
-    return [telemetry.part(start, min(start + size, n)) for start in range(0, n, size)]
-
-
 def stretches_of(telemetry: Telemetry, size: int = 1000) -> list[Window]:
     """The stretches in telemetry that is received in blocks of a size."""
     trigger = StretchTrigger(FLAP.parameters, SETTINGS)
-    events = [event for block in blocks_of(telemetry, size) for event in trigger.feed(block)]
-    assert not any(isinstance(event, Refusal) for event in events)
-    return [event for event in events if isinstance(event, Window)]
+    events = [event for block in blocks(telemetry, size) for event in trigger.feed(block)]
+    return only(Window, events)

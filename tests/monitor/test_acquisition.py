@@ -1,5 +1,6 @@
 """Telemetry that is slower, sampled in other ways or lacks columns: model, limits and verdicts."""
 
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -10,14 +11,16 @@ from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.plot.fit import plot_fit
-from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_sim import simulate
@@ -38,23 +41,22 @@ class Unit(NamedTuple):
     description: ActuatorDescription
     calibration: Calibration
     window: Window
-
-
-def found(description: ActuatorDescription, faults=None, cycles: int = 1) -> list[Window]:
-    telemetry = simulate(faults or {}, cycles, description=description, current_noise=0.02)
-    events = WindowFinder(TriggerSettings(), description).feed(telemetry)
-    windows = [one.window for one in events if isinstance(one, Segment)]
-    assert len(windows) == cycles
-    assert all(isinstance(one, Window) for one in windows)
-    return [one for one in windows if isinstance(one, Window)]
+    estimate: Estimate
 
 
 @cache
 def unit(way: str) -> Unit:
     period, acquisition = WAYS[way]
     description = ActuatorDescription(sample_period=period, acquisition=acquisition)
-    calibration = calibrate_model(found(description, cycles=8), description)
-    return Unit(description, calibration, found(description, FAULTS)[0])
+    healthy, faulty = (
+        find_windows(
+            simulate(faults, cycles, description=description, current_noise=0.02), description
+        )
+        for faults, cycles in (({}, 8), (FAULTS, 1))
+    )
+    calibration = calibrate_model(healthy, description)
+    estimate = identify(faulty[0], description, calibration)
+    return Unit(description, calibration, faulty[0], estimate)
 
 
 @pytest.mark.slow
@@ -64,9 +66,7 @@ def unit(way: str) -> Unit:
     [("500 Hz", 2), ("filtered", 2), ("instantaneous", 4), ("no speed", 2.5), ("no current", 12)],
 )
 def test_faults_are_found_or_their_uncertainty_is_stated(way: str, largest: float):
-    description, calibration, window = unit(way)
-    estimate = identify(window, description, calibration)
-    truth = fault_vector(FAULTS)
+    estimate, truth = unit(way).estimate, fault_vector(FAULTS)
     assert estimate.valid
     assert estimation_error(estimate.faults, truth) < largest
     shown = ~estimate.unobservable
@@ -76,20 +76,24 @@ def test_faults_are_found_or_their_uncertainty_is_stated(way: str, largest: floa
 
 @pytest.mark.slow
 def test_without_current_shorts_are_less_well_known_and_it_is_said():
-    told = identify(unit("no current").window, *unit("no current")[:2])
+    told, full = unit("no current").estimate, unit("filtered").estimate
     assert "the current is not measured" in told.reason
-    full = identify(unit("filtered").window, *unit("filtered")[:2])
     assert "not measured" not in full.reason
     shorts = slice(2, 5)
     assert np.min(told.sigma[shorts]) > 1.2 * np.max(full.sigma[shorts])
     assert not any(cause.name.startswith("current") for cause in told.causes)
+    description, calibration, window, _ = unit("no current")
+    settings = SearchSettings(fitness="least_squares")
+    assert identify(window, description, calibration, settings).reason == (
+        "the current is not measured: fitness least_squares compares currents only, use "
+        "band_limited"
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["no speed", "no current"])
 def test_pictures_and_messages_bear_a_missing_column(way: str):
-    description, calibration, window = unit(way)
-    estimate = identify(window, description, calibration)
+    _, calibration, window, estimate = unit(way)
     fit = window_fit(window, estimate, calibration)
     assert len(fit.current) == (0 if way == "no current" else len(fit.estimated_current))
     assert len(fit.speed) == len(fit.estimated_speed) == len(fit.position)
@@ -98,7 +102,7 @@ def test_pictures_and_messages_bear_a_missing_column(way: str):
 
 @pytest.mark.slow
 def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
-    description, calibration, window = unit("filtered")
+    description, calibration, window, _ = unit("filtered")
     other = ActuatorDescription(sample_period=1e-3)
     estimate = identify(window, other, calibration)
     assert not estimate.valid
@@ -113,17 +117,6 @@ def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
     assert "the current is said to be measured" in identify(blind, description, calibration).reason
     with pytest.raises(ValueError, match="window 0: the current is said to be measured"):
         calibrate_model([blind], description)
-
-
-@pytest.mark.slow
-def test_thesis_fitness_needs_the_current():
-    description, calibration, window = unit("no current")
-    settings = SearchSettings(fitness="least_squares")
-    reason = identify(window, description, calibration, settings).reason
-    assert reason == (
-        "the current is not measured: fitness least_squares compares currents only, use "
-        "band_limited"
-    )
 
 
 def test_filtered_current_is_the_filter_of_the_current():
@@ -168,29 +161,14 @@ def test_a_column_that_goes_missing_ends_the_window():
     description = ActuatorDescription(sample_period=1e-3)
     finder = WindowFinder(TriggerSettings(), description)
     whole = simulate(description=description)
-    part = whole.part(0, 50)
-    finder.feed(part)
-    rest = whole.part(50, 100)
-    [defect] = finder.feed(
-        type(rest)(
-            rest.stamp_ns,
-            1e-3,
-            rest.first_index,
-            *(
-                np.zeros(0) if name == "speed" else getattr(rest, name)
-                for name in ("command", "current", "position", "speed")
-            ),
-        )
-    )
+    finder.feed(whole.part(0, 50))
+    [defect] = finder.feed(replace(whole.part(50, 100), speed=np.zeros(0)))
     assert isinstance(defect, Defect)
     assert defect.reason == "no speed measured from index 51 on, all columns before"
 
 
 def test_play_is_known_where_the_shaft_moves_although_the_speed_is_not_measured():
-    settings = TriggerSettings(windows="any_motion")
     description = ActuatorDescription(sample_period=1e-3, acquisition=Acquisition(speed=False))
-    events = WindowFinder(settings, description).feed(simulate(description=description))
-    windows = [one.window for one in events if isinstance(one, Segment)]
-    plays = [window.play for window in windows if isinstance(window, Window)]
-    assert plays
-    assert plays[0] in (-1.0, 1.0)
+    settings = TriggerSettings(windows="any_motion")
+    first, *_ = find_windows(simulate(description=description), description, settings)
+    assert first.play in (-1.0, 1.0)

@@ -137,31 +137,25 @@ def test_current_and_speed_are_those_of_the_three_phases(faults):
 
 @pytest.fixture(scope="module")
 def calibration():
-    telemetry = simulate(cycles=6, description=UNIT, current_noise=0.02, seed=4)
+    telemetry = simulate(cycles=4, description=UNIT, current_noise=0.02, seed=4)
     return calibrate_model(find_windows(telemetry, description=UNIT), UNIT)
 
 
-def test_calibration_knows_neither_lift_nor_idle_phases(calibration):
+def test_calibration_has_a_bandwidth_and_neither_lift_nor_idle_phases(calibration, tmp_path):
     assert calibration.form == "field_oriented"
     assert calibration.unit.lift == 0.0
     assert "lift" not in str(calibration)
     assert "lift" not in calibration.not_learned
-
-
-def test_calibration_keeps_the_bandwidth_in_its_file(calibration, tmp_path):
     calibration.save(tmp_path / "c.yaml")
     assert "omega_c" in (tmp_path / "c.yaml").read_text()
     loaded = Calibration.load(tmp_path / "c.yaml")
     assert loaded.calibration_id == calibration.calibration_id
     faster = replace(UNIT, parameters=replace(P, omega_c=2.0 * P.omega_c))
     assert "omega_c = 12566.4" in loaded.unit_mismatch(faster)
-
-
-def test_file_of_six_steps_has_no_bandwidth():
+    # That of six steps has none.
     builtin = Calibration.builtin()
     other = ActuatorDescription(parameters=ActuatorParameters(omega_c=1.0))
     assert builtin.unit_mismatch(other) == ""
-    assert "omega_c" not in builtin._as_mapping()["parameters"]
 
 
 @pytest.mark.slow
@@ -170,8 +164,7 @@ def test_file_of_six_steps_has_no_bandwidth():
     [
         {},
         {"friction": 0.25, "eccentricity": 0.1, "eccentricity_phase": 0.3},
-        {"short_circuit_b": 0.1},
-        {"backlash": 0.2, "gain": 0.55},
+        {"short_circuit_b": 0.1, "backlash": 0.2, "gain": 0.55},
     ],
     ids=str,
 )
@@ -187,9 +180,8 @@ def test_faults_are_identified_within_three_sigma_and_nothing_else_is(calibratio
             assert abs(value - true) < 3.0 * sigma, name
 
 
-def test_window_of_another_drive_is_refused_by_name(calibration):
-    [window] = find_windows(simulate(cycles=1))
-    estimate = identify(window, calibration=calibration, description=ActuatorDescription())
+def test_window_of_another_drive_is_refused_by_name(calibration, healthy_windows):
+    estimate = identify(healthy_windows[0], ActuatorDescription(), calibration)
     assert "has drive 'six_step', the calibration is for 'field_oriented'" in estimate.reason
 
 
@@ -201,10 +193,9 @@ def test_window_of_another_drive_is_refused_by_name(calibration):
         ("six_step", "field_oriented", "form 'field_oriented' is none of drive 'six_step'"),
     ],
 )
-def test_drive_without_such_a_model_is_refused_by_name(drive, form, named):
-    [window] = find_windows(simulate(cycles=1))
+def test_drive_without_such_a_model_is_refused_by_name(healthy_windows, drive, form, named):
     with pytest.raises(ValueError, match=named):
-        calibrate_model([window], replace(ActuatorDescription(), drive=drive), form)
+        calibrate_model(healthy_windows[:1], replace(ActuatorDescription(), drive=drive), form)
 
 
 def test_performance_is_that_of_its_own_drive(calibration):

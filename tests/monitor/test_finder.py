@@ -13,7 +13,7 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
-from .streams import START_NS, H, blocks, stream
+from .streams import START_NS, H, blocks, only, stream
 
 FLAP = ActuatorDescription()
 SETTINGS = TriggerSettings(window_s=0.05, rest_s=0.01)
@@ -30,58 +30,37 @@ def fed(finder: WindowFinder, telemetry: Telemetry, size: int = 100) -> list[Seg
     return [event for block in blocks(telemetry, size) for event in finder.feed(block)]
 
 
-def found_in(events: list[Segment | Defect]) -> list[Segment]:
-    found = [event for event in events if isinstance(event, Segment)]
-    assert len(found) == len(events), events
-    return found
-
-
 def summary(events: list[Segment | Defect]) -> list[tuple[int, int, int, str]]:
     return [
-        (
-            item.number,
-            item.window.start_ns,
-            item.window.end_ns,
-            item.window.reason if isinstance(item.window, Refusal) else "",
-        )
-        for item in found_in(events)
+        (item.number, item.window.start_ns, item.window.end_ns, getattr(item.window, "reason", ""))
+        for item in only(Segment, events)
     ]
 
 
-def test_windows_are_numbered_and_counted():
-    finder = WindowFinder(SETTINGS, FLAP)
-    found = found_in(fed(finder, cycles(3)))
-    assert [item.number for item in found] == [0, 1, 2]
-    assert all(isinstance(item.window, Window) for item in found)
-    assert (finder.windows, finder.blocks, finder.lost_samples) == (3, 27, 0)
-    assert finder.has_rested
-
-
-def test_telemetry_that_comes_first_waits_for_the_description():
+def test_windows_are_numbered_and_telemetry_that_comes_first_waits_for_the_description():
     finder = WindowFinder(SETTINGS)
     assert fed(finder, cycles(3)) == []
     assert (finder.windows, finder.has_rested) == (0, False)
     found = finder.describe(FLAP)
+    assert (finder.windows, finder.blocks, finder.lost_samples) == (3, 27, 0)
+    assert finder.has_rested
+    assert all(isinstance(item.window, Window) for item in only(Segment, found))
     assert summary(found) == summary(fed(WindowFinder(SETTINGS, FLAP), cycles(3)))
-    later = found_in(fed(finder, cycles(1, 2701)))
-    assert [item.number for item in later] == [3]
+    later = only(Segment, fed(finder, cycles(1, 2701)))
+    assert [item.number for item in (*only(Segment, found), *later)] == [0, 1, 2, 3]
 
 
 def test_only_the_latest_ten_seconds_wait():
     finder = WindowFinder(SETTINGS)
     # 0.09 s a cycle, 12.6 s in all, in blocks of one cycle: 10 s back begins a block.
-    telemetry = cycles(140)
-    fed(finder, telemetry, 900)
-    found = found_in(finder.describe(FLAP))
-    first_ns = telemetry.stamp_ns + 100_000 * 900 * 139 - 10_000_000_000
-    kept = sum(block.stamp_ns >= first_ns for block in blocks(telemetry, 900))
-    assert len(found) == kept == 112
+    fed(finder, cycles(140), 900)
+    assert len(only(Segment, finder.describe(FLAP))) == 112
 
 
 @pytest.mark.parametrize("change", ["description", "settings"])
 def test_change_ends_the_window_that_is_open(change: str):
     finder = WindowFinder(SETTINGS, FLAP)
-    part = list(blocks(cycles(1), 100))
+    part = blocks(cycles(1), 100)
     for block in part[:5]:
         assert finder.feed(block) == []
     if change == "description":
@@ -94,7 +73,7 @@ def test_change_ends_the_window_that_is_open(change: str):
     assert reason in event.window.reason
     # It belongs to the unit that it was taken from.
     assert (event.number, event.description) == (0, FLAP)
-    [after] = found_in(fed(finder, cycles(1, 901)))
+    [after] = only(Segment, fed(finder, cycles(1, 901)))
     assert after.number == 1
     assert after.description.serial_number == (
         "SIM-0002" if change == "description" else "SIM-0001"
@@ -105,31 +84,28 @@ def test_change_ends_the_window_that_is_open(change: str):
 
 def test_lost_samples_are_counted_and_cost_the_window():
     finder = WindowFinder(SETTINGS, FLAP)
-    part = list(blocks(cycles(2), 100))
+    part = blocks(cycles(2), 100)
     events = [
         event for i, block in enumerate(part) if i not in (3, 4) for event in finder.feed(block)
     ]
-    first, second = found_in(events)
+    first, second = only(Segment, events)
     assert isinstance(first.window, Refusal)
     assert "gap of 200 samples" in first.window.reason
     assert isinstance(second.window, Window)
     assert (finder.lost_samples, finder.windows) == (200, 2)
 
 
-def test_block_that_is_no_telemetry_ends_the_window():
+def test_block_that_is_no_telemetry_ends_the_window_or_breaks_what_waits():
     finder = WindowFinder(SETTINGS, FLAP)
-    part = list(blocks(cycles(1), 100))
+    part = blocks(cycles(1), 100)
     assert [e for block in part[:5] for e in finder.feed(block)] == []
-    [event] = finder.reject(part[5].stamp_ns, "columns differ")
-    assert isinstance(event, Segment)
+    [event] = only(Segment, finder.reject(part[5].stamp_ns, "columns differ"))
     assert isinstance(event.window, Refusal)
     assert event.window.reason == "columns differ"
     [outside] = finder.reject(part[6].stamp_ns, "columns differ")
     assert outside == Defect(part[6].stamp_ns, "columns differ")
     assert finder.blocks == 7
 
-
-def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
     finder, telemetry = WindowFinder(SETTINGS), cycles(2)
     half = len(telemetry) // 2
     fed(finder, telemetry.part(0, half))
@@ -137,10 +113,8 @@ def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
     fed(finder, telemetry.part(half, len(telemetry)))
     # It is told again in its place, between the windows of the two cycles.
     first, defect, second = finder.describe(FLAP)
-    assert isinstance(first, Segment)
-    assert isinstance(second, Segment)
     assert defect == Defect(5, "columns differ")
-    assert (first.number, second.number) == (0, 1)
+    assert [item.number for item in only(Segment, [first, second])] == [0, 1]
 
 
 def test_other_sample_period_than_described_is_told_once():
@@ -149,19 +123,17 @@ def test_other_sample_period_than_described_is_told_once():
     assert isinstance(first, Defect)
     assert "0.0002 s" in first.reason
     assert "0.0001 s" in first.reason
-    assert [item.number for item in found_in(rest)] == [0, 1]
+    assert [item.number for item in only(Segment, rest)] == [0, 1]
 
 
 def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
     finder = WindowFinder(SETTINGS, FLAP)
-    for block in list(blocks(cycles(1), 100))[:5]:
-        finder.feed(block)
-    [event] = finder.finish()
-    assert isinstance(event, Segment)
+    fed(finder, cycles(1).part(0, 500))
+    [event] = only(Segment, finder.finish())
     assert isinstance(event.window, Refusal)
     assert "the telemetry ends" in event.window.reason
     assert finder.finish() == []
-    assert [item.number for item in found_in(fed(finder, cycles(1, 5001)))] == [1]
+    assert [item.number for item in only(Segment, fed(finder, cycles(1, 5001)))] == [1]
     assert finder.lost_samples == 0
 
 
@@ -229,24 +201,24 @@ def test_period_at_which_a_window_would_take_all_memory_is_named():
         event.reason
     )
     assert kept_samples(finder)[0] == 0
-    assert len(found_in(fed(finder, cycles(1)))) == 1
+    assert len(only(Segment, fed(finder, cycles(1)))) == 1
 
 
 def test_window_of_too_many_blocks_is_refused_and_the_next_one_found(monkeypatch):
     monkeypatch.setattr(trigger_module, "MOST_BLOCKS", 300)
     finder = WindowFinder(SETTINGS, FLAP)
-    [*_, (_, _, _, reason)] = summary(fed(finder, cycles(1), 1)[:1])
+    [*_, reason] = summary(fed(finder, cycles(1), 1)[:1])[0]
     assert "more than 300 blocks" in reason
-    assert isinstance(found_in(fed(finder, cycles(1, 901)))[0].window, Window)
+    assert isinstance(only(Segment, fed(finder, cycles(1, 901)))[0].window, Window)
 
 
 @pytest.mark.parametrize("first_index", [2**53, 2**63 - 450, 2**63, 2**64 - 900])
 def test_window_is_found_wherever_the_running_index_is(first_index: int):
-    late = replace(cycles(1), first_index=first_index)
-    [found] = found_in(fed(WindowFinder(SETTINGS, FLAP), late))
-    [expected] = found_in(fed(WindowFinder(SETTINGS, FLAP), cycles(1)))
-    assert isinstance(found.window, Window)
-    assert isinstance(expected.window, Window)
-    assert found.window.telemetry.first_index - first_index == (
-        expected.window.telemetry.first_index - 1
-    )
+    windows = []
+    for index in (first_index, 1):
+        [found] = only(
+            Segment, fed(WindowFinder(SETTINGS, FLAP), replace(cycles(1), first_index=index))
+        )
+        assert isinstance(found.window, Window)
+        windows.append(found.window.telemetry.first_index - index)
+    assert windows[0] == windows[1]

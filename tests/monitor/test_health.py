@@ -1,51 +1,32 @@
 """Levels, index and grade of health in closed form (docs/faults.md)."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, FAULTS, FaultVector, fault_vector
+from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import (
     ONE_SIDED_95,
     FaultHealth,
     HealthLimits,
+    LevelFilter,
     Tracked,
     assess,
     with_requirements,
 )
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import GOODNESS_LIMIT
 
-from .windows import refused
+from .windows import estimated, refused
 
 LIMITS = HealthLimits()
 SIGMA = 0.01
 
 
-def estimate(
-    faults: dict[str, float] | None = None,
-    *,
-    sigma: float = SIGMA,
-    unknown: tuple[str, ...] = (),
-    goodness: float = 1.0,
-    goodness_limit: float = GOODNESS_LIMIT,
-    reason: str = "",
-) -> Estimate:
-    unobservable = np.array([name in unknown for name in FAULT_NAMES])
-    covariance = sigma**2 * np.eye(8)
-    covariance[unobservable] = covariance[:, unobservable] = np.nan
-    made: dict[str, Any] = {
-        **vars(refused(reason)),
-        "faults": FaultVector.of(fault_vector(faults or {})),
-        "covariance": covariance,
-        "unobservable": unobservable,
-        "goodness_of_fit": goodness,
-        "goodness_limit": goodness_limit,
-        "valid": True,
-    }
-    return Estimate(**made)
+def estimate(faults: dict[str, float] | None = None, **values: Any) -> Estimate:
+    return estimated(faults, **{"goodness_of_fit": 1.0, **values})
 
 
 def fault(of: Estimate, name: str, limits: HealthLimits = LIMITS) -> FaultHealth:
@@ -96,26 +77,9 @@ def test_levels_change_where_the_bound_passes_the_share_and_the_value_the_limit(
         assert item.sigma == pytest.approx(SIGMA)
 
 
-def test_gain_has_a_limit_on_either_side():
-    item = fault(estimate({"gain": 0.2}), "gain")
-    assert (item.level, item.limit_is_lower) == (ERROR, True)
-    assert item.limit == pytest.approx(0.25)
-    assert item.share == pytest.approx(1.2)
-
-
-def test_uncertainty_keeps_a_warning_back_but_no_error():
-    assert fault(estimate({"friction": 0.3}, sigma=0.2), "friction").level == OK
-    assert fault(estimate({"friction": 0.6}, sigma=0.4), "friction").level == ERROR
-
-
 @pytest.mark.parametrize(
     ("share", "severity"),
-    [
-        *((share, 1) for share in (0.3, 0.49)),
-        *((share, 2) for share in (0.51, 0.79)),
-        *((share, 3) for share in (0.81, 0.99)),
-        *((share, 4) for share in (1.01, 1.9)),
-    ],
+    [(0.3, 1), (0.49, 1), (0.51, 2), (0.79, 2), (0.81, 3), (0.99, 3), (1.01, 4), (1.9, 4)],
 )
 def test_severity_is_graded_by_the_share(share: float, severity: int):
     assert assess(estimate({"friction": share * 0.5}), LIMITS).severity == severity
@@ -146,7 +110,7 @@ def test_unobservable_fault_is_stale_and_told_and_costs_confidence():
 def test_confidence_falls_as_the_fit_comes_near_its_limit(
     limit: float, share: float, confidence: float
 ):
-    made = estimate(goodness=share * limit, goodness_limit=limit, reason="a poor fit")
+    made = estimate(goodness_of_fit=share * limit, goodness_limit=limit, reason="a poor fit")
     health = assess(made, LIMITS)
     assert health.confidence == pytest.approx(confidence)
     assert health.reason == "a poor fit"
@@ -206,3 +170,27 @@ def test_requirement_that_nothing_is_known_of_changes_nothing():
     required = (FaultHealth("bandwidth", STALE, 20.0, np.nan, 12.0, True, 0.5),)
     health = assess(estimate(), LIMITS)
     assert with_requirements(health, required).level == health.level
+
+
+@pytest.mark.parametrize(
+    ("levels", "confirmations", "filtered"),
+    [
+        ([WARN], 2, [WARN]),
+        ([OK, WARN, OK, WARN, OK], 2, [OK, WARN, WARN, WARN, WARN]),
+        ([OK, WARN, WARN, OK, OK], 2, [OK, WARN, WARN, WARN, OK]),
+        ([OK, WARN, ERROR], 2, [OK, WARN, ERROR]),
+        # Of those that are lower the last is taken.
+        ([ERROR, OK, WARN, OK, OK], 2, [ERROR, ERROR, WARN, WARN, OK]),
+        ([OK, ERROR, OK], 1, [OK, ERROR, OK]),
+        ([ERROR, OK, OK, OK], 3, [ERROR, ERROR, ERROR, OK]),
+    ],
+)
+def test_level_rises_at_once_and_falls_when_that_is_confirmed(
+    levels: list[int], confirmations: int, filtered: list[int]
+):
+    one, seen, changes = LevelFilter(), [], []
+    for level in levels:
+        changes.append(one.add(level, confirmations))
+        seen.append(one.level)
+    assert seen == filtered
+    assert changes == [True, *(a != b for a, b in pairwise(filtered))]

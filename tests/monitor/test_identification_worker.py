@@ -12,9 +12,10 @@ import pytest
 from ema_core import steady_thread
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification import combination
 from ema_monitor.identification.combination import Combination
-from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.search import Generation, ModelIdentification, Search
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
@@ -35,17 +36,25 @@ def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
     return Segment(number, ActuatorDescription(), window)
 
 
+class Units(dict[str, Any]):
+    publish_estimate: Any
+
+
 class Published:
     """What a worker publishes as a node does; windows are refused for lack of a calibration."""
 
     def __init__(self) -> None:
         self.estimates: list[tuple[int, str]] = []
         self.errors: list[str] = []
-        self.tallies: list[Tally] = []
         self.search = SimpleNamespace(value=SearchSettings())
         self.combining = SimpleNamespace(value=CombinationSettings())
         self.prognosis = SimpleNamespace(latest=lambda _: None)
-        self.units = SimpleNamespace(report_tally=lambda _, tally: self._note(self.tallies, tally))
+        self.store = SimpleNamespace(of=lambda _: "no calibration")
+        self.operation = SimpleNamespace(value=SimpleNamespace(waiting_windows=None))
+        self.get_parameter = lambda _: SimpleNamespace(value=True)
+        self.unit = SimpleNamespace(diagnosis=None, tally=Tally())
+        self.units = Units({"flap": self.unit})
+        self.units.publish_estimate = self.publish_estimate
         self.hold: Callable[[], Any] = lambda: None
         self._changed = threading.Condition()
 
@@ -61,15 +70,16 @@ class Published:
             told.append(one)
             self._changed.notify_all()
 
-    def log_error(self, text: str) -> None:
-        self._note(self.errors, text)
+    def report_end(self, text: str, trace: str) -> None:
+        self._note(self.errors, f"{text}\n{trace}")
 
-    def calibration_of(self, _: ActuatorDescription) -> str:
-        return "no calibration"
+    def failed(self, where: str, what: str, error: Exception) -> str:
+        self.report_end(f"{where}: {what}", repr(error))
+        return f"{what} failed: {error!r}"
 
-    def publish_estimate(self, found: Segment, estimate: Estimate) -> None:
+    def publish_estimate(self, found: Diagnosed, window: Any = None) -> None:
         self.hold()
-        self._note(self.estimates, (found.number, estimate.reason))
+        self._note(self.estimates, (found.number, found.estimate.reason))
 
 
 @pytest.fixture
@@ -99,22 +109,11 @@ def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceb
     published.search.value = SearchSettings(fitness="least_squares")
     worker = published.worker()
     worker.start()
-    worker.add(replace(found(0), is_stretch=True), None)
-    published.until(lambda: len(published.tallies) == 1)
+    worker.add(replace(found(0), is_stretch=True))
+    wait_for(lambda: published.unit.tally.reason, "the reason")
     worker.stop()
-    assert "'least_squares'" in published.tallies[0].reason
+    assert "'least_squares'" in published.unit.tally.reason
     assert (published.errors, published.estimates) == ([], [])
-
-
-def test_windows_are_published_in_order(published: Published):
-    worker = published.worker()
-    worker.start()
-    assert worker.status()[0] == OK
-    for number in range(5):
-        worker.add(found(number), None)
-    published.until(lambda: len(published.estimates) == 5)
-    worker.stop()
-    assert published.estimates == [(number, "no calibration") for number in range(5)]
 
 
 @pytest.mark.parametrize("how", [SystemExit, MemoryError], ids=lambda how: how.__name__)
@@ -133,10 +132,10 @@ def test_thread_that_ends_refuses_its_window_is_told_and_begun_again(
     worker = published.worker()
     worker.start()
     for number in range(3):
-        worker.add(found(number), None)
+        worker.add(found(number))
     published.until(lambda: len(published.estimates) == 3)
     level, message = worker.status()
-    assert (level, worker.ends) == (ERROR, 1)
+    assert (level, worker.thread.ends) == (ERROR, 1)
     assert "the identification thread has ended: " + how.__name__ in message
     assert "Traceback" in published.errors[0]
     assert [number for number, _ in published.estimates] == [0, 1, 2]
@@ -147,14 +146,15 @@ def test_thread_that_ends_refuses_its_window_is_told_and_begun_again(
 
 def test_window_outside_of_start_and_stop_is_refused(published: Published):
     worker = published.worker()
-    worker.add(found(0), None)
+    worker.add(found(0))
     worker.start()
     worker.stop()
     assert worker.status()[0] == WARN
-    worker.add(found(1), None)
-    worker.add(found(2, Refusal(5, 6, "gap")), None)
+    worker.add(found(1))
+    worker.add(found(2, Refusal(5, 6, "gap")))
     assert [number for number, _ in published.estimates] == [0, 1, 2]
-    assert all("not active" in reason for _, reason in published.estimates)
+    active = "the monitor is not active"
+    assert [reason for _, reason in published.estimates[1:]] == [active, "gap"]
 
 
 def test_windows_that_wait_at_the_stop_are_refused_in_order(
@@ -163,8 +163,9 @@ def test_windows_that_wait_at_the_stop_are_refused_in_order(
     worker = published.worker()
     worker.start()
     for number in range(3):
-        worker.add(found(number), None)
+        worker.add(found(number))
     wait_for(lambda: len(worker.queue) == 2, "the first to be identified")
+    thread = worker.thread
     worker.stop()
     assert [number for number, _ in published.estimates] == [0, 1, 2]
     assert "stopped during" in published.estimates[0][1]
@@ -172,42 +173,11 @@ def test_windows_that_wait_at_the_stop_are_refused_in_order(
     # The thread that was in the middle of a search does not disturb the next one.
     worker.start()
     may_identify.set()
-    worker.add(found(3), None)
+    worker.add(found(3))
     published.until(lambda: len(published.estimates) == 4)
+    wait_for(lambda: not thread.is_alive, "the end of that thread")
     worker.stop()
-    assert published.estimates[3] == (3, "no calibration")
-
-
-def test_window_under_identification_is_refused_by_the_stop_alone(
-    published: Published, monkeypatch: pytest.MonkeyPatch
-):
-    begun, go_on, done = threading.Event(), threading.Event(), threading.Event()
-
-    def slow(self: IdentificationWorker, *args: Any) -> Any:
-        begun.set()
-        assert go_on.wait(DEADLINE_S)
-        return identify(self, *args)
-
-    run = IdentificationWorker._run
-
-    def run_and_tell(self: IdentificationWorker, *args: Any) -> None:
-        run(self, *args)
-        done.set()
-
-    identify = IdentificationWorker._diagnosed
-    monkeypatch.setattr(IdentificationWorker, "_diagnosed", slow)
-    monkeypatch.setattr(IdentificationWorker, "_run", run_and_tell)
-    monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
-    worker = published.worker()
-    worker.start()
-    worker.add(found(0), None)
-    assert begun.wait(DEADLINE_S)
-    worker.stop()
-    expected = [(0, "the monitor was stopped during the identification")]
-    assert published.estimates == expected
-    go_on.set()
-    assert done.wait(DEADLINE_S)
-    assert published.estimates == expected
+    assert published.estimates[3:] == [(3, "no calibration")]
 
 
 def test_stop_waits_for_the_estimate_that_is_being_published(
@@ -226,7 +196,7 @@ def test_stop_waits_for_the_estimate_that_is_being_published(
     published.hold = hold
     worker = published.worker()
     worker.start()
-    worker.add(found(0), None)
+    worker.add(found(0))
     assert begun.wait(DEADLINE_S)
     worker.stop()
     stopped.set()
@@ -241,10 +211,10 @@ def test_window_that_cannot_be_published_does_not_end_the_others(published: Publ
     worker = published.worker()
     published.hold = fail
     worker.start()
-    worker.add(found(0), None)
+    worker.add(found(0))
     published.until(lambda: len(published.errors) == 1)
     published.hold = lambda: None
-    worker.add(found(1), None)
+    worker.add(found(1))
     published.until(lambda: published.estimates == [(1, "no calibration")])
     assert worker.status()[0] == OK
     worker.stop()
@@ -272,10 +242,9 @@ def test_stop_ends_the_identification_of_a_stretch_at_once(
     _Endless.begun.clear()
     worker = published.worker()
     worker.start()
-    worker.add(replace(found(0), is_stretch=True), None)
+    worker.add(replace(found(0), is_stretch=True))
     assert _Endless.begun.wait(DEADLINE_S)
-    thread = worker._thread
+    thread = worker.thread
     worker.stop()
-    assert thread is not None
     assert not thread.is_alive
     assert published.estimates == [(0, "combined so far")]

@@ -1,4 +1,4 @@
-"""How much of a search it takes: the start alone, and larger screens where that fails."""
+"""Least squares: how much of a search it takes, and its step against the proved minimum."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,14 @@ import pytest
 
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
-from ema_monitor.optimizers.least_squares import _DAMPINGS, _SCREENS, ScreenedLeastSquares
+from ema_monitor.optimizers.least_squares import (
+    _DAMPINGS,
+    _SCREENS,
+    ScreenedLeastSquares,
+    bounded_step,
+)
+
+from .bounded_minimum import bounded_minimum
 
 D = 8
 CENTRE = np.random.default_rng(3).uniform(0.2, 0.8, D)
@@ -98,31 +105,26 @@ def test_good_start_takes_no_screen():
 
 
 @pytest.mark.parametrize(
-    ("good_cost", "expected"),
-    [(np.inf, [1]), (0.3, [1]), (0.2, [1, SMALL, LARGE]), (0.0, [1, SMALL, LARGE])],
+    ("good_cost", "fair_cost", "expected"),
+    [
+        (np.inf, 0.0, [1]),
+        (0.3, 0.0, [1]),
+        (0.2, 0.0, [1, SMALL, LARGE]),
+        # A fair one is accepted once a second search finds nothing better.
+        (0.1, 0.3, [1, SMALL]),
+        (0.1, 0.2, [1, SMALL, LARGE]),
+    ],
 )
-def test_poor_optimum_leads_to_larger_screens(good_cost, expected):
+def test_poor_optimum_leads_to_larger_screens(good_cost, fair_cost, expected):
     """Here there is none but one that costs 0.25, whatever is searched."""
 
     def shallow(x):
         return np.concatenate([x - CENTRE, np.full((len(x), 1), 0.5)], axis=1)
 
-    batches, progress = search(shallow, CENTRE + 0.05, good_cost=good_cost)
+    batches, progress = search(shallow, CENTRE + 0.05, good_cost=good_cost, fair_cost=fair_cost)
     assert screens(batches) == expected
     assert progress[-1].cost == pytest.approx(0.25, rel=1e-9)
     assert progress[-1].evaluations == sum(len(batch) for batch in batches)
-
-
-@pytest.mark.parametrize(("fair_cost", "expected"), [(0.3, [1, SMALL]), (0.2, [1, SMALL, LARGE])])
-def test_fair_optimum_is_accepted_once_a_second_search_finds_nothing_better(fair_cost, expected):
-    """Here there is none but one that costs 0.25, which is not good."""
-
-    def shallow(x):
-        return np.concatenate([x - CENTRE, np.full((len(x), 1), 0.5)], axis=1)
-
-    batches, progress = search(shallow, CENTRE + 0.05, good_cost=0.1, fair_cost=fair_cost)
-    assert screens(batches) == expected
-    assert progress[-1].cost == pytest.approx(0.25, rel=1e-9)
 
 
 def two_valleys(x):
@@ -169,3 +171,63 @@ def test_column_without_derivative_leaves_its_component(component):
     assert progress[-1].point[component] == 0.5
     others = np.arange(D) != component
     assert progress[-1].point[others] == pytest.approx(CENTRE[others], abs=1e-6)
+
+
+N = 40
+
+
+def problem(rng, spread):
+    """Start, residuals there and derivatives of a linear problem.
+
+    Its minimum is drawn within the box widened by `spread` on all sides.
+    """
+    rotation = np.linalg.qr(rng.normal(size=(D, D)))[0]
+    jacobian = rng.normal(size=(N, D)) @ (rotation * np.geomspace(1.0, 1.0 / 30.0, D))
+    point, minimum = rng.random(D), rng.uniform(-spread, 1.0 + spread, D)
+    return point, jacobian @ (point - minimum) + 0.1 * rng.normal(size=N), jacobian
+
+
+def damped(point, residuals, jacobian, damping):
+    """The same problem with its damping as further residuals: matrix and right-hand side."""
+    weight = np.sqrt(damping * np.sum(jacobian**2, axis=0))
+    matrix = np.vstack([jacobian, np.diag(weight)])
+    return matrix, np.concatenate([jacobian @ point - residuals, weight * point])
+
+
+def excess(matrix, right, x, best):
+    """Share by which x costs more than the best."""
+    return np.sum((matrix @ x - right) ** 2) / np.sum((matrix @ best - right) ** 2) - 1.0
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
+@pytest.mark.parametrize("spread", [-0.2, 0.5])
+def test_step_is_the_bounded_least_squares_solution(damping, spread):
+    """Of problems with their minimum well inside the box, or mostly outside."""
+    rng = np.random.default_rng(4)
+    for _ in range(100):
+        point, residuals, jacobian = problem(rng, spread)
+        matrix, right = damped(point, residuals, jacobian, damping)
+        new = bounded_step(point, residuals, jacobian, damping)
+        assert excess(matrix, right, new, bounded_minimum(matrix, right, new)) < 1e-9
+
+
+def test_component_without_effect_stays():
+    rng = np.random.default_rng(5)
+    point, residuals, jacobian = problem(rng, 0.5)
+    jacobian[:, 3] = 0.0
+    new = bounded_step(point, residuals, jacobian, 1e-6)
+    assert new[3] == pytest.approx(point[3], abs=1e-12)
+    assert np.array_equal(bounded_step(point, residuals, np.zeros((N, D)), 1e-6), point)
+
+
+def test_descent_ends_at_the_bounded_minimum_of_a_linear_problem():
+    """Of 20 problems with their minimum outside the box."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        point, residuals, jacobian = problem(rng, 0.3)
+        right = jacobian @ point - residuals
+        optimizer = ScreenedLeastSquares(np.full(D, 0.5), rng)
+        *_, last = minimise(lambda x, J=jacobian, b=right: x @ J.T - b, optimizer, Patient())
+        best = bounded_minimum(jacobian, right, last.point)
+        # Exact steps make it a Newton method.
+        assert excess(jacobian, right, last.point, best) < 1e-9

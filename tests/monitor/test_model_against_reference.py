@@ -4,6 +4,8 @@ PWM switching is chaotic, so that sample-exact agreement is impossible: under a 
 two runs of the actuator itself, started a little apart, differ by some 0.03 A rms.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -25,15 +27,11 @@ H = 1e-4
 # eccentricity 0.75 0.049. A fault off by 0.02 of its range leaves 0.02 to 0.05 A by itself.
 AGREEMENT = [
     ({}, 0.04),
-    ({"friction": 0.25}, 0.04),
     ({"friction": 0.75}, 0.04),
-    ({"backlash": 9 / 99}, 0.04),
     ({"backlash": 74 / 99}, 0.04),
     ({"gain": 0.25}, 0.04),
     ({"gain": 0.75}, 0.04),
-    ({"short_circuit_a": 0.2}, 0.06),
     ({"short_circuit_a": 0.7}, 0.065),
-    ({"eccentricity": 0.25}, 0.04),
     ({"eccentricity": 0.75}, 0.06),
 ]
 
@@ -72,7 +70,8 @@ def from_rest():
     command = THESIS_CHIRP.sample(H)
     window = window_from(np.concatenate([[0.0], command]))
 
-    def start(faults, play):
+    @cache
+    def start(play, **faults):
         k = fault_vector(faults)
         actuator = SimulatedActuator()
         actuator.faults = k
@@ -87,7 +86,7 @@ def from_rest():
 @pytest.mark.parametrize("plays", [(0.0, 1.0), (0.0, -1.0), (-1.0, 1.0)])
 @pytest.mark.parametrize("backlash", [0.3, 0.7])
 def test_start_in_the_play_shows_in_model_as_in_actuator(from_rest, backlash, plays):
-    one, other = (from_rest({"backlash": backlash}, play) for play in plays)
+    one, other = (from_rest(play, backlash=backlash) for play in plays)
     actuator = band_limited(one[0] - other[0], H)
     model = band_limited(one[1] - other[1], H)
     # What the PWM leaves, measured 0.029 to 0.033 A, against an effect of 0.05 to 0.17 A.
@@ -97,6 +96,6 @@ def test_start_in_the_play_shows_in_model_as_in_actuator(from_rest, backlash, pl
 
 def test_flank_or_centre_moves_the_actuators_current_by_the_ripple(from_rest):
     """Healthy: 0.15 A rms before smoothing, of which all but some mA is another ripple."""
-    centred, on_flank = (from_rest({}, play) for play in (0.0, 1.0))
+    centred, on_flank = (from_rest(play) for play in (0.0, 1.0))
     assert 0.10 < rms(centred[0] - on_flank[0]) < 0.19
     assert rms(centred[1] - on_flank[1]) < 0.01

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, STALE
-from ema_monitor import Count, Diagnosed, Monitor, MonitorSettings, Outlook, diagnosis, identify
+from ema_monitor import Count, Diagnosed, Monitor, MonitorSettings, Outlook, diagnosis
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -28,66 +28,60 @@ def blocks():
     return [block for n in range(3) for block, _ in bench.begin_cycle(n * 10**10).blocks]
 
 
-def test_estimates_are_those_of_the_windows_one_after_the_other(blocks):
-    monitor = Monitor(settings=TEN_HOURS)
-    events = [event for block in blocks for event in monitor.feed(block)]
-    events += monitor.finish()
-    found = [event.estimate for event in events if isinstance(event, Diagnosed)]
+@pytest.fixture(scope="module")
+def windows(blocks):
     finder = WindowFinder(TriggerSettings(), ActuatorDescription())
-    windows = [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
+    return [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
+
+
+def fed(monitor, blocks):
+    return [event for block in blocks for event in monitor.feed(block)]
+
+
+def outlooks_in(events):
+    return [event for event in events if isinstance(event, Outlook)]
+
+
+def test_estimates_are_those_of_the_windows_and_health_follows_with_its_service_hours(
+    blocks, windows
+):
+    monitor = Monitor(settings=TEN_HOURS)
+    events = [*fed(monitor, blocks), *monitor.finish()]
+    assert [type(event) for event in events] == [Diagnosed, Outlook] * 3
+    found = [event.estimate for event in events if isinstance(event, Diagnosed)]
     offline = [
         one.estimate
         for one in diagnosis.diagnose(windows, Calibration.builtin())
         if isinstance(one, Diagnosed)
     ]
-    assert len(found) == len(offline) == 3
     for one, other in zip(found, offline, strict=True):
         np.testing.assert_array_equal(one.faults, other.faults)
         np.testing.assert_array_equal(one.covariance, other.covariance)
     assert [one.warm_start for one in found] == [False, True, True]
-    np.testing.assert_array_equal(found[0].faults, identify(windows[0].window).faults)
-
-
-def test_health_follows_each_valid_estimate_with_its_service_hours(blocks):
-    monitor = Monitor(settings=TEN_HOURS)
-    events = [event for block in blocks for event in monitor.feed(block)]
-    kinds = [type(event) for event in events]
-    assert kinds == [Diagnosed, Outlook] * 3
-    outlooks = [event for event in events if isinstance(event, Outlook)]
-    assert [one.hours for one in outlooks] == [10.0, 20.0, 30.0]
-    assert outlooks[-1].health.level == ERROR
+    assert [one.hours for one in outlooks_in(events)] == [10.0, 20.0, 30.0]
+    assert outlooks_in(events)[-1].health.level == ERROR
     assert [entry.cycles for entry in monitor.unit.history.entries] == [1, 2, 3]
 
 
 def test_counts_give_the_hours_and_the_history_goes_on_after_a_restart(blocks, tmp_path):
+    cycle = blocks[: len(blocks) // 3]
     first = Monitor(history_folder=tmp_path)
     first.count(Count(0, 100.0, 5))
-    assert [outlook.hours for outlook in outlooks_of(first, blocks)] == [100.0] * 3
+    assert [outlook.hours for outlook in outlooks_in(fed(first, cycle))] == [100.0]
     first.unit.history.close()
     second = Monitor(history_folder=tmp_path)
     # The same telemetry again changes nothing.
-    assert {outlook.hours for outlook in outlooks_of(second, blocks)} == {100.0}
-    assert len(second.unit.history.entries) == 3
+    assert {outlook.hours for outlook in outlooks_in(fed(second, cycle))} == {100.0}
+    assert len(second.unit.history.entries) == 1
     second.unit.history.close()
 
 
-def outlooks_of(monitor, blocks):
-    events = [event for block in blocks for event in monitor.feed(block)]
-    return [event for event in events if isinstance(event, Outlook)]
-
-
 def test_gap_refuses_its_window(blocks):
-    monitor = Monitor()
     missing = len(blocks) // 6
-    events = [
-        event
-        for number, block in enumerate(blocks[: len(blocks) // 3])
-        if number != missing
-        for event in monitor.feed(block)
-    ]
-    [refused] = [event for event in events if isinstance(event, Diagnosed)]
+    refused, outlook = fed(Monitor(), [*blocks[:missing], *blocks[missing + 1 : len(blocks) // 3]])
+    assert isinstance(refused, Diagnosed)
     assert not refused.estimate.valid
     assert "gap of" in refused.estimate.reason
-    [outlook] = [event for event in events if isinstance(event, Outlook)]
+    assert isinstance(outlook, Outlook)
     assert outlook.health.level == STALE
     assert "the newest test was refused: gap of" in outlook.health.reason

@@ -1,8 +1,6 @@
 """What every registered optimizer must do, whatever it is."""
 
-import itertools
 import random
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,8 +27,9 @@ IMPRECISE = {
 pytestmark = pytest.mark.parametrize("name", ALGORITHMS)
 
 
-def sphere(x):
-    return x - CENTRE
+def blind(x):
+    """Quadratic in which a component has no effect."""
+    return x[:, 1:] - CENTRE[1:]
 
 
 def valley(x):
@@ -48,13 +47,20 @@ def cost_at(function, point):
     return float(np.sum(function(point[None]) ** 2))
 
 
-def make(name, *, start=MIDDLE, seed=0, budget=LONG.budget, **settings: Any):
-    return ALGORITHMS[name](start, np.random.default_rng(seed), Hints(budget=budget), **settings)
+def make(name, *, start=MIDDLE, seed=0, budget=LONG.budget):
+    return ALGORITHMS[name](start, np.random.default_rng(seed), Hints(budget=budget))
 
 
 def run(name, function, *, start=MIDDLE, seed=0, termination=LONG):
+    """Progress of a run, whose points must all be within the box."""
+
+    def within_box(points):
+        assert points.shape[1:] == start.shape
+        assert np.all((points >= 0.0) & (points <= 1.0))
+        return function(points)
+
     optimizer = make(name, start=start, seed=seed, budget=termination.budget)
-    return list(minimise(function, optimizer, termination))
+    return list(minimise(within_box, optimizer, termination))
 
 
 def best_of_random(function, *, d=D, points=LONG.budget):
@@ -67,46 +73,21 @@ def worst_of_most(costs):
     return sorted(costs)[-2]
 
 
-def assert_within_box(batches, d):
-    assert batches
-    for points in batches:
-        assert points.ndim == 2
-        assert points.shape[1] == d
-        assert np.all((points >= 0.0) & (points <= 1.0))
-
-
 def same(a: Progress, b: Progress) -> bool:
     return a.cost == b.cost and a.evaluations == b.evaluations and np.array_equal(a.point, b.point)
 
 
-class Watched:
-    """A function that keeps what it was asked."""
-
-    def __init__(self, function):
-        self.function = function
-        self.batches = []
-
-    def __call__(self, points):
-        self.batches.append(points.copy())
-        return self.function(points)
-
-
-def test_sphere_is_solved(name):
+@pytest.mark.slow
+@pytest.mark.parametrize(("function", "share"), [(blind, 1e-3), (valley, 1e-2)])
+def test_quadratic_is_solved(name, function, share):
     """To 3 % of the distance, 0.005 in a component: a grey wolf's step when its budget is spent.
 
-    The others get to 1e-7 of the cost and better.
+    The others get to 1e-7 of the cost and better. A tenth of the distance along the flattest
+    direction of the valley costs 1e-2 of it.
     """
-    costs = [run(name, sphere, seed=seed)[-1].cost for seed in SEEDS]
-    fine = 1e-3 * cost_at(sphere, MIDDLE)
-    assert worst_of_most(costs) < (best_of_random(sphere) if name in IMPRECISE else fine)
-
-
-@pytest.mark.slow
-def test_shifted_ill_conditioned_quadratic_is_solved(name):
-    """A tenth of the distance along the flattest direction costs 1e-2 of it."""
-    costs = [run(name, valley, seed=seed)[-1].cost for seed in SEEDS]
-    fine = 1e-2 * cost_at(valley, MIDDLE)
-    assert worst_of_most(costs) < (best_of_random(valley) if name in IMPRECISE else fine)
+    costs = [run(name, function, seed=seed)[-1].cost for seed in SEEDS]
+    fine = share * cost_at(function, MIDDLE)
+    assert worst_of_most(costs) < (best_of_random(function) if name in IMPRECISE else fine)
 
 
 def test_best_of_many_minima_is_found_from_another(name):
@@ -121,15 +102,17 @@ def test_best_of_many_minima_is_found_from_another(name):
     assert worst_of_most([np.max(np.abs(end.point - CENTRE[:3])) for end in ends]) < 0.011
 
 
-@pytest.mark.parametrize("d", [1, 2, 3, 9, 20])
+@pytest.mark.parametrize("d", [1, 3, 20])
 def test_points_are_within_the_box_in_any_dimension(name, d):
     """With the minimum in a corner far outside, so that the box is all that holds them."""
-    watched = Watched(lambda x: x + np.where(np.arange(d) % 2, 3.0, -4.0))
+
+    def outside(x):
+        return x + np.where(np.arange(d) % 2, 3.0, -4.0)
+
     start = np.full(d, 0.3)
-    last = run(name, watched, start=start, termination=SHORT)[-1]
-    assert_within_box(watched.batches, d)
+    last = run(name, outside, start=start, termination=SHORT)[-1]
     assert last.point.shape == (d,)
-    assert last.cost < cost_at(watched.function, start)
+    assert last.cost < cost_at(outside, start)
 
 
 def test_minimum_in_a_corner_is_found(name):
@@ -147,113 +130,50 @@ def test_minimum_in_a_corner_is_found(name):
         assert worst_of_most([np.max(np.abs(end.point - corner)) for end in ends]) < 1e-3
 
 
-def test_same_seed_makes_the_same_run(name):
-    runs = [run(name, valley, seed=5, termination=SHORT) for _ in range(2)]
-    assert len(runs[0]) == len(runs[1])
-    assert all(same(a, b) for a, b in zip(*runs, strict=True))
-
-
-@pytest.mark.parametrize("global_seed", [1, 2])
-def test_global_random_state_is_neither_used_nor_changed(name, global_seed):
-    expected = run(name, valley, seed=5, termination=SHORT)[-1]
+def test_same_seed_makes_the_same_run_and_global_random_state_is_not_touched(name):
+    expected = run(name, valley, seed=5, termination=SHORT)
     before = np.random.get_state(), random.getstate()  # noqa: NPY002
-    np.random.seed(global_seed)  # noqa: NPY002
-    random.seed(global_seed)
+    np.random.seed(1)  # noqa: NPY002
+    random.seed(1)
     seeded = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
     try:
-        found = run(name, valley, seed=5, termination=SHORT)[-1]
+        found = run(name, valley, seed=5, termination=SHORT)
         after = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
     finally:
         np.random.set_state(before[0])  # noqa: NPY002
         random.setstate(before[1])
-    assert same(found, expected)
+    assert all(same(a, b) for a, b in zip(found, expected, strict=True))
     assert after == seeded
-
-
-def test_best_cost_never_rises(name):
-    progress = run(name, valley)
-    costs = [p.cost for p in progress]
-    assert all(after <= before for before, after in itertools.pairwise(costs))
-    for p in progress:
-        # Costs in a batch and alone are summed in different orders.
-        assert p.cost == pytest.approx(cost_at(valley, p.point), rel=1e-9, abs=1e-20)
-
-
-@pytest.mark.parametrize("budget", [1000, 1777, 2500])
-def test_evaluations_are_counted_and_within_budget(name, budget):
-    watched = Watched(valley)
-    termination = Termination(budget=budget, tolerance=0.0, stall_generations=1000)
-    progress = run(name, watched, termination=termination)
-    sizes = [len(points) for points in watched.batches]
-    assert [p.evaluations for p in progress] == list(np.cumsum(sizes))
-    assert [p.generation for p in progress] == list(range(1, len(sizes) + 1))
-    assert progress[-1].evaluations <= budget
 
 
 def test_first_point_asked_is_the_start(name):
     """So no run ends worse than it started."""
     assert np.array_equal(make(name, start=CENTRE).ask()[0], CENTRE)
-    assert run(name, sphere, start=CENTRE, termination=SHORT)[-1].cost == 0.0
+    assert run(name, blind, start=CENTRE, termination=SHORT)[-1].cost == 0.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("beyond", [0.55, 0.452])
-def test_region_without_cost_is_avoided(name, beyond):
-    """Not a number beyond a wall, be it as close to the minimum as a difference step."""
+def test_region_without_cost_is_avoided(name):
+    """Not a number beyond a wall as close to the minimum as a difference step."""
+    beyond = 0.452
     centre = np.where(np.arange(D) == 0, 0.45, CENTRE)
 
     def walled(x):
         return np.where(x[:, :1] > beyond, np.nan, x - centre)
 
     start = np.where(np.arange(D) == 0, 0.3, MIDDLE)
-    last = []
-    for seed in SEEDS:
-        watched = Watched(walled)
-        last.append(run(name, watched, start=start, seed=seed)[-1])
-        assert_within_box(watched.batches, D)
-        assert last[-1].point[0] <= beyond
-    costs = [end.cost for end in last]
-    if name in IMPRECISE:
-        assert worst_of_most(costs) < cost_at(walled, start)
-    else:
-        assert worst_of_most(costs) < 1e-3 * cost_at(walled, start)
+    ends = [run(name, walled, start=start, seed=seed)[-1] for seed in SEEDS]
+    assert all(end.point[0] <= beyond for end in ends)
+    share = 1.0 if name in IMPRECISE else 1e-3
+    assert worst_of_most([end.cost for end in ends]) < share * cost_at(walled, start)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_without_any_cost_the_run_ends_and_says_so(name, value):
-    progress = run(name, lambda x: np.full_like(x, value), termination=Termination(budget=5000))
+def test_without_any_cost_the_run_ends_and_says_so(name):
+    progress = run(name, lambda x: np.full_like(x, np.nan), termination=Termination(budget=5000))
     assert all(p.cost == np.inf for p in progress)
     assert progress[-1].evaluations <= 5000
 
 
 def test_constant_cost_is_tolerated(name):
     """Nothing to climb, no curvature to divide by."""
-    watched = Watched(np.ones_like)
-    progress = run(name, watched, termination=SHORT)
-    assert progress[-1].cost == D
-    assert_within_box(watched.batches, D)
-
-
-def test_component_without_effect_is_tolerated(name):
-    def blind(x):
-        return x[:, 1:] - CENTRE[1:]
-
-    costs = []
-    for seed in SEEDS:
-        watched = Watched(blind)
-        costs.append(run(name, watched, seed=seed)[-1].cost)
-        assert_within_box(watched.batches, D)
-    fine = 1e-3 * cost_at(blind, MIDDLE)
-    assert worst_of_most(costs) < (best_of_random(blind) if name in IMPRECISE else fine)
-
-
-def test_cancelled_run_leaves_its_best(name):
-    whole = run(name, valley, termination=SHORT)
-    for stop in range(1, min(len(whole), 6)):
-        watched = Watched(valley)
-        optimizer = make(name, budget=SHORT.budget)
-        *_, last = itertools.islice(minimise(watched, optimizer, SHORT), stop)
-        assert len(watched.batches) == stop
-        assert same(last, whole[stop - 1])
-        assert np.isfinite(last.cost)
-        assert np.all((last.point >= 0.0) & (last.point <= 1.0))
+    assert run(name, np.ones_like, termination=SHORT)[-1].cost == D

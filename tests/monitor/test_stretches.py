@@ -9,9 +9,10 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import Defect, Refusal
-from ema_monitor.windows.window import MIN_TRAVEL
+from ema_monitor.windows.window import MIN_TRAVEL, Window
 
-from .motion import FLAP, SETTINGS, H, blocks_of, moved, moves, stretches_of
+from .motion import FLAP, SETTINGS, H, moved, moves, stretches_of
+from .streams import blocks
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +21,17 @@ def motion() -> Telemetry:
     return moved(moves(5.0), backlash=0.5)
 
 
-def test_stretches_cover_the_motion_and_do_not_overlap(motion):
-    stretches = stretches_of(motion)
+@pytest.fixture(scope="module")
+def stretches(motion) -> list[Window]:
+    return stretches_of(motion)
+
+
+def fed(telemetry: Telemetry) -> tuple[StretchTrigger, list[Window | Refusal | Defect]]:
+    trigger = StretchTrigger(FLAP.parameters, SETTINGS)
+    return trigger, [event for block in blocks(telemetry, 1000) for event in trigger.feed(block)]
+
+
+def test_stretches_cover_the_motion_and_do_not_overlap(stretches):
     # Nearly all of five seconds: a start waits for a tenth of a second at most.
     assert len(stretches) in (8, 9)
     for before, after in pairwise(stretches):
@@ -29,19 +39,18 @@ def test_stretches_cover_the_motion_and_do_not_overlap(motion):
         assert len(before) == round(0.5 / H)
 
 
-def test_stretches_do_not_depend_on_the_length_of_the_blocks(motion):
-    expected = [(one.start_ns, one.end_ns, one.play) for one in stretches_of(motion, 1000)]
-    for size in (7, 100, len(motion)):
+def test_stretches_do_not_depend_on_the_length_of_the_blocks(motion, stretches):
+    expected = [(one.start_ns, one.end_ns, one.play) for one in stretches]
+    for size in (7, len(motion)):
         assert [(w.start_ns, w.end_ns, w.play) for w in stretches_of(motion, size)] == expected
 
 
-def test_stretches_begin_where_the_motor_drives_the_shaft(motion):
+def test_stretches_begin_where_the_motor_drives_the_shaft(motion, stretches):
     """There the motor is at the end of its play: half its width beyond the shaft."""
     half_width = FLAP.parameters.BLK * (1.0 + 99.0 * 0.5) / 2.0
     # The simulation knows where the motor is; the telemetry only its speed.
     turned = H * np.cumsum(motion.speed)
     shaft = motion.position / FLAP.parameters.tau
-    stretches = stretches_of(motion)
     known = [one for one in stretches if one.play is not None]
     assert len(known) >= len(stretches) - 1
     for one in known:
@@ -52,26 +61,23 @@ def test_stretches_begin_where_the_motor_drives_the_shaft(motion):
 
 
 def test_rest_is_no_stretch_and_costs_none():
-    resting = moved(np.full(20_000, 0.003))
-    trigger = StretchTrigger(FLAP.parameters, SETTINGS)
     # The step to the first sample is motion; it is over after a rest.
-    events = [event for block in blocks_of(resting) for event in trigger.feed(block)]
+    trigger, events = fed(moved(np.full(10_000, 0.003)))
     assert events == []
     assert trigger.has_rested
 
 
 def test_less_than_the_least_travel_is_passed_over():
     t = H * np.arange(1, 20_001)
-    small = moved(0.4 * MIN_TRAVEL * np.sin(2.0 * np.pi * 3.0 * t))
-    trigger = StretchTrigger(FLAP.parameters, SETTINGS)
-    assert [event for block in blocks_of(small) for event in trigger.feed(block)] == []
+    trigger, events = fed(moved(0.4 * MIN_TRAVEL * np.sin(2.0 * np.pi * 3.0 * t)))
+    assert events == []
     assert trigger.passed_over >= 3
 
 
 def test_a_gap_ends_a_stretch_as_a_defect_and_no_refusal(motion):
-    blocks = blocks_of(motion)
+    parts = blocks(motion, 1000)
     trigger = StretchTrigger(FLAP.parameters, SETTINGS)
-    events = [event for block in [*blocks[:3], *blocks[4:]] for event in trigger.feed(block)]
+    events = [event for block in [*parts[:3], *parts[4:]] for event in trigger.feed(block)]
     [gap] = [event for event in events if isinstance(event, Defect)]
     assert "gap of 1000 samples" in gap.reason
     assert not any(isinstance(event, Refusal) for event in events)
@@ -80,7 +86,7 @@ def test_a_gap_ends_a_stretch_as_a_defect_and_no_refusal(motion):
 
 def test_the_finder_marks_stretches(motion):
     finder = WindowFinder(SETTINGS, FLAP)
-    segments = [event for block in blocks_of(motion) for event in finder.feed(block)]
+    segments = [event for block in blocks(motion, 1000) for event in finder.feed(block)]
     assert segments
     assert all(isinstance(one, Segment) and one.is_stretch for one in segments)
     assert finder.finish() == []

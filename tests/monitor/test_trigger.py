@@ -1,5 +1,7 @@
-"""Windows are found where the command says, whatever carries it."""
+"""Windows are found where the command says; what is wrong with a stream does not outlast it."""
 
+import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +9,11 @@ import pytest
 
 from ema_core.commands import THESIS_CHIRP, approach_depth, approach_travel, build_cycle
 from ema_core.parameters import ActuatorParameters
-from ema_core.telemetry import COLUMNS
-from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings, WindowTrigger
+from ema_monitor.windows.window import Window
 
-from .streams import PERIOD_NS, START_NS, H, blocks, stream, windows_in
+from .streams import PERIOD_NS, START_NS, H, blocks, only, stream
 
 PARAMETERS = ActuatorParameters()
 CYCLE = build_cycle(THESIS_CHIRP, H)
@@ -25,27 +28,23 @@ def last_at_rest(threshold):
     return CYCLE.start + int(np.argmax(np.abs(chirp) > threshold)) - 1
 
 
-def found(command, settings=None, size=100):
-    trigger = WindowTrigger(PARAMETERS, settings)
-    return windows_in(
-        [event for block in blocks(stream(command), size) for event in trigger.feed(block)]
-    )
+def feed(parts, trigger=None):
+    trigger = trigger or WindowTrigger(PARAMETERS)
+    return [event for block in parts for event in trigger.feed(block)]
 
 
-def play_of(command):
-    [window] = found(command)
-    return window.play
+def found(command, settings=None, parameters=PARAMETERS):
+    parts = blocks(stream(command), 100)
+    return only(Window, feed(parts, WindowTrigger(parameters, settings)))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [1, 7, 100, 5001, 3 * N])
+@pytest.mark.parametrize("size", [1, 7, 5001, 2 * N])
 def test_windows_are_found_at_the_same_samples_whatever_the_blocks(size):
-    telemetry = stream(np.tile(CYCLE.samples, 3), first_index=41)
+    telemetry = stream(np.tile(CYCLE.samples, 2), first_index=41)
     trigger = WindowTrigger(PARAMETERS)
-    windows = windows_in(
-        [event for block in blocks(telemetry, size) for event in trigger.feed(block)]
-    )
-    assert len(windows) == 3
+    windows = only(Window, feed(blocks(telemetry, size), trigger))
+    assert len(windows) == 2
     for number, window in enumerate(windows):
         start = number * N + last_at_rest(1e-6)
         assert len(window) == 5000
@@ -116,37 +115,38 @@ def test_step_begins_in_the_sample_before_it():
     assert np.all(window.command[1:51] == 0.1)
 
 
-def test_approach_from_below_leaves_the_motor_on_its_upper_flank():
-    assert play_of(CYCLE.samples) == 1.0
-
-
-def test_without_approach_the_place_in_the_play_is_unknown():
-    assert play_of(np.concatenate([REST, CHIRP, REST])) is None
-
-
-@pytest.mark.parametrize(("share", "play"), [(0.99, None), (1.01, 1.0)])
-def test_approach_must_cover_the_widest_play_and_what_friction_holds(share, play):
-    depth = share * approach_travel(PARAMETERS)
+def approached(depth):
+    """Command that goes down by a depth and up again before the chirp."""
     approach = np.concatenate([np.linspace(0.0, -depth, 2000), np.linspace(-depth, 0.0, 2000)])
-    assert play_of(np.concatenate([REST, approach, REST, CHIRP, REST])) == play
+    return np.concatenate([REST, approach, REST, CHIRP, REST])
 
 
-def test_chirp_that_begins_against_the_approach_does_not_undo_it():
-    """The samples below the threshold before a window are no motion."""
-    command = CYCLE.samples.copy()
-    command[CYCLE.start + 1 :] *= -1
-    assert play_of(command) == 1.0
+@pytest.mark.parametrize(
+    ("command", "play"),
+    [
+        (np.concatenate([REST, CHIRP, REST]), None),
+        # The approach must cover the widest play and what friction holds.
+        (approached(0.99 * approach_travel(PARAMETERS)), None),
+        (approached(1.01 * approach_travel(PARAMETERS)), 1.0),
+        # A chirp that begins against the approach: samples below the threshold are no motion.
+        (np.concatenate([CYCLE.samples[: CYCLE.start], -CYCLE.samples[CYCLE.start :]]), 1.0),
+    ],
+    ids=["no approach", "short", "long", "against"],
+)
+def test_place_in_the_play_is_known_after_an_approach(command, play):
+    [window] = found(command)
+    assert window.play == play
 
 
 def test_jitter_of_the_command_does_not_move_the_start():
     """Rounding, here of 1e-9 rad, against a threshold of 1e-6 rad."""
-    jitter = np.random.default_rng(0).uniform(-1e-9, 1e-9, 4 * N)
-    starts = [w.telemetry.first_index for w in found(np.tile(CYCLE.samples, 4) + jitter)]
-    assert starts == [1 + number * N + last_at_rest(1e-6) for number in range(4)]
+    jitter = np.random.default_rng(0).uniform(-1e-9, 1e-9, 2 * N)
+    starts = [w.telemetry.first_index for w in found(np.tile(CYCLE.samples, 2) + jitter)]
+    assert starts == [1 + number * N + last_at_rest(1e-6) for number in range(2)]
 
 
 @pytest.mark.parametrize("name", ["window_s", "rest_s", "threshold"])
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("value", [0.0, float("nan"), float("inf")])
 def test_impossible_settings_are_refused_by_name(name, value):
     with pytest.raises(ValueError, match=name):
         TriggerSettings(**{name: value})
@@ -156,8 +156,7 @@ def test_impossible_settings_are_refused_by_name(name, value):
 def test_own_cycle_always_tells_where_in_its_play_the_motor_stands(changes):
     parameters = PARAMETERS.replace(changes)
     cycle = build_cycle(THESIS_CHIRP, H, approach_depth(parameters)).samples
-    trigger = WindowTrigger(parameters)
-    [window] = windows_in([e for block in blocks(stream(cycle), 100) for e in trigger.feed(block)])
+    [window] = found(cycle, parameters=parameters)
     assert window.play == 1.0
 
 
@@ -167,8 +166,7 @@ def test_window_is_stamped_by_its_own_blocks_when_the_clock_drifts():
         replace(block, stamp_ns=START_NS + round(1.005 * (block.stamp_ns - START_NS)))
         for block in blocks(stream(CYCLE.samples), 100)
     ]
-    trigger = WindowTrigger(PARAMETERS)
-    [window] = windows_in([event for block in drifting for event in trigger.feed(block)])
+    [window] = only(Window, feed(drifting))
     [own] = [
         block
         for block in drifting
@@ -176,3 +174,154 @@ def test_window_is_stamped_by_its_own_blocks_when_the_clock_drifts():
     ]
     offset = window.telemetry.first_index - own.first_index
     assert window.start_ns == own.stamp_ns + offset * PERIOD_NS
+
+
+STARTS = [number * N + 8014 for number in (0, 1)]
+"""Running index of each window's first sample in two cycles counted from 1."""
+
+# Blocks of 100 samples: block 22 holds indices 2201 to 2300, in the hold before the first approach;
+# block 90 holds 9001 to 9100, in the first window.
+PLACES = {"at rest": 22, "in a window": 90}
+
+
+@pytest.fixture
+def two_cycles():
+    return blocks(stream(np.tile(CYCLE.samples, 2)), 100)
+
+
+def stamp(index):
+    return START_NS + index * PERIOD_NS
+
+
+def gap(parts, number):
+    first = 100 * number + 1
+    reason = f"gap of 300 samples: index {first + 300} follows {first - 1}"
+    return [*parts[:number], *parts[number + 3 :]], reason, 0
+
+
+def no_numbers(column, value):
+    def spoiled(parts, number):
+        row = getattr(parts[number], column).copy()
+        row[[37, 62]] = value
+        reason = f"{column} is {value} at index {100 * number + 38} (2 such samples in its block)"
+        other = replace(parts[number], **{column: row})
+        return [*parts[:number], other, *parts[number + 1 :]], reason, 0
+
+    return spoiled
+
+
+def index_goes_back(parts, number):
+    """A source that starts to count anew, with its time going on."""
+    lost = 100 * number
+    after = [replace(block, first_index=block.first_index - lost) for block in parts[number:]]
+    return [*parts[:number], *after], f"the sample index went back from {lost} to 1", lost
+
+
+def clock_is_set_back(parts, number):
+    """By 2 s; from the first sample of the last block to that of this one, less 10 ms."""
+    after = [replace(block, stamp_ns=block.stamp_ns - 2 * 10**9) for block in parts[number:]]
+    reason = f"time ran backwards by 1.99 s at index {100 * number + 1}"
+    return [*parts[:number], *after], reason, 0
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(
+    "defect",
+    [
+        gap,
+        index_goes_back,
+        clock_is_set_back,
+        *(no_numbers(column, math.nan) for column in COLUMNS),
+        no_numbers("current", -math.inf),
+    ],
+)
+def test_defect_is_named_and_does_not_outlast_its_window(two_cycles, place, defect):
+    """After it, every window is found whose approach comes after it."""
+    parts, reason, lost = defect(two_cycles, PLACES[place])
+    first, *others = feed(parts)
+    [named] = only(Refusal, [first]) if place == "in a window" else only(Defect, [first])
+    assert reason in named.reason
+    if isinstance(named, Refusal):
+        # Up to the last sample before the defect.
+        assert (named.start_ns, named.end_ns) == (stamp(STARTS[0]), stamp(100 * PLACES[place]))
+    windows = only(Window, others)
+    starts = STARTS[1:] if place == "in a window" else STARTS
+    assert [window.telemetry.first_index + lost for window in windows] == starts
+    assert {window.play for window in windows} == {1.0}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_change_of_the_sample_period_is_named(two_cycles, place):
+    number = PLACES[place]
+    changed = stream(np.repeat(CYCLE.samples, 2), first_index=100 * number + 1)
+    faster = replace(changed, sample_period=H / 2)
+    event, *others = feed([*two_cycles[:number], faster])
+    [named] = only(Refusal, [event]) if place == "in a window" else only(Defect, [event])
+    assert named.reason == "the sample period changed from 0.0001 s to 5e-05 s"
+    [window] = only(Window, others)
+    assert len(window) == 10_000
+    assert window.sample_period == H / 2
+
+
+@pytest.mark.parametrize(("share", "accepted"), [(1.005, True), (0.98, False), (1.05, False)])
+def test_stamps_at_another_rate_are_named(two_cycles, share, accepted):
+    """They show over a window; 1 % is left to clocks that differ."""
+    events = feed(
+        replace(block, stamp_ns=START_NS + round((block.stamp_ns - START_NS) * share))
+        for block in two_cycles
+    )
+    assert len(events) == 2
+    if accepted:
+        only(Window, events)
+    else:
+        said = f"the stamps give one sample every {share * H:.4g} s, the blocks 0.0001 s"
+        assert [refusal.reason for refusal in only(Refusal, events)] == [said] * 2
+
+
+def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
+    trigger = WindowTrigger(PARAMETERS)
+    # Block 99 ends with index 10000.
+    assert feed(two_cycles[:100], trigger) == []
+    [refusal] = trigger.finish()
+    assert (refusal.start_ns, refusal.end_ns) == (stamp(STARTS[0]), stamp(10_000))
+    assert refusal.reason == "the telemetry ends 0.199 s into the window of 0.5 s"
+
+
+def test_broken_stream_refuses_the_window_that_is_open(two_cycles):
+    """What only the receiver knows, as that another source took over."""
+    trigger = WindowTrigger(PARAMETERS)
+    feed(two_cycles[:22], trigger)
+    assert trigger.interrupt(stamp(2200), "why") == Defect(stamp(2200), "why")
+    assert feed(two_cycles[22:90], trigger) == []
+    refusal = trigger.interrupt(stamp(9050), "why")
+    assert refusal == Refusal(stamp(STARTS[0]), stamp(9000), "why")
+    assert trigger.finish() == []
+
+
+@pytest.mark.parametrize(
+    ("lost", "plays"),
+    [
+        # Indices 8001 to 8100, with the start at 8014: in the chirp there is no rest to start from.
+        (80, [1.0]),
+        # 7501 to 7600, between approach and chirp: the motor may have moved meanwhile.
+        (75, [None, 1.0]),
+    ],
+)
+def test_rest_and_approach_before_a_defect_do_not_count(two_cycles, lost, plays):
+    events = feed([*two_cycles[:lost], *two_cycles[lost + 1 :]])
+    assert len(only(Defect, events[:1])) == 1
+    windows = only(Window, events[1:])
+    assert [window.play for window in windows] == plays
+    assert windows[-1].telemetry.first_index == STARTS[1]
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(math.nan, "finite numbers"), (1e300, "numbers below 1e[+]30")]
+)
+def test_samples_of_no_use_are_named_at_any_index(value: float, expected: str):
+    """An index of 64 bits plus one of numpy is beyond what numpy adds."""
+    columns = np.zeros((4, 100))
+    columns[3, 7] = value
+    block = Telemetry(10**9, 1e-4, 2**64 - 200, *columns)
+    [defect] = only(Defect, WindowTrigger(PARAMETERS).feed(block))
+    assert re.search(f"speed is .* at index {2**64 - 193} .*: expected {expected}", defect.reason)

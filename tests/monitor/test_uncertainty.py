@@ -1,97 +1,77 @@
-"""How well a window determines the faults, against what repeated experiments scatter."""
+"""How well a window determines the faults, and which of them differ from healthy."""
 
 import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, fault_vector
 from ema_monitor.identification.uncertainty import (
+    GROUPS,
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
+    PLANE,
     SIGNIFICANT_SIGMAS,
     SMALLEST_ECCENTRICITY,
     UNOBSERVABLE_SIGMA,
     USUAL_MISFIT,
+    Linearisation,
+    refitted,
     sandwich_covariance,
+    significant_components,
     uncertainty_of_faults,
 )
 
-# As many samples as a window has, and lags over as many as its uncertainty is computed with.
-N, RUNS, LAGS = 5000, 1000, 50
-PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+from .bounded_minimum import bounded_minimum
+
+N = 500
+
+
+def derivatives(n):
+    """Derivatives of a linear model, smooth as those of a current are, and of different size."""
+    t = np.linspace(0.0, 1.0, n)
+    return np.stack([np.sin(9 * t), 3.0 * np.cos(23 * t), 0.5 + t**2], axis=1)
 
 
 @pytest.fixture(scope="module")
 def jacobian():
-    """Derivatives of a linear model, smooth as those of a current are, and of different size."""
-    t = np.linspace(0.0, 1.0, N)
-    return np.stack([np.sin(9 * t), 3.0 * np.cos(23 * t), 0.5 + t**2], axis=1)
+    return derivatives(N)
 
 
-def ar1(rng, rho, runs):
-    """Noise of unit variance, `(N, runs)`, in which each value keeps a share rho of that before."""
-    noise = rng.normal(size=(N, runs))
-    noise[1:] *= np.sqrt(1.0 - rho**2)
-    for i in range(1, N):
-        noise[i] += rho * noise[i - 1]
-    return noise
+@pytest.mark.parametrize("lags", [0, 3])
+def test_covariance_is_that_of_newey_and_west(jacobian, lags):
+    """P S P' with the pseudoinverse P and, in S, products of near residuals by Bartlett's weights.
 
-
-def experiments(jacobian, rho):
-    """Covariance of the estimates of many experiments, and the residuals of the first ones."""
-    noise = ar1(np.random.default_rng(11), rho, RUNS)
-    estimates = np.linalg.pinv(jacobian) @ noise
-    return np.cov(estimates), (noise[:, :40] - jacobian @ estimates[:, :40]).T
-
-
-def mean_sandwich(jacobian, residuals, lags):
-    return np.mean([sandwich_covariance(jacobian, row, lags) for row in residuals], axis=0)
+    Without lags it is White's covariance.
+    """
+    residuals = np.random.default_rng(6).normal(size=N) * np.linspace(0.5, 2.0, N)
+    apart = np.abs(np.subtract.outer(np.arange(N), np.arange(N)))
+    weights = np.maximum(1.0 - apart / (lags + 1.0), 0.0)
+    inverse = np.linalg.pinv(jacobian)
+    expected = inverse @ (weights * np.outer(residuals, residuals)) @ inverse.T
+    # The ridge is 1e-9 of the largest of the normal matrix, 1e-7 of its smallest.
+    assert sandwich_covariance(jacobian, residuals, lags) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(("rho", "tolerance"), [(0.0, 0.15), (0.8, 0.25)])
-def test_covariance_is_what_experiments_scatter(jacobian, rho, tolerance):
+def test_covariance_is_what_experiments_scatter(rho, tolerance):
     """1000 experiments leave 4.5 % of scatter in a variance.
 
     The residuals have lost three of the 98 stretches of 51 samples, which makes it up to 6 % too
     small; of correlated noise Bartlett's weights miss 2 rho / (1 - rho^2) / 51 = 9 % more.
     """
-    scattered, residuals = experiments(jacobian, rho)
-    covariance = mean_sandwich(jacobian, residuals, LAGS)
+    jacobian = derivatives(5000)
+    noise = np.random.default_rng(11).normal(size=(5000, 1000))
+    noise[1:] *= np.sqrt(1.0 - rho**2)
+    for i in range(1, len(noise)):
+        noise[i] += rho * noise[i - 1]
+    estimates = np.linalg.pinv(jacobian) @ noise
+    residuals = (noise[:, :40] - jacobian @ estimates[:, :40]).T
+    covariance = np.mean([sandwich_covariance(jacobian, row, 50) for row in residuals], axis=0)
+    scattered = np.cov(estimates)
     sigma = np.sqrt(np.diag(scattered))
     assert np.diag(covariance) == pytest.approx(np.diag(scattered), rel=tolerance)
     assert covariance / np.outer(sigma, sigma) == pytest.approx(
         scattered / np.outer(sigma, sigma), abs=tolerance
     )
-
-
-def test_correlation_must_not_be_left_out(jacobian):
-    """For smooth derivatives it makes the variance (1 + rho) / (1 - rho) = 9 times as large."""
-    scattered, residuals = experiments(jacobian, 0.8)
-    naive = mean_sandwich(jacobian, residuals, 0)
-    assert np.diag(scattered) / np.diag(naive) == pytest.approx(9.0, rel=0.2)
-
-
-def test_without_lags_it_is_whites_covariance(jacobian):
-    """(J'J)^-1 J' diag(r^2) J (J'J)^-1, for any residuals."""
-    residuals = np.random.default_rng(1).normal(size=N) * np.linspace(0.5, 2.0, N)
-    pseudo_inverse = np.linalg.pinv(jacobian)
-    expected = (pseudo_inverse * residuals**2) @ pseudo_inverse.T
-    covariance = sandwich_covariance(jacobian, residuals, 0)
-    # The ridge is 1e-9 of the largest of the normal matrix, 1e-7 of its smallest.
-    assert covariance == pytest.approx(expected, rel=1e-5)
-
-
-def test_lags_have_bartletts_weights():
-    """For one constant derivative: weighted products of residuals over n squared."""
-    residuals = np.random.default_rng(6).normal(size=40)
-    total = sum(
-        (1 - abs(i - j) / 4) * residuals[i] * residuals[j]
-        for i in range(40)
-        for j in range(40)
-        if abs(i - j) <= 3
-    )
-    [[variance]] = sandwich_covariance(np.ones((40, 1)), residuals, 3)
-    # The ridge: 1e-9 of n on either side.
-    assert variance == pytest.approx(total / 40**2, rel=1e-7)
 
 
 def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
@@ -123,31 +103,22 @@ def uncertainty(values, sigma=0.01, plane=None):
     return well_fitted(fault_vector(values), told)
 
 
-def test_eccentricity_and_phase_are_radius_and_angle():
-    """Sigma of the phase is that of an arc: sigma over 2 pi zeta."""
-    result = uncertainty({"eccentricity": 0.5, "eccentricity_phase": 0.9})
-    sigma = np.sqrt(np.diag(result.covariance))
-    assert sigma[ECCENTRICITY] == pytest.approx(0.01, rel=1e-12)
-    assert sigma[ECCENTRICITY_PHASE] == pytest.approx(0.01 / (2 * np.pi * 0.5), rel=1e-12)
-    assert np.delete(sigma, PLANE) == pytest.approx(0.01, rel=1e-12)
-    assert not np.any(result.unobservable)
-
-
-@pytest.mark.parametrize("phase", [0.02, 0.3, 0.5, 0.71])
+@pytest.mark.parametrize("phase", [0.02, 0.3, 0.71])
 def test_eccentricity_and_phase_scatter_as_drawn_in_the_plane(phase):
-    values = {"eccentricity": 0.6, "eccentricity_phase": phase}
+    """And the other components as they did."""
     plane = np.array([[4e-4, 1.5e-4], [1.5e-4, 1e-4]])
-    result = uncertainty(values, plane=plane).covariance[np.ix_(PLANE, PLANE)]
+    result = uncertainty({"eccentricity": 0.6, "eccentricity_phase": phase}, plane=plane)
     phi = (2 * phase - 1) * np.pi
     centre = 0.6 * np.array([np.cos(phi), np.sin(phi)])
     x, y = np.random.default_rng(4).multivariate_normal(centre, plane, 100_000).T
     turned = (np.arctan2(y, x) - phi + np.pi) % (2 * np.pi) - np.pi
     scattered = np.cov(np.hypot(x, y), turned / (2 * np.pi))
     # 0.5 % of scatter, and what bends over 3 % of the radius.
-    scale = np.sqrt(np.diag(scattered))
-    assert result / np.outer(scale, scale) == pytest.approx(
-        scattered / np.outer(scale, scale), abs=0.03
-    )
+    scale = np.sqrt(np.outer(np.diag(scattered), np.diag(scattered)))
+    found = result.covariance[np.ix_(PLANE, PLANE)]
+    assert found / scale == pytest.approx(scattered / scale, abs=0.03)
+    assert np.delete(np.diag(result.covariance), PLANE) == pytest.approx(1e-4, rel=1e-12)
+    assert not np.any(result.unobservable)
 
 
 @pytest.mark.parametrize(("share", "unobservable"), [(0.99, True), (1.01, False)])
@@ -189,6 +160,7 @@ def test_unobservable_rows_and_columns_are_not_numbers():
     expected[[2, ECCENTRICITY_PHASE], :] = expected[:, [2, ECCENTRICITY_PHASE]] = True
     assert np.array_equal(np.isnan(result.covariance), expected)
     assert np.array_equal(result.unobservable, np.diag(expected))
+    assert np.all(well_fitted(fault_vector({}), np.full((8, 8), np.nan)).unobservable)
 
 
 def test_mismatch_of_the_model_widens_what_the_residuals_tell():
@@ -211,6 +183,128 @@ def test_a_poor_fit_makes_all_components_less_sure(goodness, factor):
     assert widened == pytest.approx(factor**2 * usual, rel=1e-12)
 
 
-def test_covariance_that_is_no_number_is_unobservable():
-    result = well_fitted(fault_vector({"eccentricity": 0.5}), np.full((8, 8), np.nan))
-    assert np.all(result.unobservable)
+# Of linear models with a known covariance.
+SAMPLES, SIGMA, FLOOR = 4000, 0.01, 0.01
+# Standard deviation of a component, the mismatch of the model included.
+WIDENED = np.hypot(MISMATCH_FACTOR * SIGMA, FLOOR)
+HEALTHY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5])
+
+
+@pytest.fixture(params=[8, 9])
+def model(request):
+    """Healthy point, noise and derivatives of a model that knows each component to `SIGMA`.
+
+    The columns are orthogonal to each other and to the noise, whose entries are plus or minus one:
+    the covariance that its residuals tell is `SIGMA` squared on the diagonal to the last digits.
+    """
+    d = request.param
+    rng = np.random.default_rng(6)
+    noise = rng.choice([-1.0, 1.0], SAMPLES)
+    columns = rng.normal(size=(SAMPLES, d))
+    columns -= np.outer(noise, noise @ columns) / SAMPLES
+    columns = np.linalg.qr(columns)[0]
+    return HEALTHY[:d], noise, columns / SIGMA
+
+
+def shown(model, offsets):
+    """What is left of an estimate that is so many widened sigma away from healthy, and where."""
+    healthy, noise, jacobian = model
+    point = healthy.copy()
+    for i, offset in offsets.items():
+        point[i] += offset * WIDENED
+    result, point = significant_components(
+        Linearisation(point, noise, jacobian),
+        healthy,
+        lambda columns, left: sandwich_covariance(columns, left, 0),
+        np.full(len(point), FLOOR),
+        np.ones(len(point), dtype=bool),
+        GROUPS,
+    )
+    assert result.dtype == bool
+    return set(np.flatnonzero(result[:8])), result, point
+
+
+def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
+    kept, result, point = shown(model, {0: 5.0, 1: 0.5, 3: 5.0, 4: 0.5, 7: -5.0})
+    assert kept == {0, 3, 7}
+    expected = model[0].copy()
+    expected[[0, 3, 7]] += np.array([5.0, 5.0, -5.0]) * WIDENED
+    # Orthogonal: the others do not move when one is put back.
+    assert point == pytest.approx(expected, abs=1e-7)
+    assert len(result) == len(point) == len(model[0])
+
+
+@pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("component", [0, 3, 7])
+def test_limit_of_one_component_is_that_of_significance(model, component, share, stays):
+    """In standard deviations with the floor of the mismatch, as they are reported."""
+    kept, _, _ = shown(model, {component: share * SIGNIFICANT_SIGMAS[component]})
+    assert kept == ({component} if stays else set())
+
+
+def test_healthy_actuator_shows_a_significant_fault_in_one_window_of_twenty():
+    """Of 200,000 draws with known sigma; five standard errors are 0.25 %."""
+    x = np.random.default_rng(8).normal(size=(200_000, 8))
+    radius = np.hypot(x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE])
+    x[:, ECCENTRICITY] = x[:, ECCENTRICITY_PHASE] = radius
+    x[:, 7] = np.abs(x[:, 7])
+    assert np.mean(np.any(x > SIGNIFICANT_SIGMAS, axis=1)) == pytest.approx(0.05, abs=0.0025)
+
+
+@pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("angle", [0.0, 0.8, 4.0])
+def test_eccentricity_plane_is_one(model, angle, share, stays):
+    """The same distance in whatever direction."""
+    offset = share * SIGNIFICANT_SIGMAS[ECCENTRICITY]
+    kept, _, point = shown(
+        model,
+        {ECCENTRICITY: offset * np.cos(angle), ECCENTRICITY_PHASE: offset * np.sin(angle)},
+    )
+    assert kept == (set(PLANE) if stays else set())
+    if not stays:
+        assert np.array_equal(point[PLANE], [0.5, 0.5])
+
+
+@pytest.mark.parametrize("offset", [0.0, -25.0])
+def test_place_in_the_play_is_never_dropped(model, offset):
+    if len(model[0]) == 9:
+        _, result, point = shown(model, {1: 5.0, 8: offset})
+        assert result[8]
+        assert point[8] == pytest.approx(0.5 + offset * WIDENED, abs=1e-7)
+    assert all(8 not in group for group in GROUPS)
+
+
+def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
+    """Put back one after the other: together they are seen, though neither alone is."""
+    healthy, noise, jacobian = model
+    alike = jacobian.copy()
+    # Correlated by 0.995: their difference is known ten times worse than their sum.
+    alike[:, 1] = 0.995 * jacobian[:, 0] + np.sqrt(1 - 0.995**2) * jacobian[:, 1]
+    kept, _, point = shown((healthy, noise, alike), {0: 4.0, 1: 3.0})
+    assert kept == {0}
+    assert point[0] == pytest.approx((4.0 + 0.995 * 3.0) * WIDENED, abs=1e-6)
+    assert point[1] == 0.0
+
+
+def test_component_without_trace_is_put_back(model):
+    healthy, noise, jacobian = model
+    blind = jacobian.copy()
+    blind[:, 2] = 0.0
+    kept, _, point = shown((healthy, noise, blind), {0: 5.0, 2: 40.0})
+    assert kept == {0}
+    assert point[2] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_refit_is_constrained_least_squares(seed):
+    """Of what is shown, within the unit box, with the others held healthy."""
+    rng, d = np.random.default_rng(seed), 8 + seed % 2
+    point, healthy = rng.uniform(-0.3, 1.3, d).clip(0.0, 1.0), HEALTHY[:d]
+    residuals, jacobian = rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
+    fitted = rng.random(d) < 0.6
+    found = refitted(Linearisation(point, residuals, jacobian), healthy, fitted)
+    right = jacobian @ point - residuals - jacobian[:, ~fitted] @ healthy[~fitted]
+    best = bounded_minimum(jacobian[:, fitted], right, found[fitted])
+    assert np.array_equal(found[~fitted], healthy[~fitted])
+    # The ridge is 1e-9 of the largest diagonal entry.
+    assert found[fitted] == pytest.approx(best, abs=1e-6)

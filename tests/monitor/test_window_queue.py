@@ -21,13 +21,17 @@ REFUSAL = Refusal(5, 6, "gap")
 FLAP = ActuatorDescription().actuator_id
 
 
-def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
-    return Segment(number, ActuatorDescription(), window)
+def found(number: int, window: Window | Refusal = WINDOW, of: str = FLAP) -> Segment:
+    return Segment(number, replace(ActuatorDescription(), actuator_id=of), window)
 
 
 def drain(queue: WindowQueue, count: int) -> list[Segment]:
     items = [queue.next() for _ in range(count)]
     return [item for item in items if item is not None]
+
+
+def names(items: list[Segment]) -> list[tuple[str, int]]:
+    return [(item.description.actuator_id, item.number) for item in items]
 
 
 def test_any_number_waits_in_order_when_there_is_no_limit():
@@ -38,10 +42,13 @@ def test_any_number_waits_in_order_when_there_is_no_limit():
     assert len(queue) == 0
 
 
-def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place():
+@pytest.mark.parametrize("lowered", [False, True])
+def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place(lowered):
+    """A limit that is lowered holds from the next window on."""
     queue = WindowQueue()
-    gone = [queue.add(found(number), 2) for number in range(5)]
-    assert [[item.number for item in items] for items in gone] == [[], [], [0], [1], [2]]
+    gone = [queue.add(found(n), None if lowered and n < 4 else 2) for n in range(5)]
+    expected = [[], [], [], [], [0, 1, 2]] if lowered else [[], [], [0], [1], [2]]
+    assert [[item.number for item in items] for items in gone] == expected
     assert (len(queue), queue.dropped) == (2, {FLAP: 3})
     left = drain(queue, 5)
     assert [item.number for item in left] == [0, 1, 2, 3, 4]
@@ -78,48 +85,23 @@ def test_refusals_take_no_place():
     assert left[1:3] == [found(1, REFUSAL), found(2, REFUSAL)]
 
 
-def test_limit_that_is_lowered_holds_from_the_next_window_on():
-    queue = WindowQueue()
-    for number in range(4):
-        queue.add(found(number), None)
-    assert len(queue) == 4
-    queue.add(found(4), 2)
-    assert (len(queue), queue.dropped) == (2, {FLAP: 3})
-    left = drain(queue, 5)
-    assert [isinstance(item.window, Window) for item in left] == [False] * 3 + [True] * 2
-
-
-def test_consumer_waits_for_the_next_window():
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_consumer_waits_for_the_next_window_or_the_end(is_closed):
     queue, got = WindowQueue(), []
     getter = threading.Thread(target=lambda: got.append(queue.next()))
     getter.start()
     assert got == []
-    queue.add(found(7), 1)
+    assert (queue.close() if is_closed else queue.add(found(7), 1)) == []
     getter.join(5.0)
-    assert got == [found(7)]
+    assert got == [None if is_closed else found(7)]
 
 
-def test_closing_wakes_the_consumer():
-    queue, got = WindowQueue(), [found(0)]
-    getter = threading.Thread(target=lambda: got.append(queue.next()))  # type: ignore[arg-type]
-    getter.start()
-    assert queue.close() == []
-    getter.join(5.0)
-    assert got == [found(0), None]
-    assert queue.next() is None
-
-
-def test_closing_returns_the_waiting_windows_in_order():
+def test_closing_returns_the_waiting_windows_in_order_and_accepts_none():
     queue = WindowQueue()
     for number in range(3):
         queue.add(found(number), 3)
     assert queue.close() == [found(0), found(1), found(2)]
     assert (len(queue), queue.next()) == (0, None)
-
-
-def test_closed_queue_accepts_no_window():
-    queue = WindowQueue()
-    queue.close()
     with pytest.raises(QueueClosedError):
         queue.add(found(0), None)
 
@@ -155,22 +137,13 @@ def test_waiting_windows_are_counted_while_others_come_and_go():
     assert failures == []
 
 
-def of(actuator_id: str, number: int, window: Window | Refusal = WINDOW) -> Segment:
-    described = replace(ActuatorDescription(), actuator_id=actuator_id)
-    return Segment(number, described, window)
-
-
-def names(items: list[Segment]) -> list[tuple[str, int]]:
-    return [(item.description.actuator_id, item.number) for item in items]
-
-
 def test_actuators_take_turns_so_that_a_busy_one_delays_each_other_by_one_window():
     queue = WindowQueue()
     for number in range(4):
-        queue.add(of("busy", number), None)
+        queue.add(found(number, of="busy"), None)
     for name in ("a", "b"):
         for number in range(2):
-            queue.add(of(name, number), None)
+            queue.add(found(number, of=name), None)
     assert names(drain(queue, 8)) == [
         *(("busy", 0), ("a", 0), ("b", 0)),
         *(("busy", 1), ("a", 1), ("b", 1)),
@@ -184,10 +157,10 @@ def test_one_that_floods_is_served_no_less_than_the_others_and_no_more():
     quiet = ("a", "b", "c")
     for step in range(100):
         for number in range(10):
-            queue.add(of("busy", 10 * step + number), 2)
+            queue.add(found(10 * step + number, of="busy"), 2)
         if step % 4 == 0:
             for name in quiet:
-                queue.add(of(name, step), 2)
+                queue.add(found(step, of=name), 2)
         while not isinstance((segment := drain(queue, 1)[0]).window, Window):
             pass
         served.append(segment.description.actuator_id)
@@ -199,24 +172,24 @@ def test_one_that_floods_is_served_no_less_than_the_others_and_no_more():
 
 def test_refusals_that_wait_are_bounded_and_those_given_up_are_counted():
     queue = WindowQueue()
-    queue.add(of("a", 0), 2)
+    queue.add(found(0, of="a"), 2)
     for number in range(1, MOST_REFUSALS + 6):
-        queue.add(of("a", number, REFUSAL), 2)
-    queue.add(of("b", 0), 2)
+        queue.add(found(number, REFUSAL, "a"), 2)
+    queue.add(found(0, of="b"), 2)
     assert (queue.unanswered["a"], queue.dropped["a"]) == (5, 0)
     left = names(drain(queue, MOST_REFUSALS + 2))
     # The turn ends with the window, and after as many refusals as may wait.
     assert left[:3] == [("a", 0), ("b", 0), ("a", 6)]
     for number in range(2 * MOST_REFUSALS):
-        queue.add(of("a", number, REFUSAL), None)
+        queue.add(found(number, REFUSAL, "a"), None)
     assert queue.unanswered["a"] == 5
 
 
 def test_windows_of_an_actuator_that_is_forgotten_are_let_go():
     queue = WindowQueue()
     for number in range(4):
-        queue.add(of("a", number), 2)
-    queue.add(of("b", 0), 2)
+        queue.add(found(number, of="a"), 2)
+    queue.add(found(0, of="b"), 2)
     queue.forget("a")
     assert (len(queue), queue.dropped) == (1, {"": 2, "b": 0})
     assert names(drain(queue, 1)) == [("b", 0)]

@@ -1,19 +1,21 @@
 """Windows made by hand, without an actuator."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.commands import THESIS_CHIRP, Command
-from ema_core.parameters import ActuatorParameters
+from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
 from ema_core.telemetry import Telemetry
+from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import FITNESS, LeastSquares
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.windows.trigger import Refusal, WindowTrigger
+from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_sim.api import simulate
 
@@ -36,20 +38,28 @@ def window_from(
     return Window(Telemetry(0, sample_period, 0, command, *columns), play)
 
 
-_recorded: dict[str, Window] = {}
+Made = TypeVar("Made")
 
 
+def once(make: Callable[..., Made]) -> Callable[..., Made]:
+    """Return a function that makes what it returns once; arguments are compared in words."""
+    made: dict[str, Made] = {}
+
+    def get(*arguments: Any) -> Made:
+        key = repr(arguments)
+        if key not in made:
+            made[key] = make(*arguments)
+        return made[key]
+
+    return get
+
+
+@once
 def recorded(
-    faults: Mapping[str, float], causes: Mapping[str, float], command: Command | None = None
+    faults: Mapping[str, float], causes: Mapping[str, float], command: Command = THESIS_CHIRP
 ) -> Window:
     """Window of the simulated actuator with faults and hidden causes; each is made once."""
-    key = f"{faults} {causes} {command}"
-    if key not in _recorded:
-        telemetry = simulate(faults, causes=causes, command=command or THESIS_CHIRP, seed=3)
-        [window] = WindowTrigger(ActuatorParameters()).feed(telemetry)
-        assert isinstance(window, Window)
-        _recorded[key] = window
-    return _recorded[key]
+    return find_windows(simulate(faults, causes=causes, command=command, seed=3))[0]
 
 
 def changed(window: Window, **columns) -> Window:
@@ -72,7 +82,47 @@ def refused(reason: str) -> Estimate:
     return refusal(Refusal(0, 1, reason), "", SearchSettings(), reason)
 
 
+def estimated(
+    faults: Mapping[str, float] | None = None,
+    *,
+    sigma: float = 0.01,
+    unknown: Collection[str] = (),
+    **values: Any,
+) -> Estimate:
+    """Estimate of faults that are all known alike, but for those that are unknown."""
+    unobservable = np.array([name in unknown for name in FAULT_NAMES])
+    covariance = sigma**2 * np.eye(N_FAULTS)
+    covariance[unobservable] = covariance[:, unobservable] = np.nan
+    return replace(
+        refused(""),
+        faults=FaultVector.of(fault_vector(dict(faults or {}))),
+        covariance=covariance,
+        unobservable=unobservable,
+        valid=True,
+        **values,
+    )
+
+
 def fitness_for(name: str, window: Window, calibration: Calibration) -> LeastSquares:
     """Return a distance from a window with the scatter of a calibration."""
     scatter = calibration.reference(window).scatter
-    return FITNESS[name](window, calibration.parameters, scatter, calibration.acquisition)
+    return FITNESS[name](window, calibration, scatter)
+
+
+def made_by(
+    calibration: Calibration, window: Window, faults: Mapping[str, float], play: float = 1.0
+) -> Window:
+    """Window with what the calibrated model answers with faults, at a place in its play."""
+    response = calibration.model().respond(window, fault_vector(dict(faults)), play)
+    [current], [speed] = calibration.expect(response, window)
+    return answered(window, current, speed)
+
+
+def shortened(calibration: Calibration, samples: int = 50) -> Calibration:
+    """Calibration with the first of its many samples, which take long to read and write."""
+    return replace(
+        calibration,
+        command=calibration.command[: samples + 1],
+        correction=calibration.correction[:samples],
+        speed_correction=calibration.speed_correction[:samples],
+    )

@@ -11,19 +11,17 @@ import numpy as np
 from ema_core.levels import STALE
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from .made_tests import made_test
+from .made_tests import history_of, made_test
 
 PARAMETERS = ActuatorParameters()
 TEN_HOURS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
 COUNTED = PrognosisSettings()
-UNIT = ("flap", "SIM-0001")
 
 
 def friction(number: int) -> float:
@@ -40,19 +38,20 @@ def lived(
     settings: PrognosisSettings = TEN_HOURS,
     path: Path | None = None,
     missing: tuple[int, ...] = (),
+    known: int = 0,
 ) -> tuple[Unit, list[Outlook]]:
-    """A unit whose friction and backlash have grown over n tests."""
-    prognostics = Unit(History(*UNIT, path), settings)
-    outlooks = []
-    for number in range(n):
-        valid = number not in missing
-        estimate = made_test(
-            number, seed=3, valid=valid, friction=friction(number), backlash=backlash(number)
-        )
-        outlook = prognostics.update(estimate, PARAMETERS, settings)
+    """A unit whose friction and backlash have grown over n tests, of which some were known.
+
+    Its requirements, which take long, are known at the latest test.
+    """
+    tests = [worn(number, valid=number not in missing).estimate for number in range(n)]
+    prognostics, outlooks = Unit(history_of(tests[:known], path), settings), []
+    for estimate in tests[known:]:
+        parameters = PARAMETERS if estimate is tests[-1] else None
+        outlook = prognostics.update(estimate, parameters, settings)
         assert outlook is not None
-        assert (outlook.health.level == STALE) == (not valid)
-        outlooks += [outlook] if valid else []
+        assert (outlook.health.level == STALE) == (not estimate.valid)
+        outlooks += [outlook] if estimate.valid else []
     return prognostics, outlooks
 
 
@@ -91,17 +90,3 @@ def follow(
         count = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
         outlooks.append(prognostics.update(estimate, None, settings, count))
     return outlooks
-
-
-def counted(hours: Iterable[float]) -> list[Outlook]:
-    """What is said of a unit of which somebody counted these hours before its tests."""
-    outlooks = follow(Unit(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
-    return [outlook for outlook in outlooks if outlook]
-
-
-def ten_hours_a_test(n: int, **mistaken: float) -> list[float]:
-    """Hours at n tests, but for those ``at_`` some."""
-    hours = [10.0 * (number + 1) for number in range(n)]
-    for number, wrong in mistaken.items():
-        hours[int(number.removeprefix("at_"))] = wrong
-    return hours

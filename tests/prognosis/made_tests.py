@@ -1,12 +1,18 @@
-"""Estimates of tests as a monitor would find them, without a monitor."""
+"""Estimates of tests as a monitor would find them, without a monitor, and histories of them."""
+
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.windows.trigger import Refusal
 
+UNIT = ("flap", "SIM-0001")
 FIRST_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000_000
 SIGMA = 0.004
@@ -57,3 +63,32 @@ def made_test(
         valid=True,
         reason="",
     )
+
+
+def entry(number: int) -> Entry:
+    return Entry(made_test(number, friction=min(0.01 * number, 0.9)), 10.0 * number, number + 1)
+
+
+def history_of(
+    estimates: Iterable[Estimate], path: Path | None = None, unit: tuple[str, str] = UNIT
+) -> History:
+    """A history of tests, ten hours apart, of which nothing was found yet."""
+    history = History(*unit, path)
+    for number, estimate in enumerate(estimates, 1):
+        history.append(Entry(estimate, 10.0 * number, number))
+    return history
+
+
+def kept(path: Path, n: int = 3) -> bytes:
+    """A history of n tests in a file; returns what the file holds."""
+    history = History(*UNIT, path)
+    for number in range(n):
+        history.append(entry(number))
+    history.close()
+    return path.read_bytes()
+
+
+def hours(path: Path, unit: tuple[str, str] = UNIT) -> tuple[list[float], str]:
+    history = History(*unit, path)
+    history.close()
+    return [item.hours for item in history.entries], history.problem

@@ -1,15 +1,144 @@
-"""Advice is the cheapest of removal, waiting and inspection, in closed form where there is one."""
+"""What is to come after a test: forecast, removal, the cheapest advice, and their words."""
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_monitor.health import FaultHealth, Health
 from ema_monitor.prognosis.advice import Costs, Decision, advise
+from ema_monitor.prognosis.forecaster import (
+    Forecaster,
+    earlier,
+    hours_ahead,
+    removal_of,
+)
+from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.outlook import Outlook, Removal, unknown_outlook
+from ema_monitor.prognosis.sentences import cause_of_level, removal_in_words
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
-from .test_forecaster import SETTINGS, grown
+from .lived_units import TEN_HOURS
+from .made_tests import made_test
+
+LIVES = np.random.default_rng(0).permutation(np.arange(1.0, 1001.0))
+LIFETIME = RemainingLife(True, 50.0, 500.0, 950.0, "friction exceeds 0.5")
+
+
+class Life(NamedTuple):
+    """A unit whose friction reaches 0.5 at test 45, 460 h after the count began.
+
+    The outlooks after each of fifty tests, a forecaster after thirty, what it said then, and what
+    one was that was asked for too late.
+    """
+
+    outlooks: list[Outlook]
+    forecaster: Forecaster
+    fan: Fan
+    asked_late: Forecaster | None
+
+
+@pytest.fixture(scope="module")
+def life() -> Life:
+    unit = Unit(History("flap", "0001"), TEN_HOURS)
+    outlooks = grow(unit, range(30))
+    kept, twin = unit.forecaster(outlooks[-1]), unit.forecaster(outlooks[-1])
+    assert kept is not None
+    assert twin is not None
+    fan = twin.fan()
+    assert fan is not None
+    outlooks += grow(unit, range(30, 50))
+    return Life(outlooks, kept, fan, unit.forecaster(outlooks[29]))
+
+
+def grow(unit: Unit, tests: range, settings: PrognosisSettings = TEN_HOURS) -> list[Outlook]:
+    """The outlooks after tests of a unit whose friction grows by 0.01 a test."""
+    outlooks = []
+    for number in tests:
+        estimate = made_test(number, seed=1, friction=0.05 + 0.01 * number)
+        outlooks.append(unit.update(estimate, None, settings))
+    return outlooks
+
+
+def test_fan_begins_at_the_tracked_value_and_passes_the_limit_about_the_median_life(life):
+    outlook, fan = life.outlooks[29], life.fan
+    [now] = [item.value for item in outlook.health.faults if item.name == "friction"]
+    _, median, _ = fan.values["friction"]
+    assert median[0] == pytest.approx(now, abs=0.005)
+    passes = np.interp(life.forecaster.limits.of("friction"), median, fan.hours)
+    # Median of the passages and passage of the median differ by a few percent at most.
+    assert passes == pytest.approx(outlook.rul.hours_50, rel=0.1)
+    assert fan.hours[-1] > outlook.rul.hours_50
+
+
+def test_forecaster_does_not_change_with_later_tests(life):
+    after = life.forecaster.fan()
+    for name, values in life.fan.values.items():
+        np.testing.assert_array_equal(values, after.values[name])
+    # What was asked for too late is of another test.
+    assert life.asked_late is None
+
+
+def test_without_service_hours_there_is_neither_fan_nor_advice():
+    unit = Unit(History("flap", "0001"))
+    [outlook] = grow(unit, range(1), PrognosisSettings())
+    forecaster = unit.forecaster(outlook)
+    assert forecaster is not None
+    assert forecaster.fan() is None
+    assert advise(outlook, COSTS).action == "unknown"
+
+
+def test_axis_reaches_behind_the_likely_end_of_life_but_not_far_beyond_what_was_observed():
+    life = RemainingLife(True, 80.0, 100.0, 130.0, "")
+    assert hours_ahead(life, 500.0) == pytest.approx(143.0)
+    assert hours_ahead(life, 50.0) == pytest.approx(100.0)
+    assert hours_ahead(RemainingLife(True, 80.0, 100.0, math.inf, ""), 500.0) == 250.0
+    assert hours_ahead(RemainingLife.unknown("", ""), 500.0) == pytest.approx(30.0)
+
+
+def test_earlier_of_two_lives():
+    one = RemainingLife(True, 10.0, 50.0, 90.0, "one")
+    other = RemainingLife(True, 20.0, 40.0, 95.0, "other")
+    unknown = RemainingLife.unknown("none", "no growth")
+    # Of lives that end independently, the first to end does so sooner than either.
+    both = RemainingLife(True, 5.0, 30.0, 92.0, "any")
+    assert earlier(one, other, both) == RemainingLife(True, 5.0, 30.0, 90.0, "other")
+    assert earlier(one, other, unknown) == RemainingLife(True, 10.0, 40.0, 90.0, "other")
+    assert earlier(one, unknown, unknown) == earlier(unknown, one, unknown) == one
+    too_far = RemainingLife.unknown("x", "too far")
+    assert earlier(unknown, too_far, unknown).reason == "no growth; too far"
+
+
+@pytest.mark.parametrize(("risk", "hours"), [(0.01, 10.0), (0.05, 50.0), (0.2, 200.0)])
+def test_as_many_units_fail_before_their_removal_as_is_accepted(risk: float, hours: float):
+    removal = removal_of(LIFETIME, LIVES, risk, hours_per_cycle=2.0, hours_a_day=8.0)
+    assert removal.hours == hours
+    assert np.mean(removal.hours > LIVES) < risk <= np.mean(removal.hours >= LIVES)
+    assert (removal.cycles, removal.days) == (hours / 2.0, hours / 8.0)
+
+
+@pytest.mark.parametrize(
+    ("hours_05", "risk", "hours"),
+    # They may rest on other samples: a lower risk is never later than the 5 % quantile.
+    [(8.0, 0.01, 8.0), (8.0, 0.05, 8.0), (300.0, 0.2, 300.0)],
+)
+def test_published_quantiles_are_not_contradicted(hours_05: float, risk: float, hours: float):
+    life = RemainingLife(True, hours_05, 500.0, 950.0, "")
+    assert removal_of(life, LIVES, risk, math.nan, math.nan).hours == hours
+
+
+def test_removal_of_which_something_is_unknown_stays_so():
+    unknown = removal_of(RemainingLife.unknown("", "why"), np.empty(0), 0.05, 2.0, 8.0)
+    assert all(map(math.isnan, (unknown.hours, unknown.cycles, unknown.days)))
+    known = removal_of(LIFETIME, LIVES, 0.05, math.nan, math.nan)
+    assert known.hours == 50.0
+    assert all(map(math.isnan, (known.cycles, known.days)))
+
 
 N = 2000
 QUANTILES = (np.arange(N) + 0.5) / N
@@ -105,23 +234,20 @@ def test_inspection_that_tells_nothing_costs_what_it_costs():
         (Costs(removal=5.0, failure=5.0), "costs.failure = 5: expected more than costs.removal"),
     ],
 )
-def test_without_usable_costs_there_is_no_advice(costs: Costs, words: str):
-    _, outlook = grown(20)
-    found = advise(outlook, costs)
+def test_without_usable_costs_there_is_no_advice(life, costs: Costs, words: str):
+    found = advise(life.outlooks[19], costs)
     assert found.action == "unknown"
     assert words in found.reason
     assert math.isnan(found.hours)
 
 
-def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit():
-    # Friction of 0.05 + 0.01 a test reaches 0.5 at test 45, 460 h after the count began.
-    _, outlook = grown(3)
-    early = advise(outlook, COSTS)
+def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit(life):
+    early = advise(life.outlooks[2], COSTS)
     assert (early.action, math.isnan(early.rate)) == ("continue", True)
     assert "no remaining life is known" in early.reason
     actions = {}
     for tests in (26, 34, 40, 44):
-        _, outlook = grown(tests)
+        outlook = life.outlooks[tests - 1]
         actions[tests] = found = advise(outlook, COSTS)
         assert found.hours == pytest.approx(outlook.hours + found.from_now)
         assert found.rate <= found.rate_at_once
@@ -131,14 +257,74 @@ def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit():
     assert "kEUR/h" in actions[44].reason
 
 
-def test_failed_unit_is_to_be_removed_now():
-    _, outlook = grown(50)
-    found = advise(outlook, COSTS)
+def test_failed_unit_is_to_be_removed_now(life):
+    found = advise(life.outlooks[-1], COSTS)
     assert (found.action, found.from_now, found.probability) == ("remove", 0.0, 1.0)
     assert found.reason.startswith("Remove now: failed since")
 
 
-def test_without_service_hours_there_is_no_advice():
-    _, outlook = grown(10, PrognosisSettings())
-    assert advise(outlook, COSTS).action == "unknown"
-    assert SETTINGS.service.hours_per_cycle == 10.0
+MARGIN = FaultHealth("torque_margin", WARN, 0.59, 0.01, 0.5, True, 0.4)
+PLAY = FaultHealth("free_play", ERROR, 6e-4, 1e-5, 5e-4, False, 1.2)
+FRICTION = FaultHealth("friction", WARN, 0.2, 0.01, 0.5, False, 0.4)
+
+
+def outlook(level: int, *items: FaultHealth, reason: str = "", **changes: object) -> Outlook:
+    health = Health(
+        level,
+        0.5,
+        1,
+        1.0,
+        "",
+        faults=tuple(item for item in items if item.name == "friction"),
+        requirements=tuple(item for item in items if item.name != "friction"),
+        reason=reason,
+    )
+    return replace(unknown_outlook(""), health=health, **changes)
+
+
+def test_cause_names_what_has_the_level_with_value_and_limit():
+    assert cause_of_level(outlook(OK)) == ""
+    assert cause_of_level(outlook(WARN, MARGIN)) == "torque margin 0.59 (fails below 0.5)"
+    failed = outlook(ERROR, MARGIN, PLAY)
+    assert cause_of_level(failed) == "free play 0.6 mrad (failed: above 0.5 mrad)"
+    stale = outlook(STALE, reason="no telemetry for 3 s")
+    assert cause_of_level(stale) == "no telemetry for 3 s"
+
+
+def test_cause_names_first_what_ends_life_first():
+    two = outlook(WARN, FRICTION, MARGIN, dominant="torque_margin")
+    assert cause_of_level(two) == (
+        "torque margin 0.59 (fails below 0.5), friction 0.2 (fails above 0.5)"
+    )
+
+
+def test_unit_that_failed_is_to_be_removed_even_when_its_health_is_stale():
+    lives = {"free_play": RemainingLife.unknown("free play exceeds 0.5 mrad", "")}
+    failed = outlook(ERROR, PLAY, lives=lives, hours=170.0, failed_since=150.0)
+    words = "Remove now: failed since 150 h (now 170 h): free play exceeds 0.5 mrad"
+    assert removal_in_words(failed) == words
+    stale = replace(failed, health=replace(failed.health, level=STALE))
+    assert removal_in_words(stale) == words
+    unknown_since = replace(failed, failed_since=math.nan)
+    assert removal_in_words(unknown_since) == "Remove now: failed: free play exceeds 0.5 mrad"
+
+
+def test_life_that_ends_beyond_the_horizon_has_no_hour_of_its_median():
+    life = RemainingLife(True, 20.0, math.inf, math.inf, "friction exceeds 0.5")
+    removal = Removal(hours=20.0)
+    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
+    assert words.startswith("Remove before 120 service hours (in 20 h; 5 % risk")
+    assert "median end of life beyond what is looked ahead" in words
+
+
+def test_a_removal_is_told_in_hours_cycles_and_days_at_the_risk_that_is_accepted():
+    life = RemainingLife(True, 20.0, 50.0, 90.0, "friction exceeds 0.5")
+    removal = Removal(0.125, 30.0, 15.0, 3.75, 8.0)
+    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
+    assert words == (
+        "Remove before 130 service hours (in 30 h, 15 test cycles, 4 days at 8 h a day; "
+        "12.5 % risk of failure until then); median end of life 150 h: friction exceeds 0.5"
+    )
+    soon = removal._replace(hours=0.4, cycles=0.2, days=math.nan)
+    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=soon))
+    assert words.startswith("Remove now (in 0 h, 0 test cycles; 12.5 % risk")

@@ -1,14 +1,22 @@
-"""What was found after each test is kept with it, and survives a restart."""
+"""What is kept beside the tests: what was found after each, and growth; both survive a restart."""
 
 import math
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ema_core.levels import ERROR, OK, WARN
+from ema_monitor import unit as unit_module
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import (
     Assessment,
@@ -21,27 +29,23 @@ from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from .kept_histories import UNIT, entry
-from .made_tests import SIGMA, made_test
-
-SETTINGS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "flap.sqlite"
+from .lived_units import TEN_HOURS, Cycle, drawn_count, follow, plain, worn
+from .made_tests import SIGMA, UNIT, entry, made_test
 
 
 def assessment(number: int, level: int = OK) -> Assessment:
     return Assessment(entry(number).stamp_ns, 10.0 * number, level, 0.9, "", (1.0, 2.0, math.inf))
 
 
-def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Unit, Outlook]:
+def lived(
+    path: Path | None, frictions: list[float], first: int = 0, hours: float = 10.0
+) -> tuple[Unit, Outlook]:
     """A unit with more tests, from the number ``first`` on, in the history at a path."""
-    unit = Unit(History(*UNIT, path), SETTINGS, opened_ns=123)
+    settings = PrognosisSettings(service=Service(hours_per_cycle=hours))
+    unit = Unit(History(*UNIT, path), settings, opened_ns=123)
     outlook = None
     for number, friction in enumerate(frictions, first):
-        outlook = unit.update(made_test(number, friction=friction), None, SETTINGS)
+        outlook = unit.update(made_test(number, friction=friction), None, settings)
     unit.history.close()
     assert outlook is not None
     return unit, outlook
@@ -49,11 +53,7 @@ def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Un
 
 @pytest.mark.parametrize("hours", [1.0, 50.0])
 def test_level_of_a_healthy_unit_is_as_sharp_as_its_tests(hours):
-    settings = PrognosisSettings(service=Service(hours_per_cycle=hours))
-    unit, outlook = Unit(History(*UNIT, None), settings, opened_ns=123), None
-    for number in range(20):
-        outlook = unit.update(made_test(number), None, settings)
-    assert outlook is not None
+    _, outlook = lived(None, [0.0] * 20, hours=hours)
     for fault in outlook.health.faults:
         assert fault.sigma <= SIGMA, fault
         assert fault.level == OK
@@ -115,7 +115,7 @@ def test_fault_restart_and_calibration_are_events_once(path: Path):
     assert restart[2] == "the monitor started and read 4 valid tests"
     assert sum(kind == "fault" for _, kind, _ in kinds(unit)) == 1
     other = replace(made_test(5, friction=0.3), calibration_id="another")
-    unit.update(other, None, SETTINGS)
+    unit.update(other, None, TEN_HOURS)
     [changed] = [text for _, kind, text in kinds(unit) if kind == "calibration"]
     assert changed == "another instead of some-calibration"
 
@@ -125,7 +125,120 @@ def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):
     found = unit.history.assessments[outlook.stamp_ns]
     assert outlook.events == found.events
     assert [event.kind for event in found.events] == ["outlier", "fault"]
-    again = unit.resume(None, SETTINGS)  # as when the requirements have been fitted
+    again = unit.resume(None, TEN_HOURS)  # as when the requirements have been fitted
     assert again is not None
     assert again.events == ()
     assert unit.history.assessments[outlook.stamp_ns].events == found.events
+
+
+N = 8
+
+
+@pytest.fixture(autouse=True)
+def kept_each_fourth_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unit_module, "KEPT_EVERY", 4)
+
+
+@pytest.fixture
+def fed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The hours of the tests that any tracker is updated by from now on."""
+    hours: list[float] = []
+    update = Tracker.update
+
+    def counting(self: Tracker, measurement: Measurement) -> object:
+        hours.append(measurement.hours)
+        return update(self, measurement)
+
+    monkeypatch.setattr(Tracker, "update", counting)
+    return hours
+
+
+def followed(path: Path, cycles: list[Cycle], settings: PrognosisSettings = TEN_HOURS) -> list[str]:
+    """What is said of each cycle, in a run of its own; all is written after each."""
+    unit = Unit(History(*UNIT, path), settings)
+    said = []
+    for cycle in cycles:
+        [outlook] = follow(unit, [cycle], settings)
+        unit.write()
+        said.append(plain(outlook) if outlook else "")
+    unit.history.close()
+    return said
+
+
+def resumed(path: Path, settings: PrognosisSettings = TEN_HOURS) -> str:
+    unit = Unit(History(*UNIT, path), settings)
+    outlook = unit.resume(None, settings)
+    unit.history.close()
+    assert (outlook is not None, unit.history.problem) == (True, "")
+    return plain(outlook) if outlook else ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_cycles", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_restart_from_what_is_kept_says_the_same_to_the_last_bit(
+    tmp_path: Path, path: Path, seed: int, by_cycles: bool
+):
+    """Tests with and without estimate, outliers, counted, not counted, and counted wrongly."""
+    rng = np.random.default_rng(seed)
+    settings = PrognosisSettings(service=Service(hours_per_cycle=7.0 if by_cycles else 0.0))
+    cycles = []
+    for number in range(16):
+        hours = drawn_count(rng, number)
+        cycle = worn(number, math.nan if by_cycles else hours, valid=rng.random() > 0.2)
+        if cycle.estimate.valid and rng.random() < 0.2:
+            odd = cycle.estimate.faults._replace(friction=0.6)
+            cycle = cycle._replace(estimate=replace(cycle.estimate, faults=odd))
+        cycles.append(cycle)
+    expected = [plain(one) if one else "" for one in follow(Unit(History(*UNIT)), cycles, settings)]
+    said = []
+    for first in range(0, 16, 3):
+        said += followed(path, cycles[first : first + 3], settings)
+    assert said == expected
+
+
+def test_restart_repeats_the_tests_since_the_growth_was_kept_alone(path: Path, fed: list[float]):
+    followed(path, [worn(number) for number in range(N + 2)])
+    fed.clear()
+    resumed(path)
+    assert fed == [90.0, 100.0]
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE growth SET state = zeroblob(length(state))",
+        "UPDATE growth SET crc32 = crc32 + 1",
+        "DELETE FROM growth",
+    ],
+)
+def test_kept_growth_that_is_damaged_is_found_anew_from_the_tests(
+    path: Path, fed: list[float], statement: str
+):
+    followed(path, [worn(number) for number in range(N)])
+    expected = resumed(path)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute(statement)
+    fed.clear()
+    assert resumed(path) == expected
+    assert len(fed) == N
+
+
+def test_kept_growth_of_other_settings_is_not_used(path: Path, fed: list[float]):
+    followed(path, [worn(number) for number in range(N)])
+    other = replace(TEN_HOURS, tracker=TrackerSettings(process_noise=0.2))
+    fed.clear()
+    assert resumed(path, other) != resumed(path)
+    assert len(fed) == N
+
+
+@pytest.mark.parametrize("method", [1, 99])
+def test_archive_that_cannot_be_unpacked_is_as_none(method: int):
+    """Of archives packed in unknown ways, others than numpy raise."""
+    stream = BytesIO()
+    np.savez(stream, used_hours=np.zeros(1))
+    kept = bytearray(stream.getvalue())
+    for mark, place in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        kept[kept.index(mark) + place] = method
+    record = GrowthRecord(HealthLimits(), TrackerSettings(), [], bytes(kept))
+    assert (record.kept_tests, record.tests) == (0, 0)

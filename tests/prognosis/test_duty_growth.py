@@ -1,6 +1,7 @@
 """Growth by damage: hours of growth go by the duty flown, and lives by the duty to come."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from statistics import mean
 
@@ -12,59 +13,98 @@ from ema_monitor.prognosis.duty.course import (
     DutyCourse,
     duty_changes,
 )
-from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.duty.flown import FlownDuty
-from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.duty.damage import CLASS_KELVIN, LEAST_RISE, DamageSettings, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from .flown_lives import (
-    BY_DAMAGE,
-    BY_HOURS,
-    INTERVAL_H,
-    UNIT,
-    flies,
-    flown,
-    harder_from,
-    travelled,
-)
 from .lived_units import plain
+from .made_tests import UNIT, made_test
 from .tracked_lives import of
 
-LIMIT = 0.5
+INTERVAL_H = 10.0
+BY_DAMAGE = PrognosisSettings(service=Service(hours_per_cycle=INTERVAL_H))
+BY_HOURS = replace(BY_DAMAGE, damage=DamageSettings(growth_per="hours"))
+
+Duty = Callable[[int], FlownDuty]
+"""Duty in the hours before each test, by its number."""
+
+
+def flown(travel: float, load: float = 0.25, rise: float | None = None) -> FlownDuty:
+    """Ten hours with some travel an hour [rad/h], all of it at one load and rise of the winding."""
+    one = FlownDuty(INTERVAL_H)
+    one.travel[:, min(int(10 * load), 9)] = INTERVAL_H * travel * np.array([1.0, load])
+    if rise is not None:
+        number = int((rise - LEAST_RISE) / CLASS_KELVIN)
+        one.winding[:, number] = INTERVAL_H * np.array([1.0, rise])
+    return one
+
+
+def harder_from(number: int, times: float = 3.0, seed: int = 0) -> Duty:
+    """Travel that scatters by a fifth, and from some test on is as many times as much."""
+
+    def duty(test: int) -> FlownDuty:
+        rng = np.random.default_rng([seed, test])
+        scatter = math.exp(0.2 * rng.standard_normal())
+        return flown(50.0 * scatter * (times if test >= number else 1.0))
+
+    return duty
+
+
+def travelled(duty: Duty, tests: int) -> np.ndarray:
+    """Travel until each test [rad]."""
+    return np.cumsum([duty(number).travel[0].sum() for number in range(tests)])
+
+
+def flies(
+    tests: int,
+    duty: Duty,
+    friction: Callable[[int], float],
+    settings: PrognosisSettings = BY_DAMAGE,
+    seed: int = 3,
+    known: int = 0,
+) -> tuple[Unit, list[Outlook]]:
+    """Follow a unit over its tests, of which some are in its history from the start."""
+    history = History(*UNIT)
+    for number in range(known):
+        estimate = made_test(number, seed=seed, friction=friction(number))
+        hours = INTERVAL_H * (number + 1)
+        history.append(Entry(estimate, hours, number + 1, flown=duty(number)))
+    prognostics, outlooks = Unit(history, settings), []
+    for number in range(known, tests):
+        estimate = made_test(number, seed=seed, friction=friction(number))
+        outlook = prognostics.update(estimate, None, settings, flown=duty(number))
+        assert outlook is not None
+        outlooks.append(outlook)
+    return prognostics, outlooks
+
+
 NUMBER_OF = {"friction": 0, "backlash": 1, "short_circuit_a": 2, "eccentricity": 5, "gain": 6}
-
-
-def worn_at(test: int, *, harder_at: int, seed: int) -> float:
-    """Friction in proportion to the travel: at its limit after 90 tests as in the first."""
-    way = travelled(harder_from(harder_at, seed=seed), 200)
-    return LIMIT * way[test] / (90 * INTERVAL_H * 50.0)
-
-
-def life_tests(harder_at: int, seed: int) -> int:
-    way = travelled(harder_from(harder_at, seed=seed), 200)
-    return int(np.searchsorted(way, 90 * INTERVAL_H * 50.0))
 
 
 @pytest.mark.slow
 def test_unit_flown_harder_from_half_of_its_life_on_is_predicted_better_by_damage():
-    """From five tests after the change on; the errors are of the median, over the hours left."""
+    """From the second test after the change on; errors of the median, over the hours left."""
     errors: dict[str, list[float]] = {"damage": [], "hours": []}
     covered = []
-    for seed in range(4):
-        end = life_tests(45, seed)
-        friction = [worn_at(n, harder_at=45, seed=seed) for n in range(end)]
+    for seed in range(2):
+        duty = harder_from(45, seed=seed)
+        # Friction in proportion to the travel: at its limit after 90 tests as in the first.
+        share = travelled(duty, 200) / (90 * INTERVAL_H * 50.0)
+        end = int(np.searchsorted(share, 1.0))
+        friction = (0.5 * share).tolist().__getitem__
         for name, settings in (("damage", BY_DAMAGE), ("hours", BY_HOURS)):
-            duty = harder_from(45, seed=seed)
-            _, outlooks = flies(end, duty, friction.__getitem__, settings, seed=seed)
-            for number in range(46, end - 1):
-                life, left = outlooks[number].rul, (end - number - 0.5) * INTERVAL_H
+            _, outlooks = flies(end, duty, friction, settings, seed=seed, known=46)
+            for number, outlook in enumerate(outlooks[:-1], 46):
+                life, left = outlook.rul, (end - number - 0.5) * INTERVAL_H
                 error = abs(life.hours_50 - left) / left if life.known else 1.0
                 errors[name].append(min(error, 1.0))
                 if name == "damage":
                     covered.append(life.known and life.hours_05 <= left <= life.hours_95)
-    print({name: mean(each) for name, each in errors.items()}, mean(covered))
     assert mean(errors["damage"]) < 0.8 * mean(errors["hours"])
     assert mean(covered) > 0.7
 
@@ -78,7 +118,7 @@ def test_growth_is_by_hours_where_telemetry_covers_tests_alone():
     def told(_: int) -> FlownDuty:
         return replace(flown(50.0), hours=1.0 / 3600.0)
 
-    with_telemetry, outlooks = flies(15, harder_from(5), friction, told=told)
+    with_telemetry, outlooks = flies(15, told, friction)
     assert with_telemetry.growth.duty is None
     _, without = flies(15, harder_from(5), friction, BY_HOURS)
     assert plain(outlooks[-1]) == plain(without[-1])
@@ -117,8 +157,8 @@ def course(*relative: float) -> DutyCourse:
     """Ten hours at each of these relative wears, after those at 1 that make a reference."""
     wear = np.array([1.0] * REFERENCE_TESTS + list(relative))
     hours = np.arange(wear.size + 1) * np.float64(INTERVAL_H)
-    rate = np.stack([wear, np.full(wear.size, np.nan)])
-    return DutyCourse(DamageSettings(), hours, rate, 4.0 * wear)
+    hourly = np.stack([wear, np.full(wear.size, np.nan), 4.0 * wear])
+    return DutyCourse(DamageSettings(), hours, hourly)
 
 
 def test_interval_without_known_duty_is_as_the_one_before():
@@ -162,7 +202,7 @@ def test_duty_to_come_begins_as_since_the_latest_change():
         lasts * 2.0 + (2000.0 - lasts) * (50.0 + 15.0 + 4.0) / 57.0, rel=0.1
     )
     assert recent.present[0] == pytest.approx(2.0)
-    assert recent.lately(recent.travel) == pytest.approx(8.0)
+    assert recent.lately(recent.hourly)[2] == pytest.approx(8.0)
     expected = "future duty as flown since 550 h, and changing as often as it did (2 times)"
     assert str(future) == expected
     steady = course(*[1.0] * 40)
@@ -187,13 +227,18 @@ def test_scatter_is_no_change_of_the_duty():
     assert changes <= 10
 
 
-def worn(settings=BY_DAMAGE) -> Unit:
+def worn(settings: PrognosisSettings) -> Unit:
     return flies(40, lambda _: flown(50.0, rise=80.0), lambda n: 0.008 * n, settings)[0]
 
 
-def test_scenarios_are_lives_at_their_duty():
+@pytest.fixture(scope="module")
+def by_damage() -> Unit:
+    return worn(BY_DAMAGE)
+
+
+def test_scenarios_are_lives_at_their_duty(by_damage):
     """Friction ends life; half of its travel doubles it, and the temperature changes nothing."""
-    prognostics = worn()
+    prognostics = by_damage
     asked = {
         "as flown": Scenario("as flown"),
         "idle": Scenario("idle", travel_per_hour=25.0, hours_per_day=5.0),
@@ -211,35 +256,25 @@ def test_scenarios_are_lives_at_their_duty():
         assert told[name].rul.hours_50 == pytest.approx(ratio * now.rul.hours_50, rel=0.02), name
     assert told["idle"].removal.days == pytest.approx(told["idle"].removal.hours / 5.0)
     assert told["twice"].removal.cycles == pytest.approx(told["twice"].removal.hours / 5.0)
-    assert "25 rad/h" in told["idle"].assumption
+    assert "travel_per_hour = 25" in told["idle"].assumption
     assert plain(prognostics.outlook(None, BY_DAMAGE)) == plain(now)
 
 
 def test_scenario_that_nothing_flown_is_known_to_compare_with_has_an_unknown_life():
-    asked = Scenario("idle", travel_per_hour=25.0)
-    told = worn(BY_HOURS).under(asked, None, BY_HOURS)
+    by_hours = worn(BY_HOURS)
+    told = by_hours.under(Scenario("idle", travel_per_hour=25.0), None, BY_HOURS)
     assert not told.rul.known
     assert "its duty so far is not known" in told.rul.reason
     with pytest.raises(NotComparableError, match="the temperature of its winding so far"):
         Scenario("hot", winding={120.0: 1.0}).future(course(1.0), 1.0)
-    twice = worn(BY_HOURS).under(Scenario("twice", duty=2.0), None, BY_HOURS)
+    twice = by_hours.under(Scenario("twice", duty=2.0), None, BY_HOURS)
     assert twice.rul.known
 
 
-def test_restart_finds_the_same_growth(tmp_path):
-
-    prognostics = worn()
-    path = tmp_path / "flap.sqlite"
+def test_restart_finds_the_same_growth(by_damage, path):
     kept = History(*UNIT, path)
-    for entry in prognostics.history.entries:
+    for entry in by_damage.history.entries:
         kept.append(entry)
     kept.close()
     again = Unit(History(*UNIT, path), BY_DAMAGE)
-    assert plain(again.outlook(None, BY_DAMAGE)) == plain(prognostics.outlook(None, BY_DAMAGE))
-
-
-def test_duty_of_a_factor_alone_divides_lives():
-    own = np.random.default_rng(0).uniform(0.0, 1e3, (7, 10))
-    assert np.array_equal(FutureDuty.steady(4.0).hours_of(own), own / 4.0)
-    with pytest.raises(ValueError, match=r"duty = 0.0: expected a number above 0"):
-        FutureDuty.steady(0.0)
+    assert plain(again.outlook(None, BY_DAMAGE)) == plain(by_damage.outlook(None, BY_DAMAGE))

@@ -1,15 +1,20 @@
-"""Duty in telemetry: travel by load, and hours by temperature of the winding."""
+"""Duty in telemetry, and scenarios of duty in files."""
+
+import re
+from collections import deque
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.prognosis.duty.flown import FlownDuty, together
-from ema_monitor.prognosis.duty.meter import DutyLog, DutyMeter
+from ema_monitor.prognosis.duty.course import FutureDuty
+from ema_monitor.prognosis.duty.damage import FlownDuty
+from ema_monitor.prognosis.duty.meter import DutyMeter
+from ema_monitor.prognosis.duty.scenario import Scenario, read_scenarios
 
 PARAMETERS = ActuatorParameters()
-UNIT = ("flap", "SIM-0001")
 PERIOD_S = 1e-3
 
 
@@ -26,16 +31,16 @@ def classes(spectrum: np.ndarray) -> list[tuple[int, float, float]]:
     return [(int(i), amount[i], moment[i] / amount[i]) for i in np.flatnonzero(amount)]
 
 
-def travelled(flown: FlownDuty | None) -> float:
-    assert flown is not None
+def travelled(flown: FlownDuty) -> float:
     return float(flown.travel[0].sum())
 
 
 def metered(*blocks: Telemetry, rise: float | None = None) -> FlownDuty:
-    meter = DutyMeter()
+    meter = DutyMeter(deque())
     for one in blocks:
         meter.add(one, PARAMETERS, rise)
-    return meter.take()
+    meter.cut(0)
+    return meter.take(0)
 
 
 def test_travel_is_the_way_to_and_fro_in_the_class_of_its_load():
@@ -66,9 +71,16 @@ def test_way_over_a_gap_is_not_known():
     assert travelled(flown) == pytest.approx(0.3)
 
 
-def test_travel_alone_counts_where_the_current_is_not_measured():
-    flown = metered(block([0.0, 0.1], measured=False))
-    assert classes(flown.travel) == [(9, pytest.approx(0.1), 1.0)]
+@pytest.mark.parametrize(
+    ("one", "load"),
+    [
+        # Travel alone counts where the current is not measured; an impossible one is the largest.
+        (block([0.0, 0.1], measured=False), 1.0),
+        (block([0.0, 0.1], share=1e20), 10.0),
+    ],
+)
+def test_travel_at_no_usable_current_is_in_the_last_class(one: Telemetry, load: float):
+    assert classes(metered(one).travel) == [(9, pytest.approx(0.1), load)]
 
 
 @pytest.mark.parametrize(("rise", "number"), [(-300.0, 0), (-3.0, 9), (12.0, 11), (1e4, 31)])
@@ -77,51 +89,119 @@ def test_hours_are_in_the_class_of_the_rise_of_the_winding(rise: float, number: 
     assert classes(flown.winding) == [(number, pytest.approx(1e-3), pytest.approx(rise))]
 
 
-def test_pieces_go_to_the_test_that_they_end_with_or_before():
-    log = DutyLog()
-    for number, end_ns in enumerate((100, 200, 300)):
-        log.add(UNIT, block([0.0, 0.1 * (number + 1)], first=10 * number), PARAMETERS)
-        log.cut(UNIT, end_ns)
-    first = log.take(UNIT, 250)
-    assert travelled(first) == pytest.approx(0.3)
-    assert log.take(UNIT, 250) is None
-    log.forget("flap")
-    assert log.take(UNIT, 300) is None
+def test_duty_goes_to_the_test_that_it_ends_with_or_before():
+    """In any order: a window whose stamp is ahead holds back no other."""
+    meter = DutyMeter(deque())
+    for number, end_ns in enumerate((10**18, 100, 200, 300)):
+        meter.add(block([0.0, 0.1 * (number + 1)], first=10 * number), PARAMETERS)
+        meter.cut(end_ns)
+    assert travelled(meter.take(250)) == pytest.approx(0.5)
+    assert not meter.take(250).hours
+    assert travelled(meter.take(300)) == pytest.approx(0.4)
 
 
-def test_pieces_that_no_test_takes_are_bounded_and_not_lost():
-    log = DutyLog()
-    for number in range(1_500):
-        log.add(UNIT, block([0.0, 0.1], first=10 * number), PARAMETERS)
-        log.cut(UNIT, number)
-    flown = log.take(UNIT, 1_500)
-    assert travelled(flown) == pytest.approx(150.0)
+def test_duty_that_no_test_takes_is_bounded_and_not_lost():
+    meter = DutyMeter(deque(), 100)
+    for number in range(150):
+        meter.add(block([0.0, 0.1], first=10 * number), PARAMETERS)
+        meter.cut(number)
+    assert len(meter.pieces) == 100
+    assert travelled(meter.take(150)) == pytest.approx(15.0)
 
 
-def test_duty_is_the_same_after_it_was_kept_and_adds_up():
-    one = metered(block([0.0, 0.1, 0.3]), rise=22.0)
-    again = FlownDuty.of_record(one.as_record())
-    both = together(one, metered(block([0.0, 0.2], share=0.45)))
-    assert both is not None
-    for figure in ("hours", "travel", "winding"):
-        np.testing.assert_array_equal(getattr(again, figure), getattr(one, figure))
+@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
+def test_impossible_duty_is_refused(factor: float):
+    with pytest.raises(ValueError, match="expected a number above 0"):
+        FutureDuty(factor)
+
+
+def test_duty_adds_up():
+    both = metered(block([0.0, 0.1, 0.3])) + metered(block([0.0, 0.2], share=0.45), rise=22.0)
     assert classes(both.travel) == [
         (3, pytest.approx(0.3), pytest.approx(0.35)),
         (4, pytest.approx(0.2), pytest.approx(0.45)),
     ]
-    assert together(one, None) is together(None, one) is one
+    assert both.hours == pytest.approx(5 * PERIOD_S / 3600.0)
+    assert both.winding[0].sum() == pytest.approx(2 * PERIOD_S / 3600.0)
 
 
-def test_impossible_current_counts_as_the_largest_load():
-    flown = metered(block([0.0, 0.1], share=1e20))
-    assert classes(flown.travel) == [(9, pytest.approx(0.1), 10.0)]
+WHOLE = """
+scenarios:
+  - name: as flown
+  - name: training
+    duty: 1.2
+    travel_per_hour: 120
+    loads: {0.1: 0.8, 0.6: 0.2}
+    winding: {60: 0.7, 110: 0.3}
+    hours_per_cycle: 2.5
+    hours_per_day: 6
+"""
 
 
-def test_piece_whose_stamp_is_ahead_holds_back_no_other():
-    log = DutyLog()
-    for n, end_ns in enumerate((10**18, 1_000, 2_000)):
-        log.add(UNIT, block([0.0, 0.1], 2 * n), PARAMETERS)
-        log.cut(UNIT, end_ns)
-    taken = log.take(UNIT, 2_000)
-    assert travelled(taken) == pytest.approx(0.4)  # with the ways back
-    assert log.take(UNIT, 3_000) is None
+def read(folder: Path, content: str) -> tuple[Scenario, ...]:
+    path = folder / "scenarios.yaml"
+    path.write_text(content)
+    return read_scenarios(path)
+
+
+def test_file_has_a_scenario_each(tmp_path):
+    flown, training = read(tmp_path, WHOLE)
+    assert flown == Scenario("as flown")
+    assert training == Scenario(
+        "training", 1.2, 120.0, {0.1: 0.8, 0.6: 0.2}, {60: 0.7, 110: 0.3}, 2.5, 6.0
+    )
+
+
+def test_example_in_the_documents_is_read(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "prognosis.md").read_text(encoding="utf-8")
+    [example] = re.findall(r"^```yaml\n(scenarios:.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    flown, training = read(tmp_path, example)
+    assert flown == Scenario("as flown")
+    assert training.hours_per_day == 6.0
+
+
+@pytest.mark.parametrize(
+    ("row", "texts"),
+    [
+        ("{}", ["name = ''", "1 to 64 printable"]),
+        ("{name: 3}", ["name = 3", "expected a text"]),
+        (f"{{name: {'a' * 65}}}", ["name = ", "1 to 64"]),
+        ("{name: a, duty: 0}", ["duty = 0", "[0.001, 1000]"]),
+        ("{name: a, duty: fast}", ["duty = 'fast'", "[0.001, 1000]"]),
+        ("{name: a, travel_per_hour: -1}", ["travel_per_hour = -1 rad/h", "[0, 1e+07]"]),
+        ("{name: a, travel_per_hour: .nan}", ["travel_per_hour = nan", "[0, 1e+07]"]),
+        ("{name: a, hours_per_day: 25}", ["hours_per_day = 25 h/d", "[0, 24]"]),
+        ("{name: a, hours_per_cycle: -2}", ["hours_per_cycle = -2 h", "[0, 1e+06]"]),
+        ("{name: a, loads: 0.3}", ["loads = 0.3", "values with shares"]),
+        ("{name: a, loads: {0.1: 0.5}}", ["loads", "sum to 0.5", "expected 1"]),
+        ("{name: a, loads: {-0.1: 1}}", ["loads", "-0.1", "[0, 10]"]),
+        ("{name: a, loads: {high: 1}}", ["loads", "'high'", "[0, 10]"]),
+        ("{name: a, loads: {0.1: 2}}", ["loads", "share 2 at 0.1", "[0, 1]"]),
+        ("{name: a, winding: {900: 1}}", ["winding", "900", "[-60, 300] degC"]),
+        ("{name: a, travel: 3}", ["unknown key 'travel'", "travel_per_hour"]),
+        ("a", ["scenario 2: a", "keys with values"]),
+    ],
+)
+def test_wrong_scenario_is_refused_by_name(tmp_path, row: str, texts: list[str]):
+    with pytest.raises(ValueError, match="scenario 2") as refused:
+        read(tmp_path, f"scenarios: [{{name: right}}, {row}]")
+    assert all(text in str(refused.value) for text in ["scenarios.yaml", *texts]), refused.value
+
+
+@pytest.mark.parametrize(
+    ("content", "texts"),
+    [
+        ("", ["None", "expected one key, scenarios, with a list"]),
+        ("[1, 2]", ["[1, 2]", "expected one key, scenarios"]),
+        ("duties: []", ["duties", "expected one key, scenarios"]),
+        ("scenarios: {name: a}", ["'a'", "with a list"]),
+        ("scenarios: [{name: a}, {name: a}]", ["scenario 2", "name = 'a'", "expected once"]),
+        (f"scenarios: [{', '.join(f'{{name: s{n}}}' for n in range(21))}]", ["21", "at most 20"]),
+        ("scenarios: [{name: a, name: b}]", ["name is given twice"]),
+        ("scenarios: [", ["is not a YAML file"]),
+    ],
+)
+def test_wrong_file_is_refused(tmp_path, content: str, texts: list[str]):
+    with pytest.raises(ValueError, match=r"scenarios\.yaml") as refused:
+        read(tmp_path, content)
+    assert all(text in str(refused.value) for text in texts), refused.value

@@ -22,7 +22,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import KEPT_EVERY, Unit
 from ema_sim.growth import Growth
 
-from .made_tests import made_test
+from .made_tests import history_of, made_test
 from .tracked_lives import feed
 
 LIMITS = HealthLimits()
@@ -30,10 +30,11 @@ GRID = grid_digest(LIMITS)
 BEFORE = curves_without_fleet(LIMITS)
 
 
-def grown(rate: float, seed: int, until: float = 900.0, law: str = "linear") -> FleetUnit:
+def grown(rate: float, seed: int) -> FleetUnit:
     """What a unit says whose friction grows."""
     tracker = Tracker()
-    feed(tracker, {"friction": Growth(law, rate)}, until, np.random.default_rng(seed))
+    growth = {"friction": Growth("linear", rate)}
+    feed(tracker, growth, 900.0, np.random.default_rng(seed), every=20.0)
     return FleetUnit(tracker.updates, tuple(tracker.grown_faults().values()))
 
 
@@ -43,12 +44,10 @@ def units() -> dict[str, FleetUnit]:
     return {str(seed): grown(rate, seed) for seed, rate in enumerate(rates)}
 
 
-def history_of(serial: str, path: Path | None, n: int = 40) -> History:
-    history = History("flap", serial, path)
-    for number in range(n):
-        estimate = made_test(number, seed=int(serial), friction=0.005 * number)
-        history.append(Entry(estimate, 10.0 * number, number + 1))
-    return history
+def flap(serial: str, path: Path | None = None, n: int = 40) -> History:
+    """The history of a unit whose friction has grown."""
+    tests = (made_test(test, seed=int(serial), friction=0.005 * test) for test in range(n))
+    return history_of(tests, path, ("flap", serial))
 
 
 def test_parts_give_the_whole_to_the_last_bit_in_any_order(units):
@@ -107,7 +106,7 @@ def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_witho
 
 
 def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path):
-    histories = [history_of(serial, None) for serial in ("1", "2")]
+    histories = [flap(serial) for serial in ("1", "2")]
     fleet = fleet_of(histories, LIMITS, "line A")
     path = tmp_path / "fleet.npz"
     fleet.write(path)
@@ -163,7 +162,7 @@ def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
         fleet.prior(other)
     with pytest.raises(ValueError, match="about other limits"):
         fleet.together(Fleet(grid_digest(other)))
-    history = history_of("1", None)
+    history = flap("1")
     settings = PrognosisSettings(limits=other, fleet=fleet)
     outlook = Unit(history, settings).resume(None, settings)
     assert outlook is not None
@@ -175,7 +174,7 @@ def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
     tmp_path: Path, units
 ):
     path = history_path(tmp_path, "flap", "1")
-    history_of("1", path, KEPT_EVERY).close()
+    flap("1", path, KEPT_EVERY).close()
     settings = PrognosisSettings(fleet=Fleet(GRID, units, frozenset(["line A"])))
 
     def opened(with_settings: PrognosisSettings) -> Unit:
@@ -238,16 +237,10 @@ def test_growth_is_kept_of_faults_that_grow_alone():
 
 
 def test_unit_that_was_repaired_says_how_its_faults_grew_before_and_after():
-    history = History("flap", "7", None)
-    for number in range(60):
-        estimate = made_test(number, seed=number, friction=0.01 * (number % 30))
-        history.append(Entry(estimate, 10.0 * number, number + 1))
-    [unit] = fleet_of([history], LIMITS).units.values()
+    tests = [made_test(test, seed=test, friction=0.01 * (test % 30)) for test in range(60)]
+    [unit] = fleet_of([history_of(tests)], LIMITS).units.values()
     assert [fault.kind for fault in unit.faults] == ["friction", "friction"]
     before, after = (fault.log_likelihood for fault in unit.faults)
-    alone = History("flap", "8", None)
-    for entry in history.entries[:30]:
-        alone.append(entry)
-    [first] = fleet_of([alone], LIMITS).units.values()
+    [first] = fleet_of([history_of(tests[:30])], LIMITS).units.values()
     assert np.array_equal(first.faults[0].log_likelihood, before)
     assert not np.array_equal(after, before)

@@ -1,12 +1,14 @@
-"""Remaining useful life: first passage, duty, horizon, and the future of the faults."""
+"""Remaining useful life: first passage, duty, horizon, future of the faults, what is waited for."""
 
 import numpy as np
 import pytest
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.duty.course import FutureDuty
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.mixture import Mixture
+from ema_monitor.prognosis.growth.prediction import beyond_horizon, growth_not_certain
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth, grow
@@ -81,7 +83,8 @@ def test_futures_pass_the_limit_when_the_lives_end():
         assert share == pytest.approx(np.mean(ends <= at), abs=0.05)
 
 
-def tracked() -> Tracker:
+@pytest.fixture(scope="module")
+def tracker() -> Tracker:
     tracker = Tracker()
     growth = {
         "friction": Growth("exponential", 2.5e-3, 0.05, 0.3),
@@ -91,20 +94,15 @@ def tracked() -> Tracker:
     return tracker
 
 
-@pytest.fixture(scope="module")
-def tracker() -> Tracker:
-    return tracked()
-
-
 def test_lives_scale_with_one_over_duty(tracker):
-    one, double = tracker.predict(), tracker.predict(duty=2.0)
+    one, double = tracker.predict(), tracker.predict(FutureDuty(2.0))
     np.testing.assert_allclose(double.samples, one.samples / 2.0)
     assert double.overall.hours_50 == pytest.approx(one.overall.hours_50 / 2.0)
-    assert double.duty == 2.0
-    assert one.assumption == "future use as in the past"
-    assert "2 times" in double.assumption
+    assert double.future.factor == 2.0
+    assert str(one.future) == "future use as in the past"
+    assert "2 times" in str(double.future)
     np.testing.assert_allclose(
-        tracker.futures([100.0], duty=2.0), tracker.futures([200.0]), atol=1e-12
+        tracker.futures([100.0], duty=FutureDuty(2.0)), tracker.futures([200.0]), atol=1e-12
     )
 
 
@@ -183,14 +181,46 @@ def test_futures_are_fault_vectors_within_their_range(tracker):
     assert np.all(vectors[..., FAULT_NAMES.index("eccentricity_phase")] == 0.5)
 
 
-@pytest.mark.parametrize("duty", [0.0, -1.0, np.nan, np.inf])
-def test_impossible_duty_is_refused(tracker, duty):
-    for ask in (tracker.predict, lambda duty: tracker.futures([1.0], duty=duty)):
-        with pytest.raises(ValueError, match="expected a number above 0"):
-            ask(duty=duty)
-
-
 @pytest.mark.parametrize("hours", [[-1.0], [2.0, 1.0], [np.nan]])
 def test_impossible_future_hours_are_refused(tracker, hours):
     with pytest.raises(ValueError, match="ascending numbers of at least 0"):
         tracker.futures(hours)
+
+
+def test_tests_until_growth_is_certain_are_told_by_the_evidence_of_a_test_so_far():
+    # From 0.5 to 0.05 in ten tests, a factor of 10; 1e-4 is 500 times less still: 27 tests.
+    words = growth_not_certain(0.05, 10)
+    assert words == "growth is not certain yet: its probability is 0.950 (about 27 more tests)"
+    assert growth_not_certain(1e-5, 3).endswith("(about 2 more tests)")
+    assert growth_not_certain(0.49, 100).endswith("0.510")
+    assert growth_not_certain(0.6, 10) == "no significant growth"
+
+
+@pytest.mark.parametrize(
+    ("median", "words"),
+    [
+        (900.0, ""),
+        (2000.0, "limit not within the horizon of 1000 h (about 10 more tests)"),
+        (1e5, "limit not within the horizon of 1000 h"),
+    ],
+)
+def test_tests_until_a_life_is_within_the_horizon_are_told(median: float, words: str):
+    # 100 h in 11 tests, ten times as far ahead: in 91 h more, 1,909 h are left and looked ahead.
+    # Tests are ten hours apart.
+    assert beyond_horizon(median, 100.0, 11, TrackerSettings(horizon_factor=10.0)) == words
+
+
+def test_what_is_waited_for_comes_in_about_as_many_tests_as_told():
+    tracker = Tracker(settings=TrackerSettings(horizon_factor=1.0))
+    told: dict[int, int] = {}
+    number, rng = 0, np.random.default_rng(1)
+    for number in range(1, 90):
+        tracker.update(observed(10.0 * number, {"friction": 0.05 + 5e-3 * number}, rng))
+        reason = tracker.predict().components["friction"].reason
+        if not reason:
+            break
+        if "horizon" in reason:
+            told[number] = int(reason.split("about ")[1].split()[0])
+    assert told, "never beyond the horizon"
+    first = min(told)
+    assert number - first <= 2 * told[first] + 2

@@ -1,26 +1,31 @@
-"""Limits of required performance, and health as to it."""
+"""What faults do to required performance, its limits, health as to it, and when it fails."""
 
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, fault_vector, healthy_faults
+import ema_monitor.prognosis.requirements.performance as requirements_performance
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.faults import FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry
+from ema_monitor.health import HealthLimits
+from ema_monitor.model.monitor_model import MonitorModel
+from ema_monitor.prognosis.requirements.performance import HALF_POWER, PerformanceModel
+from ema_monitor.prognosis.requirements.required_life import (
+    failure_hours,
+    limit_passage,
+    lives_by_requirements,
+)
 from ema_monitor.prognosis.requirements.requirements import (
-    MODELLED,
     REQUIREMENTS,
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.requirements.surrogate import Surrogate
+from ema_monitor.windows.window import Window
 
 ACTUATOR = ActuatorParameters()
 PHASE = FAULT_NAMES.index("eccentricity_phase")
-
-
-@pytest.fixture(scope="module")
-def requirements():
-    return Requirements(ACTUATOR)
 
 
 def covariance(sigma=0.01):
@@ -131,10 +136,275 @@ def test_unknown_faults_leave_every_requirement_stale(requirements):
         assert np.isnan(item.value)
 
 
-@pytest.mark.parametrize("name", MODELLED)
-def test_surrogate_is_right_near_its_known_points(requirements, name):
-    known = np.clip(healthy_faults() + 0.05 * np.random.default_rng(6).random((40, 8)), 0.0, 1.0)
-    near = known + 0.005
-    surrogate = Surrogate(known, requirements.exact_reserves((name,), known)[:, 0])
-    right = requirements.exact_reserves((name,), near)[:, 0]
-    assert np.sqrt(np.mean((surrogate.at(near) - right) ** 2)) < 0.015
+@pytest.fixture
+def model(requirements):
+    return requirements.model
+
+
+def along(name, values):
+    faults = np.tile(healthy_faults(), (len(values), 1))
+    faults[:, FAULT_NAMES.index(name)] = values
+    return faults
+
+
+def moved_by_monitor_model(command: Command, faults, dt):
+    """User-shaft angle [rad] and motor speed [rad/s] of the monitor model, a sample a step."""
+    samples = np.concatenate([[0.0], command.sample(dt)])
+    rest = np.zeros(len(samples))
+    window = Window(Telemetry(0, dt, 1, samples, rest, rest, rest))
+    speed = MonitorModel(ACTUATOR, "fast", dt).respond(window, faults).speed[0]
+    half = 0.5 * ACTUATOR.BLK * (1.0 + 99.0 * faults[1])
+    output, angle = np.empty(len(speed)), 0.0
+    for k, motor in enumerate(dt * np.cumsum(speed)):
+        angle = min(max(angle, motor - half), motor + half)
+        output[k] = angle
+    return samples[1:], ACTUATOR.tau * output, speed
+
+
+def test_free_play_is_the_backlash_at_the_user_shaft(model):
+    k = np.array([0.0, 0.2, 1.0])
+    expected = ACTUATOR.BLK * (1.0 + 99.0 * k) / 500.0
+    np.testing.assert_allclose(
+        model.performance(along("backlash", k)).free_play, expected, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    "faults", [{}, {"backlash": 0.3}, {"friction": 0.4, "gain": 0.2, "short_circuit_b": 0.2}]
+)
+def test_tracking_error_is_that_of_the_monitor_model(model, faults):
+    k = fault_vector(faults)
+    command, position, _ = moved_by_monitor_model(THESIS_CHIRP, k, model.dt)
+    expected = np.abs(command - position).max()
+    # The monitor reads the command between samples by a straight line, which is 0.1 um off.
+    assert model.performance(k).tracking_error[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_healthy_torque_margin_follows_from_newton_and_ohm(model):
+    p = ACTUATOR
+    _, _, speed = moved_by_monitor_model(THESIS_CHIRP, healthy_faults(), model.dt)
+    omega, before = speed[1:], speed[:-1]
+    turning = (omega != 0.0) & (before != 0.0)
+    J, C, f_d = p.J_m + p.J_u, p.C_m + p.C_u, p.f_ratio * (p.f_sm + p.f_su)
+    torque = J * (omega - before) / model.dt + C * before + f_d * np.sign(before)
+    left = (p.V_max - np.sign(torque) * p.k_e * before) / p.R_s
+    available = p.k_e * np.minimum(left, min(p.I_max, p.T_max / p.k_e))
+    needed = (np.abs(torque) / available)[turning].max()
+    # Where the step out of a standstill takes the most, that step is not in this sum.
+    assert model.healthy["torque_margin"] == pytest.approx(1.0 - needed, abs=0.005)
+
+
+@pytest.mark.parametrize("faults", [{}, {"gain": 0.0}, {"friction": 0.5}, {"eccentricity": 0.6}])
+def test_amplitude_of_a_steady_sine_falls_by_3_db_at_the_bandwidth(model, faults):
+    k = fault_vector(faults)
+    frequency = float(model.performance(k).bandwidth[0])
+    # Whole periods of 200 samples: the last four of ten have settled.
+    dt = 1.0 / (200 * round(1.0 / (200 * 2e-5 * frequency) + 0.5) * frequency)
+    per_period = round(1.0 / (frequency * dt))
+    sine = Command(shape="sine", duration=10 / frequency, start_frequency=frequency)
+    _, position, _ = moved_by_monitor_model(sine, k, dt)
+    phase = 2 * np.pi * np.arange(1, len(position) + 1) / per_period
+    settled = slice(6 * per_period, 10 * per_period)
+    fundamental = 2 * np.mean((position * np.exp(-1j * phase))[settled])
+    ratio = abs(fundamental) / sine.amplitude
+    # 5 % of frequency, by which a sweep differs from steady sines, is at most 5 % of amplitude.
+    assert ratio == pytest.approx(HALF_POWER, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("fault", "values", "performance", "sense"),
+    [
+        ("gain", np.linspace(0.5, 0.0, 6), "bandwidth", -1),
+        ("gain", np.linspace(0.5, 0.0, 6), "tracking_error", 1),
+        ("friction", np.linspace(0.0, 1.0, 6), "torque_margin", -1),
+        ("friction", np.linspace(0.0, 1.0, 6), "tracking_error", 1),
+        ("backlash", np.linspace(0.0, 1.0, 6), "torque_margin", -1),
+        ("backlash", np.linspace(0.0, 1.0, 6), "free_play", 1),
+        ("short_circuit_a", np.linspace(0.0, 0.9, 6), "torque_margin", -1),
+        ("eccentricity", np.linspace(0.0, 1.0, 6), "torque_margin", -1),
+    ],
+)
+def test_performance_falls_with_the_fault_that_matters(model, fault, values, performance, sense):
+    found = getattr(model.performance(along(fault, values)), performance)
+    assert np.all(sense * np.diff(found) > 0.0)
+
+
+def test_many_actuators_perform_as_each_alone(model):
+    rng = np.random.default_rng(4)
+    faults = 0.5 * rng.random((19, 8))
+    together = model.performance(faults)
+    for row in (0, 7, 18):
+        alone = model.performance(faults[row])
+        for name in together._fields:
+            assert getattr(together, name)[row] == getattr(alone, name)[0]
+
+
+def test_performance_of_unknown_faults_is_unknown_and_spoils_no_other(model):
+    faults = along("friction", [0.1, np.nan, 0.1])
+    found = model.performance(faults)
+    for name in ("tracking_error", "bandwidth", "torque_margin"):
+        values = getattr(found, name)
+        assert np.isnan(values[1])
+        assert np.isfinite(values[[0, 2]]).all()
+
+
+def test_faults_beyond_their_range_count_as_at_its_end(model):
+    for values in model.performance(along("gain", [-0.3, 0.0])):
+        assert values[0] == values[1]
+
+
+def test_step_of_50_us_tells_what_2_us_tells(monkeypatch):
+    faults = np.concatenate([along("backlash", [0.0, 0.3]), along("gain", [0.1])])
+    coarse = PerformanceModel(ACTUATOR).performance(faults)
+    monkeypatch.setattr(requirements_performance, "LONGEST_STEP", 2e-6)
+    fine = PerformanceModel(ACTUATOR).performance(faults)
+    np.testing.assert_allclose(coarse.tracking_error, fine.tracking_error, rtol=0.005)
+    np.testing.assert_allclose(coarse.bandwidth, fine.bandwidth, rtol=0.01)
+    np.testing.assert_allclose(coarse.torque_margin, fine.torque_margin, atol=0.004)
+
+
+def test_bandwidth_sought_is_refused_by_value():
+    with pytest.raises(ValueError, match=r"bandwidth_sought = 0\.0 Hz"):
+        PerformanceModel(ACTUATOR, 0.0)
+
+
+def test_faults_of_another_length_are_refused(model):
+    with pytest.raises(ValueError, match="8 components"):
+        model.performance(np.zeros(7))
+
+
+HOURS = np.linspace(0.0, 1000.0, 61)
+
+
+def growing(name, end, seed, n=100):
+    """Samples of one fault that grows to about `end`, bent and spread, the others a little."""
+    rng = np.random.default_rng(seed)
+    start = 0.05 * rng.random(8) + 0.005 * rng.standard_normal((n, 8))
+    to = np.full(8, 0.05)
+    to[FAULT_NAMES.index(name)] = end
+    rate = np.exp(0.25 * rng.standard_normal((n, 1, 8)))
+    bent = 1.0 + rng.random((n, 1, 8))
+    grown = start[:, None] + to * rate * (HOURS[:, None] / HOURS[-1]) ** bent
+    grown[..., 6] = 0.3
+    grown[..., 7] = 0.5 - grown[..., 7]
+    return np.clip(grown, 0.0, HIGHEST)
+
+
+def by_brute_force(requirements, future, name):
+    reserves = requirements.exact_reserves((name,), future.reshape(-1, 8)).reshape(future.shape[:2])
+    lives = np.full(len(future), np.inf)
+    for row, left in enumerate(reserves):
+        failed = np.flatnonzero(left < 0.0)
+        if failed.size:
+            k = failed[0]
+            lives[row] = HOURS[k]
+            if k:
+                share = left[k - 1] / (left[k - 1] - left[k])
+                lives[row] = HOURS[k - 1] + share * (HOURS[k] - HOURS[k - 1])
+    return lives
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "end", "failing"),
+    [
+        ("backlash", 0.8, ("free_play", "torque_margin")),
+        ("friction", 0.9, ("torque_margin",)),
+        ("short_circuit_a", 0.9, ("torque_margin",)),
+        ("eccentricity", 0.9, ("torque_margin",)),
+    ],
+)
+def test_first_failure_is_that_of_the_model_at_every_hour(requirements, fault, end, failing):
+    future = growing(fault, end, seed=3)
+    found = failure_hours(requirements, future, HOURS)
+    for name in failing:
+        expected = by_brute_force(requirements, future, name)
+        both = np.isfinite(expected) & np.isfinite(found[name])
+        assert both.sum() > 40
+        missed = found[name][both] - expected[both]
+        # Twice what was seen over twelve such sets of samples.
+        assert np.sqrt(np.mean(missed**2)) < 0.04 * np.median(expected[both])
+        estimated, right = (
+            np.quantile(np.minimum(lives, HOURS[-1]), [0.05, 0.5, 0.95], method="inverted_cdf")
+            for lives in (found[name], expected)
+        )
+        np.testing.assert_allclose(estimated, right, rtol=0.035)
+
+
+@pytest.mark.slow
+def test_low_gain_ends_life_by_tracking_and_bandwidth_where_these_are_strict():
+    strict = Requirements(ACTUATOR, RequirementLimits(tracking_error=0.5e-3, bandwidth=25.0))
+    future = growing("gain", 0.5, seed=8)
+    found = failure_hours(strict, future, HOURS)
+    for name in ("tracking_error", "bandwidth"):
+        expected = by_brute_force(strict, future, name)
+        np.testing.assert_allclose(found[name], expected, rtol=0.01)
+
+
+def test_free_play_fails_at_the_closed_form_hour(requirements):
+    limit = (5e-4 / (ACTUATOR.BLK * ACTUATOR.tau) - 1.0) / 99.0
+    future = np.tile(healthy_faults(), (1, len(HOURS), 1))
+    future[0, :, 1] = HOURS / 1000.0
+    [hours] = failure_hours(requirements, future, HOURS)["free_play"]
+    assert hours == pytest.approx(1000.0 * limit, rel=1e-9)
+
+
+def test_constant_healthy_faults_fail_nothing(requirements):
+    future = np.tile(healthy_faults(), (20, len(HOURS), 1))
+    found = failure_hours(requirements, future, HOURS)
+    assert all(np.isinf(found[name]).all() for name in REQUIREMENTS)
+
+
+def test_what_fails_already_fails_at_once(requirements):
+    future = np.tile(healthy_faults(), (20, len(HOURS), 1))
+    future[:, :, 1] = 0.8
+    found = failure_hours(requirements, future, HOURS)
+    assert not found["free_play"].any()
+    assert not found["torque_margin"].any()
+
+
+def test_sample_reaches_a_fault_limit_where_its_first_component_does():
+    hours = np.linspace(0.0, 100.0, 33)
+    rng = np.random.default_rng(0)
+    paths = np.tile(healthy_faults(), (200, 33, 1))
+    ends = rng.uniform(20.0, 80.0, (2, 200))
+    paths[..., FAULT_NAMES.index("gain")] -= 0.25 * hours / ends[0, :, None]
+    paths[..., FAULT_NAMES.index("friction")] += 0.5 * hours / ends[1, :, None]
+    found = limit_passage(paths, hours, HealthLimits())
+    np.testing.assert_allclose(found, ends.min(axis=0), rtol=1e-9)
+    still = np.tile(healthy_faults(), (3, 33, 1))
+    assert np.all(np.isinf(limit_passage(still, hours, HealthLimits())))
+    gone = still + 0.0
+    gone[0, :, FAULT_NAMES.index("friction")] = 0.6
+    np.testing.assert_array_equal(limit_passage(gone, hours, HealthLimits()), [0.0, np.inf, np.inf])
+    # A fault at the end of its range has reached a limit there.
+    gone[0, :, FAULT_NAMES.index("friction")] = 1.0
+    assert limit_passage(gone, hours, HealthLimits(friction=1.0))[0] == 0.0
+
+
+@pytest.fixture
+def failures():
+    """Free play fails first in 60 of 100 samples, the torque margin in the others."""
+    found = {name: np.full(100, np.inf) for name in REQUIREMENTS}
+    found["free_play"] = np.linspace(100.0, 199.0, 100)
+    found["torque_margin"] = np.where(np.arange(100) < 60, 500.0, 50.0)
+    return found
+
+
+def test_first_failure_is_the_earliest_in_each_sample(failures):
+    lives, overall, dominant = lives_by_requirements(failures, RequirementLimits(), 1000.0)
+    assert dominant == "free_play"
+    assert overall.criterion == lives["free_play"].criterion == "free play exceeds 0.0005 rad"
+    assert (overall.hours_05, overall.hours_50, overall.hours_95) == (50.0, 109.0, 154.0)
+    assert (lives["free_play"].hours_50, lives["torque_margin"].hours_50) == (149.0, 500.0)
+
+
+def test_life_is_not_known_when_less_than_half_of_the_samples_fail(failures):
+    failures["free_play"][:] = np.inf
+    failures["torque_margin"] = np.where(np.arange(100) < 51, np.inf, 50.0)
+    lives, overall, dominant = lives_by_requirements(failures, RequirementLimits(), 1000.0)
+    for life in (*lives.values(), overall):
+        assert not life.known
+        assert np.isnan(life.hours_50)
+        assert life.reason == "not within the 1000 h looked ahead"
+    assert dominant == ""

@@ -1,4 +1,4 @@
-"""Service hours at the tests of a unit: they never go back, and nothing grows in zero time."""
+"""Counts of service life reach their unit; hours at its tests never go back or stand still."""
 
 import math
 from collections.abc import Iterable
@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
-from ema_monitor.prognosis.service import ServiceHours
+from ema_monitor.prognosis.service import CountLog, ServiceHours, TimedTest
 
-from .made_tests import made_test
+from .made_tests import FIRST_NS, made_test
 
 STALE = None
+DAY_NS = 86_400_000_000_000
 
 
 def counted_at(hours: Iterable[float | None]) -> list[Entry]:
@@ -33,10 +34,6 @@ def by_cycles(number: int, hours: float) -> Entry:
 def added(entries: Iterable[Entry]) -> tuple[ServiceHours, list[Finding]]:
     service = ServiceHours()
     return service, [event for entry in entries for event in service.add(entry)]
-
-
-def hours_of(entries: Iterable[Entry]) -> list[float]:
-    return [test.hours for test in added(entries)[0].used]
 
 
 def test_test_with_a_new_count_is_at_its_hours_at_once():
@@ -100,46 +97,49 @@ def test_one_wrong_count_costs_nothing_but_a_wait(wrong: float):
     assert [test.hours for test in service.used] == pytest.approx([10.0 * n for n in range(11)])
 
 
-def test_long_pause_is_used_when_the_next_count_confirms_it():
-    counts = [0.0, 10.0, 20.0, 30.0, 5000.0, 5010.0, 5020.0]
+CHANGED = {
+    "a long pause that the next count confirms": (
+        [0.0, 10.0, 20.0, 30.0, 5000.0, 5010.0, 5020.0],
+        ["set from 30 h to 5010 h"],
+        [0.0, 10.0, 20.0, 30.0, 5000.0, 5010.0, 5020.0],
+    ),
+    "tests without a new count while one is held that is confirmed": (
+        [0.0, 10.0, 20.0, 30.0, STALE, 5000.0, STALE, 5020.0],
+        ["set from 30 h to 5020 h"],
+        [0.0, 10.0, 20.0, 30.0, 2515.0, 5000.0, 5010.0, 5020.0],
+    ),
+    "tests without a new count while one is held that is not": (
+        [0.0, 10.0, 20.0, 30.0, STALE, 5000.0, STALE, 70.0],
+        ["5000 h at test 6 not confirmed by the next count, 70 h: interpolated instead"],
+        [10.0 * number for number in range(8)],
+    ),
+    "a count that agrees with neither takes the place of the one held": (
+        [0.0, 10.0, 20.0, 30.0, 5000.0, 900.0, 910.0],
+        ["set from 30 h to 910 h"],
+        [0.0, 10.0, 20.0, 30.0, 465.0, 900.0, 910.0],
+    ),
+    "a count that began anew": (
+        [10.0, 20.0, 30.0, 40.0, 0.0, 5.0, 15.0],
+        ["set from 40 h to 5 h: the 4 tests at more than 0 h left out"],
+        [0.0, 5.0, 15.0],
+    ),
+    "several wrong counts that agree, until two others do": (
+        [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 7000.0, 7010.0, 80.0, 90.0, 100.0],
+        [
+            "set from 50 h to 7010 h",
+            "set from 7010 h to 90 h: the 2 tests at more than 80 h left out",
+        ],
+        [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 80.0, 90.0, 100.0],
+    ),
+}
+
+
+@pytest.mark.parametrize(("counts", "texts", "hours"), CHANGED.values(), ids=CHANGED)
+def test_changed_count_is_used_where_the_next_confirms_it(counts, texts, hours):
+    """Nothing may grow in zero time."""
     service, events = added(counted_at(counts))
-    assert [text for _, text in events] == ["set from 30 h to 5010 h"]
-    assert [test.hours for test in service.used] == counts
-
-
-def test_tests_without_a_new_count_while_one_is_held_are_interpolated():
-    """Nothing may grow in zero time, be the count that is held confirmed or not."""
-    head = [0.0, 10.0, 20.0, 30.0, STALE, 5000.0, STALE]
-    confirmed = hours_of(counted_at([*head, 5020.0]))
-    assert confirmed == pytest.approx([0, 10, 20, 30, 2515, 5000, 5010, 5020])
-    dropped = hours_of(counted_at([*head, 70.0]))
-    assert dropped == pytest.approx([10.0 * n for n in range(8)])
-
-
-def test_count_that_agrees_with_neither_takes_the_place_of_the_one_held():
-    service, events = added(counted_at([0.0, 10.0, 20.0, 30.0, 5000.0, 900.0, 910.0]))
-    assert [text for _, text in events] == ["set from 30 h to 910 h"]
-    assert [test.hours for test in service.used] == pytest.approx(
-        [0.0, 10.0, 20.0, 30.0, 465.0, 900.0, 910.0]
-    )
-
-
-def test_count_that_began_anew_leaves_out_the_tests_at_more_hours():
-    service, events = added(counted_at([10.0, 20.0, 30.0, 40.0, 0.0, 5.0, 15.0]))
-    assert [text for _, text in events] == [
-        "set from 40 h to 5 h: the 4 tests at more than 0 h left out"
-    ]
-    assert [test.hours for test in service.used] == [0.0, 5.0, 15.0]
-
-
-def test_several_wrong_counts_that_agree_are_left_out_when_two_others_do():
-    counts = [*(10.0 * n for n in range(6)), 7000.0, 7010.0, 80.0, 90.0, 100.0]
-    service, events = added(counted_at(counts))
-    assert [text for _, text in events] == [
-        "set from 50 h to 7010 h",
-        "set from 7010 h to 90 h: the 2 tests at more than 80 h left out",
-    ]
-    assert [test.hours for test in service.used] == [*counts[:6], 80.0, 90.0, 100.0]
+    assert [text for _, text in events] == texts
+    assert [test.hours for test in service.used] == pytest.approx(hours)
 
 
 @pytest.mark.parametrize(
@@ -201,3 +201,116 @@ def test_tests_at_hours_by_cycles_are_left_out_once_hours_are_counted():
         "counted from now on: the 3 tests before, at hours by hours_per_cycle, left out"
     ]
     assert [test.hours for test in service.used] == [500.0, 510.0]
+
+
+def usage(*days_and_hours: tuple[float, float]) -> float:
+    """The usage by tests at days of the calendar and service hours."""
+    service = ServiceHours()
+    service.used = [
+        TimedTest(FIRST_NS + int(day * DAY_NS), hours, number, True)
+        for number, (day, hours) in enumerate(days_and_hours)
+    ]
+    return service.usage
+
+
+def test_usage_is_that_of_the_last_ninety_days():
+    # 10 h a day at first, 4 h a day since.
+    days = ((0, 0), (100, 1000), (150, 1200), (200, 1400))
+    assert usage(*days) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    "used",
+    [
+        (),
+        ((0, 0),),
+        ((0, 0), (0.5, 4)),
+        ((0, 0), (2, 100)),
+        ((0, 5), (3, 5)),
+        ((0, 0), (100, 1000)),
+    ],
+)
+def test_usage_is_unknown_without_a_day_or_where_the_clocks_are_not_one(used):
+    assert math.isnan(usage(*used))
+
+
+SECOND_NS = 1_000_000_000
+A, B, OTHER = ("flap", "A"), ("flap", "B"), ("rudder", "A")
+UNNAMED = ("flap", "")
+
+
+def count(stamp_s: float) -> Count:
+    return Count(round(stamp_s * SECOND_NS), stamp_s, 0)
+
+
+def latest(log: CountLog, unit: tuple[str, str], stamp_s: float = 1e6) -> float:
+    found = log.latest(unit, round(stamp_s * SECOND_NS))
+    return math.nan if found is None else found.hours
+
+
+def test_latest_count_of_a_unit_by_a_time_is_returned_whatever_the_order():
+    log = CountLog()
+    for stamp_s in (50, 10, 90):
+        log.add(A, count(stamp_s))
+    log.add(B, count(70))
+    assert math.isnan(latest(log, A, 5))
+    assert [latest(log, A, stamp_s) for stamp_s in (10, 60, 89, 100)] == [10, 50, 50, 90]
+    assert latest(log, B) == 70
+    assert math.isnan(latest(log, OTHER))
+
+
+def test_counts_before_any_description_are_of_the_unit_described_first():
+    log = CountLog()
+    log.add(B, count(1))
+    log.add(UNNAMED, count(2))
+    log.add(("rudder", ""), count(4))
+    log.assign(A)
+    log.assign(B)
+    assert (latest(log, A), latest(log, B)) == (2, 1)
+    assert math.isnan(latest(log, OTHER))
+
+
+def test_of_counts_of_one_stamp_one_that_names_the_unit_or_the_last_holds():
+    log = CountLog()
+    log.add(UNNAMED, Count(1, 5.0, 0))
+    log.add(A, Count(1, 6.0, 0))
+    log.add(UNNAMED, Count(1, 7.0, 0))
+    log.assign(A)
+    assert latest(log, A) == 6.0
+    log.add(A, Count(1, 8.0, 0))
+    assert latest(log, A) == 8.0
+
+
+def test_frequent_counts_do_not_push_out_the_one_that_applies():
+    """A hundred a second, for ten minutes: the window waits for its identification meanwhile."""
+    log = CountLog()
+    log.add(A, count(1))
+    for number in range(60_000):
+        log.add(A, count(2 + number / 100))
+    assert latest(log, A, 1.5) == 1
+    # The first of each second is kept.
+    assert latest(log, A, 3.99) == 3
+
+
+def test_counts_are_kept_within_bounds():
+    log = CountLog()
+    for number in range(1500):
+        log.add(("flap", f"{number}"), count(number))
+        log.add(A, count(number))
+    assert math.isnan(latest(log, ("flap", "400")))
+    assert latest(log, ("flap", "1499")) == 1499
+    # Heard of all the time; the latest thousand counts of it.
+    assert math.isnan(latest(log, A, 499))
+    assert latest(log, A, 500) == 500
+
+
+@pytest.mark.parametrize("hours", [-1.0, math.nan, math.inf, 1.1e7])
+def test_impossible_hours_are_refused_by_name(hours: float):
+    with pytest.raises(ValueError, match=r"flight_hours = .* h: expected .* \[0, 1e\+07\]"):
+        Count(0, hours, 0)
+
+
+@pytest.mark.parametrize("cycles", [-1, 10**12 + 1, 2**64 - 1])
+def test_impossible_cycles_are_refused_by_name(cycles: int):
+    with pytest.raises(ValueError, match=rf"cycles = {cycles}: expected .* in \[0, 1e\+12\]"):
+        Count(0, 1.0, cycles)

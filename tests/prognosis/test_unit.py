@@ -3,20 +3,17 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.levels import ERROR, OK, WARN
-from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis import growth_record
-from ema_monitor.prognosis.duty.future import FutureDuty
-from ema_monitor.prognosis.forecaster import earlier
-from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.health import HealthLimits, assess
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
@@ -24,21 +21,31 @@ from ema_monitor.prognosis.requirements.requirements import (
     requirements_of,
 )
 from ema_monitor.prognosis.sentences import cause_of_level
-from ema_monitor.prognosis.settings import duty_of
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
-from .lived_units import PARAMETERS, TEN_HOURS, UNIT, backlash, friction, lived, plain
-from .made_tests import made_test
+from .lived_units import (
+    COUNTED,
+    PARAMETERS,
+    TEN_HOURS,
+    backlash,
+    follow,
+    friction,
+    lived,
+    plain,
+    worn,
+)
+from .made_tests import FIRST_NS, PERIOD_NS, UNIT, history_of, made_test
 
 
 @pytest.fixture(scope="module")
-def worn() -> tuple[Unit, list[Outlook]]:
-    return lived(60)
+def grown() -> tuple[Unit, list[Outlook]]:
+    return lived(60, known=59)
 
 
 @pytest.mark.slow
-def test_life_is_told_for_each_fault_and_requirement_and_the_earlier_of_both(worn):
-    last = worn[1][-1]
+def test_life_is_told_for_each_fault_and_requirement_and_the_earlier_of_both(grown):
+    last = grown[1][-1]
     truth = 10.0 * (math.log(11.0) / 0.03 - 59)
     life = last.lives["friction"]
     assert life.known
@@ -59,15 +66,15 @@ def test_life_is_told_for_each_fault_and_requirement_and_the_earlier_of_both(wor
     assert last.dominant == "torque_margin"
 
 
-def test_trends_are_those_of_the_laws(worn):
-    trends = worn[1][-1].trends
+def test_trends_are_those_of_the_laws(grown):
+    trends = grown[1][-1].trends
     assert trends["friction"] == pytest.approx(0.003 * (friction(59) + 0.05), rel=0.25)
     assert trends["backlash"] == pytest.approx(6e-4, rel=0.25)
     # BLK (1 + 99 k_2) tau
     assert trends["free_play"] == pytest.approx(1e-5 * 99 * trends["backlash"], rel=1e-6)
     # The model along the growth of friction and backlash, far enough to even out that the peak of
     # the torque jumps from one turn of the motor to the next: 8 % in itself.
-    now = fault_vector({item.name: item.value for item in worn[1][-1].health.faults})
+    now = fault_vector({item.name: item.value for item in grown[1][-1].health.faults})
     growth = np.array([trends.get(name, 0.0) for name in FAULT_NAMES])
     growth *= [name in ("friction", "backlash") for name in FAULT_NAMES]
     requirements = requirements_of(PARAMETERS, RequirementLimits())
@@ -76,8 +83,8 @@ def test_trends_are_those_of_the_laws(worn):
     assert trends["torque_margin"] == pytest.approx((after - before) / 120.0, rel=0.15)
 
 
-def test_health_is_that_of_the_tracked_values(worn):
-    prognostics, outlooks = worn
+def test_health_is_that_of_the_tracked_values(grown):
+    prognostics, outlooks = grown
     last = outlooks[-1]
     [item] = [item for item in last.health.faults if item.name == "friction"]
     single = prognostics.history.entries[-1].estimate
@@ -92,7 +99,7 @@ def test_health_is_that_of_the_tracked_values(worn):
 def test_healthy_actuator_is_told_no_life_and_no_alarm():
     """Of errors that a false alarm could be made of."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)
-    for number in range(30):
+    for number in range(20):
         estimate = made_test(number, seed=11, friction=0.0, backlash=0.0, gain=0.5)
         last = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
         assert last is not None
@@ -100,8 +107,8 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
         assert last.rul.reason
 
 
-def test_same_test_again_changes_nothing_and_a_different_one_at_its_time_is_told(worn):
-    prognostics, outlooks = worn
+def test_same_test_again_changes_nothing_and_a_different_one_at_its_time_is_told(grown):
+    prognostics, outlooks = grown
     entries = len(prognostics.history.entries)
     same = prognostics.history.entries[59].estimate
     for test, words in (
@@ -116,23 +123,27 @@ def test_same_test_again_changes_nothing_and_a_different_one_at_its_time_is_told
     assert len(prognostics.history.entries) == entries
 
 
-def test_other_duty_is_answered_without_changing_anything(worn):
-    prognostics, outlooks = worn
-    twice = prognostics.outlook(PARAMETERS, duty_of(TEN_HOURS, 2.0))
+def test_phases_on_both_sides_of_half_a_turn_are_of_the_same_test():
+    unit = Unit(History(*UNIT), TEN_HOURS)
+    for phase in (0.001, 0.999):
+        test = replace(made_test(0, eccentricity_phase=phase), covariance=1e-5 * np.eye(8))
+        outlook = unit.update(test, PARAMETERS, TEN_HOURS)
+    assert outlook is not None
+    assert "in the history already" in outlook.events[-1].text
+
+
+def test_other_duty_is_answered_without_changing_anything(grown):
+    prognostics, outlooks = grown
+    twice_as_hard = replace(TEN_HOURS, service=replace(TEN_HOURS.service, duty=2.0))
+    twice = prognostics.outlook(PARAMETERS, twice_as_hard)
     now = outlooks[-1]
-    assert twice.duty == 2.0
+    assert twice.future.factor == 2.0
     assert twice.lives["friction"].hours_50 == pytest.approx(now.lives["friction"].hours_50 / 2)
     assert twice.lives["free_play"].hours_50 == pytest.approx(
         now.lives["free_play"].hours_50 / 2, rel=0.05
     )
     assert "2 times as fast" in twice.assumption
     assert plain(prognostics.outlook(PARAMETERS, TEN_HOURS)) == plain(now)
-
-
-@pytest.mark.parametrize("duty", [0.0, -1.0, math.nan, math.inf, 1e9])
-def test_impossible_duty_is_refused_by_name_and_range(duty: float):
-    with pytest.raises(ValueError, match=r"duty = .*\[0.001, 1000\]"):
-        duty_of(TEN_HOURS, duty)
 
 
 def test_without_history_there_is_no_answer():
@@ -154,29 +165,31 @@ def test_test_that_comes_late_is_told_and_changes_no_level():
 
 
 def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
-    prognostics, _ = lived(20)
-    outlooks = [
+    prognostics, _ = lived(20, known=19)
+    outlooks: list[Any] = [
         prognostics.update(made_test(n, friction=0.7, backlash=backlash(n)), PARAMETERS, TEN_HOURS)
         for n in (20, 21)
     ]
     healths = [
         next(item for item in outlook.health.faults if item.name == "friction")
         for outlook in outlooks
-        if outlook
     ]
-    first, second = (outlook.events for outlook in outlooks if outlook)
+    first, second = (outlook.events for outlook in outlooks)
     assert str(first[0]).startswith("outlier: friction 0.700")
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
+    # What is told is the value of the test, and not the one before.
+    words = cause_of_level(outlooks[0])
+    assert "friction 0.7 in the latest test, which the next one has to confirm" in words
     assert any(str(event).startswith("step: friction") for event in second)
     assert healths[1].level == ERROR
     assert healths[1].value == pytest.approx(0.7, abs=0.02)
 
 
 @pytest.mark.slow
-def test_limit_that_changes_counts_from_then_on_for_the_whole_history(worn):
+def test_limit_that_changes_counts_from_then_on_for_the_whole_history():
     settings = replace(TEN_HOURS, limits=HealthLimits(friction=0.9))
-    _, expected = lived(20, settings)
-    prognostics, _ = lived(20)
+    _, expected = lived(20, settings, known=19)
+    prognostics, _ = lived(20, known=19)
     assert plain(prognostics.outlook(PARAMETERS, settings)) == plain(expected[-1])
 
 
@@ -190,8 +203,8 @@ def test_requirement_that_a_healthy_actuator_misses_is_told():
     assert outlooks[-1].lives["tracking_error"].criterion == above
 
 
-def test_criterion_is_the_same_be_its_life_known_or_not(worn):
-    unknown, known = worn[1][0].lives, worn[1][-1].lives
+def test_criterion_is_the_same_be_its_life_known_or_not(grown):
+    unknown, known = lived(1)[1][0].lives, grown[1][-1].lives
     assert known["torque_margin"].known
     assert not unknown["torque_margin"].known
     for name in REQUIREMENTS:
@@ -219,22 +232,20 @@ def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
     assert outlooks[1].events == ()
 
 
-class OfWideGain(Tracker):
-    """A tracker whose futures of the gain, which it does not know to grow, go anywhere."""
+@pytest.mark.slow
+def test_what_is_not_known_to_grow_ends_no_life(grown, monkeypatch: pytest.MonkeyPatch):
+    unit, _ = grown
+    expected = unit.outlook(PARAMETERS, TEN_HOURS)
+    futures = Tracker.futures
 
-    def futures(
-        self, hours: ArrayLike, n: int = 500, duty: FutureDuty | float = 1.0
-    ) -> NDArray[np.float64]:
-        paths = super().futures(hours, n, duty)
-        paths[1:, :, -1] = np.linspace(0.0, 1.0, n)
+    def of_wide_gain(*arguments: Any) -> Any:
+        """Futures of the gain, which is not known to grow, go anywhere."""
+        paths = futures(*arguments)
+        paths[1:, :, -1] = np.linspace(0.0, 1.0, paths.shape[1])
         return paths
 
-
-@pytest.mark.slow
-def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.MonkeyPatch):
-    expected = worn[0].outlook(PARAMETERS, TEN_HOURS)
-    monkeypatch.setattr(growth_record, "Tracker", OfWideGain)
-    outlook = lived(60)[1][-1]
+    monkeypatch.setattr(Tracker, "futures", of_wide_gain)
+    outlook = unit.outlook(PARAMETERS, TEN_HOURS)
     assert outlook.rul_requirements == expected.rul_requirements
     # Unknown lives hold NaN, which does not equal itself.
     assert repr(outlook.lives) == repr(expected.lives)
@@ -243,18 +254,12 @@ def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.Monkey
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["eccentricity", "backlash"])
 def test_component_that_no_test_has_shown_ends_no_life(hidden: str):
-    prognostics = Unit(History(*UNIT), TEN_HOURS)
-    outlook = None
+    tests = [made_test(number, seed=3, friction=friction(number)) for number in range(40)]
     number = FAULT_NAMES.index(hidden)
-    for test in range(60):
-        found = made_test(test, seed=3, friction=friction(test))
-        covariance = found.covariance.copy()
-        covariance[number], covariance[:, number] = np.nan, np.nan
-        unobservable = found.unobservable.copy()
-        unobservable[number] = True
-        estimate = replace(found, covariance=covariance, unobservable=unobservable)
-        outlook = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
-    assert outlook is not None
+    for test in tests:
+        test.covariance[number], test.covariance[:, number] = np.nan, np.nan
+        test.unobservable[number] = True
+    outlook = Unit(history_of(tests), TEN_HOURS).outlook(PARAMETERS, TEN_HOURS)
     assert outlook.rul_faults.known
     assert outlook.rul_requirements.reason == f"no test has shown {hidden} yet"
     assert outlook.rul == outlook.rul_faults
@@ -269,23 +274,115 @@ def test_first_test_alone_ends_no_life():
     assert "fewer than two tests" in outlook.rul_requirements.reason
 
 
-def test_earlier_of_two_lives():
-    one = RemainingLife(True, 10.0, 50.0, 90.0, "one")
-    other = RemainingLife(True, 20.0, 40.0, 95.0, "other")
-    unknown = RemainingLife.unknown("none", "no growth")
-    # Of lives that end independently, the first to end does so sooner than either.
-    both = RemainingLife(True, 5.0, 30.0, 92.0, "any")
-    assert earlier(one, other, both) == RemainingLife(True, 5.0, 30.0, 90.0, "other")
-    assert earlier(one, other, unknown) == RemainingLife(True, 10.0, 40.0, 90.0, "other")
-    assert earlier(one, unknown, unknown) == earlier(unknown, one, unknown) == one
-    too_far = RemainingLife.unknown("x", "too far")
-    assert earlier(unknown, too_far, unknown).reason == "no growth; too far"
+def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
+    """It did for good, and the test after it had no service hours."""
+    prognostics = Unit(History(*UNIT))
+    cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
+    outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
+    assert [item.hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
+    assert [event.text for item in outlooks for event in item.events] == [
+        "usage is ignored, 3 h: hours_per_cycle = 10 h is set"
+    ]
+    alone = follow(Unit(History(*UNIT)), [worn(n) for n in range(9)], TEN_HOURS)[-1]
+    assert alone is not None
+    assert plain(outlooks[-1]) == plain(alone)
 
 
-def test_value_of_a_test_that_is_not_confirmed_is_told_and_not_the_one_before():
-    prognostics, _ = lived(6)
-    estimate = made_test(6, friction=0.797, backlash=backlash(6))
-    outlook = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
+@pytest.mark.slow
+def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
+    """Counted before every fifth test alone: the prognosis is that of hours counted before each."""
+    sparse = [worn(n, 10.0 * n if n % 5 == 0 else math.nan) for n in range(26)]
+    prognostics = Unit(History(*UNIT))
+    outlooks = follow(prognostics, sparse)
+    full = follow(Unit(History(*UNIT)), [worn(n, 10.0 * n) for n in range(26)])
+    last, expected = outlooks[-1], full[-1]
+    assert last is not None
+    assert expected is not None
+    assert last.rul_faults.known
+    assert last.rul_faults.hours_50 == pytest.approx(expected.rul_faults.hours_50, rel=1e-6)
+    # Between counts, life is given from the latest count on, and levels rest on the test itself.
+    counted_last, between = outlooks[20], outlooks[23]
+    assert counted_last is not None
+    assert between is not None
+    assert (between.hours, between.rul_faults) == (200.0, counted_last.rul_faults)
+    single = assess(prognostics.history.entries[23].estimate, HealthLimits())
+    assert between.health.faults == single.faults
+    assert all(event.kind == "fault" for item in outlooks if item for event in item.events)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_worn", [True, False])
+def test_one_count_too_high_raises_no_alarm(is_worn: bool):
+    """Growth is not extrapolated to hours that nothing has confirmed; alarms do not wait."""
+    outlooks = []
+    prognostics = Unit(History(*UNIT))
+    for number in range(24):
+        hours = 50_000.0 if number == 20 else 10.0 * (number + 1)
+        estimate = worn(number).estimate if is_worn else made_test(number, seed=3, friction=0.1)
+        count = Count(estimate.start_ns, hours, number + 1)
+        outlooks.append(prognostics.update(estimate, PARAMETERS, COUNTED, count))
+    levels = [item.health.level for item in outlooks[17:]]
+    # The torque margin of a worn unit is near its limit at a single test as well.
+    assert max(levels) <= (WARN if is_worn else OK)
+    assert "went from 200 h to 50000 h" in outlooks[20].rul.reason
+    single = assess(prognostics.history.entries[20].estimate, HealthLimits())
+    assert outlooks[20].health.faults == single.faults
+    assert outlooks[20].health.health_index == single.health_index > 0.7
+
+
+def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
+    path = tmp_path / "history.sqlite"
+    for _ in range(3):
+        prognostics = Unit(History(*UNIT, path), TEN_HOURS)
+        follow(prognostics, [worn(0, valid=False)] * 2, TEN_HOURS)
+        prognostics.history.close()
+    prognostics = Unit(History(*UNIT, path), TEN_HOURS)
+    # The same window with an estimate is taken, but is no further cycle.
+    first, second = follow(prognostics, [worn(0), worn(1)], TEN_HOURS)
+    prognostics.history.close()
+    assert first is not None
+    assert second is not None
+    assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
+
+
+def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test():
+    prognostics = Unit(History(*UNIT))
+    cycles = []
+    for number in range(8):
+        estimate = made_test(number)
+        counted_cycles = {3: 5_000_000, 6: 0}.get(number, number + 20)
+        count = Count(estimate.start_ns, 10.0 * number, counted_cycles)
+        outlook = prognostics.update(estimate, None, COUNTED, count)
+        assert outlook is not None
+        cycles.append(outlook.cycles)
+    # Where none are counted, those seen are added.
+    assert cycles == [20, 21, 22, 5_000_000, 24, 25, 26, 27]
+
+
+def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
+    prognostics, outlooks = lived(12, PrognosisSettings())
+    last = outlooks[-1]
+    assert math.isnan(last.hours)
+    assert last.cycles == 12
+    for life in (last.rul, last.rul_faults, last.rul_requirements, *last.lives.values()):
+        assert not life.known
+        assert "service hours are unknown" in life.reason
+    estimate = prognostics.history.entries[-1].estimate
+    assert last.health.faults == assess(estimate, HealthLimits()).faults
+
+
+def test_count_that_was_read_after_the_test_does_not_count_for_it():
+    prognostics = Unit(History(*UNIT))
+    late = Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0)
+    outlook = prognostics.update(made_test(0), None, COUNTED, late)
     assert outlook is not None
-    words = cause_of_level(outlook)
-    assert "friction 0.797 in the latest test, which the next one has to confirm" in words
+    assert "no count on topic usage was read before the test" in outlook.rul.reason
+
+
+def test_missed_tests_count_and_are_told():
+    _, outlooks = lived(20, missing=(7, 8, 12))
+    events = {item.hours: item.events for item in outlooks if item.events}
+    assert any("2 tests without a valid estimate" in event.text for event in events[100.0])
+    assert any("1 test without a valid estimate" in event.text for event in events[140.0])
+    last = outlooks[-1]
+    assert (last.hours, last.cycles, last.hours_per_cycle) == (200.0, 20, 10.0)

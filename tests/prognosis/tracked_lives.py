@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
+from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import Event
@@ -59,3 +59,17 @@ def feed(
 def of(tracker: Tracker, name: str) -> TrackedFault:
     """Return what a tracker knows of a component."""
     return next(item for item in tracker.components() if item.name == name)
+
+
+def growing(tracker: Tracker, name: str) -> float:
+    """Return the probability that a component grows."""
+    return 1.0 - tracker._mixture.constant()[COMPONENTS.index(name)]
+
+
+def laws_of(tracker: Tracker, name: str) -> dict[str, float]:
+    """Return the probability of each law of a component; that under a wave is linear."""
+    mixture, number = tracker._mixture, COMPONENTS.index(name)
+    cells, own = mixture.bank.cells, mixture.component == number
+    laws = {law: mixture.weight[part][own[part]].sum() for law, part in cells.slices.items()}
+    laws["constant"] = 1.0 - growing(tracker, name)
+    return laws | {"linear": 1.0 - sum(laws.values()) + laws["linear"]}

@@ -6,12 +6,11 @@ from typing import Any
 
 import pytest
 from rclpy.context import Context
-from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ema_ros import managed_node
 
-from .spinning import Spinning, end, made, ros_context, spinning
+from .spinning import Spinning, end, made, ros_context
 
 # Tests wait for what nodes report; those of real graphs have their second.
 managed_node._REPORT_S = 0.2  # pyright: ignore[reportPrivateUsage, reportConstantRedefinition]
@@ -43,14 +42,3 @@ def make_node(context: Context) -> Iterator[Callable[..., Any]]:
             return node
 
         yield make
-
-
-@pytest.fixture
-def spin(make_node: Callable[..., Any]) -> Iterator[Callable[..., None]]:
-    """Serve nodes by an executor in the background until the test is over."""
-    with ExitStack() as executors:
-
-        def begin(executor: Executor, *nodes: Node) -> None:
-            executors.enter_context(spinning(executor, *nodes))
-
-        yield begin

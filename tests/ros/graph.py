@@ -3,62 +3,78 @@
 import os
 import signal
 import subprocess
-import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
-from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ema_cli.processes.bringup import assignments_of, program
 from ema_cli.processes.domains import Domain
-from ema_interfaces.msg import FaultEstimate, Health
-from ema_ros.topics import LATCHED, NAMESPACE
+from ema_interfaces.msg import FaultEstimate, Health, TelemetryBlock
+from ema_ros.topics import LATCHED, NAMESPACE, STREAM
 
 from ..waiting import DEADLINE_S, wait_for
 from .spinning import end, ros_context, spinning
 
-PACKAGES = {
-    "actuator": "ema_sim",
-    "bridge": "ema_bags",
-    "dashboard": "ema_dashboard",
-    "monitor": "ema_monitor",
-    "player": "ema_bags",
-    "recorder": "ema_bags",
-}
+
+class Status(NamedTuple):
+    """The latest status of a task; ``came_s`` is when it came [s]."""
+
+    level: int
+    message: str
+    values: dict[str, str]
+    came_s: float
 
 
 class Graph:
-    """Starts nodes as processes, listens to what they say and ends them."""
+    """Starts nodes as processes, stops, kills and pauses them, and listens to what they say.
 
-    def __init__(self) -> None:
+    Attributes
+    ----------
+    processes
+        Those that were started and not ended, by name.
+    began_s
+        When each was started last, of the machine's clock [s].
+    received
+        All estimates so far, and when each came [s].
+    status
+        Latest status by its name.
+    told
+        All messages that differ of each status, in their order.
+    blocks
+        When each block of telemetry was sent [ns], and received [s].
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        self.estimates: list[FaultEstimate] = []
-        self.latencies_s: list[float] = []
+        self.began_s: dict[str, float] = {}
+        self.received: list[tuple[float, FaultEstimate]] = []
         self.healths: list[Health] = []
-        self.status: dict[str, tuple[int, str, dict[str, str]]] = {}
+        self.status: dict[str, Status] = {}
         self.told: dict[str, list[str]] = {}
+        self.blocks: list[tuple[int, float]] = []
         self._open = ExitStack()
 
     def __enter__(self) -> Self:
+        self.folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as opened:
-            logs = tempfile.TemporaryDirectory(prefix="ema_graph_")
-            self._logs = Path(opened.enter_context(logs))
             self._domain = opened.enter_context(closing(Domain()))
             context = opened.enter_context(ros_context(self._domain.number))
             self.node = Node("observer", namespace="/test", context=context)
             opened.callback(end, self.node)
-            self.node.create_subscription(
-                FaultEstimate, f"{NAMESPACE}/fault_estimate", self._note_estimate, 1000
-            )
-            self.node.create_subscription(
-                Health, f"{NAMESPACE}/health", self.healths.append, LATCHED
-            )
-            self.node.create_subscription(DiagnosticArray, "/diagnostics", self._note_status, 100)
+            # Typed as rclpy has it: with two arguments it is given what is known of the message.
+            note_block: Any = self._note_block
+            listen = self.node.create_subscription
+            listen(FaultEstimate, f"{NAMESPACE}/fault_estimate", self._note_estimate, STREAM)
+            listen(Health, f"{NAMESPACE}/health", self.healths.append, LATCHED)
+            listen(DiagnosticArray, "/diagnostics", self._note_status, STREAM)
+            listen(TelemetryBlock, f"{NAMESPACE}/telemetry", note_block, STREAM, raw=True)
             executor = SingleThreadedExecutor(context=context)
             opened.enter_context(spinning(executor, self.node))
             self._open = opened.pop_all()
@@ -75,61 +91,132 @@ class Graph:
         """Domain of all nodes."""
         return self._domain.number
 
-    def start(self, name: str, **parameters: Any) -> None:
-        """Start a node with parameters; a dot in a name is written as two underscores.
+    @property
+    def estimates(self) -> list[FaultEstimate]:
+        """All estimates so far."""
+        return [estimate for _, estimate in self.received]
+
+    def start(
+        self, name: str, node: str = "", remaps: Sequence[str] = (), **parameters: Any
+    ) -> None:
+        """Start a node with parameters; a dot in the name of one is two underscores here.
 
         A monitor keeps no history unless told where.
         """
-        if name == "monitor":
-            parameters = {"history_folder": "memory", **parameters}
-        package = PACKAGES[name]
-        program = Path(get_package_prefix(package)) / "lib" / package / f"{name}_node"
-        given = [f"{key.replace('__', '.')}:={value}" for key, value in parameters.items()]
-        arguments = [word for item in given for word in ("-p", item)]
-        with self.log(name).open("wb") as log:
-            self._begin(name, [program, "--ros-args", *arguments], log)
+        if (node or name) == "monitor":
+            parameters = {"history_folder": "", **parameters}
+        given = {
+            key.replace("__", "."): str(value) if isinstance(value, Path) else value
+            for key, value in parameters.items()
+        }
+        words = [word for item in assignments_of(given) for word in ("-p", item)]
+        words += [word for item in remaps for word in ("-r", item)]
+        self.start_other(name, [program(node or name), "--ros-args", *words])
 
     def start_other(self, name: str, command: list[Any]) -> None:
         """Start what is no node of ours, in the same domain."""
-        with self.log(name).open("wb") as log:
-            self._begin(name, command, log)
+        environment = os.environ | {
+            "ROS_DOMAIN_ID": str(self.domain_id),
+            "ROS_HOME": str(self.folder / "ros_home"),
+        }
+        self.began_s[name] = time.time()
+        with self.log(name).open("ab") as log:
+            self.processes[name] = subprocess.Popen(
+                command,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                pass_fds=[self._domain.descriptor],
+            )
 
-    def _begin(self, name: str, command: list[Any], log: Any) -> None:
-        self.processes[name] = subprocess.Popen(
-            command,
-            stdout=log,
-            stderr=log,
-            env={**os.environ, "ROS_DOMAIN_ID": str(self._domain.number)},
-            pass_fds=[self._domain.descriptor],
-        )
+    def kill(self, name: str) -> float:
+        """Kill a node with signal 9; return when that was done, of the machine's clock [s]."""
+        assert self.stop(name, signal.SIGKILL) == -signal.SIGKILL
+        return time.time()
 
     def stop(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
         """Send a signal to a node; return its exit code once it has ended."""
-        process = self.processes.pop(name)
-        process.send_signal(number)
-        return process.wait(timeout=DEADLINE_S)
+        self.processes[name].send_signal(number)
+        return self.exit_code(name)
+
+    def exit_code(self, name: str) -> int:
+        """Wait until a node ends, and return its exit code."""
+        try:
+            code = self.processes[name].wait(DEADLINE_S)
+        except subprocess.TimeoutExpired as error:
+            raise AssertionError(f"{name} did not end within {DEADLINE_S:g} s") from error
+        del self.processes[name]
+        return code
+
+    def pause(self, name: str) -> None:
+        """Let a node stand still, without its knowledge."""
+        self.processes[name].send_signal(signal.SIGSTOP)
+
+    def resume(self, name: str) -> None:
+        """Let a node go on that stands still."""
+        self.processes[name].send_signal(signal.SIGCONT)
 
     def log(self, name: str) -> Path:
         """Return the file that holds what a node prints."""
-        return self._logs / f"{name}.log"
+        return self.folder / f"{name}.log"
 
-    def wait_for(self, condition: Callable[[], Any], what: str) -> None:
-        """Wait until a condition holds."""
+    def failures(self) -> list[str]:
+        """Return the last lines of the logs that have a traceback."""
+        return [
+            f"{path.name}: {text.strip().splitlines()[-1]}"
+            for path in sorted(self.folder.glob("*.log"))
+            if "Traceback" in (text := path.read_text(errors="replace"))
+        ]
+
+    def wait_for(
+        self, condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S
+    ) -> Any:
+        """Wait until a condition holds, while all nodes live, and return what it returned."""
+
+        def holds() -> Any:
+            result = condition()
+            if not result:
+                self.check_alive()
+            return result
+
         try:
-            wait_for(condition, what)
+            return wait_for(holds, what, deadline_s)
         except AssertionError as error:
-            logs = "\n".join(path.read_text() for path in sorted(self._logs.iterdir()))
+            logs = "\n".join(path.read_text() for path in sorted(self.folder.glob("*.log")))
             raise AssertionError(f"{error}; status: {self.status}\n{logs}") from error
 
+    def wait(self, seconds: float) -> None:
+        """Let time go by [s], while all nodes have to live."""
+        end_s = time.monotonic() + seconds
+        self.wait_for(lambda: time.monotonic() >= end_s, "the time", seconds + DEADLINE_S)
+
+    def check_alive(self) -> None:
+        """Fail when a node has ended by itself."""
+        for name, process in self.processes.items():
+            code = process.poll()
+            assert code is None, f"{name} has ended by itself with code {code}"
+
+    def says(self, status: str, text: str, since_s: float = 0.0) -> bool:
+        """Return whether a status has a text in its message and came after a time [s]."""
+        found = self.status.get(status)
+        return found is not None and found.came_s > since_s and text in found.message
+
+    def valid_since(self, since_s: float) -> list[FaultEstimate]:
+        """Return the valid estimates that came after a time [s]."""
+        return [item for came_s, item in self.received if item.valid and came_s > since_s]
+
     def _note_estimate(self, message: FaultEstimate) -> None:
-        end = message.window_end
-        self.latencies_s.append(time.time() - end.sec - end.nanosec * 1e-9)
-        self.estimates.append(message)
+        self.received.append((time.time(), message))
 
     def _note_status(self, message: DiagnosticArray) -> None:
         for item in message.status:
             values = {pair.key: pair.value for pair in item.values}
-            self.status[item.name] = (item.level[0], item.message, values)
+            self.status[item.name] = Status(item.level[0], item.message, values, time.time())
             told = self.told.setdefault(item.name, [])
             if not told or told[-1] != item.message:
                 told.append(item.message)
+
+    def _note_block(self, _: bytes, information: Any) -> None:
+        self.blocks.append(
+            (information["source_timestamp"], information["received_timestamp"] * 1e-9)
+        )

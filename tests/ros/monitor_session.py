@@ -1,14 +1,14 @@
 """A monitor in this process, and what other nodes send it, ask of it and hear from it."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
+from rclpy.action.client import ActionClient
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from ema_cli.processes.domains import Domain
@@ -16,17 +16,17 @@ from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
+from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
 from ema_ros import topics
-from ema_ros.executor import NodeExecutor
 from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_sim.actuator import SimulatedActuator
 
-from ..waiting import DEADLINE_S
-from .spinning import Probe, end, made, ros_context, spinning, wait_for_match
+from ..waiting import DEADLINE_S, wait_for
+from .spinning import Probe, probed, wait_for_match, where_it_spins
 
 START_NS = 1_700_000_000_000_000_000
 ANY_OFFSET_S = 1e10
@@ -38,16 +38,16 @@ class Source:
     """Telemetry of one simulated actuator, a test cycle at a time, each joining the one before."""
 
     def __init__(self, *, stamp_ns: int = START_NS, **faults: float) -> None:
-        self._actuator = SimulatedActuator(stamp_ns=stamp_ns)
+        self.actuator = SimulatedActuator(stamp_ns=stamp_ns)
         self.set(**faults)
 
     def set(self, **faults: float) -> None:
         """Set the faults of the cycles to come; others are healthy."""
-        self._actuator.faults = fault_vector(faults)
+        self.actuator.faults = fault_vector(faults)
 
     def cycle(self, size: int = 500) -> list[Telemetry]:
         """The next test cycle, in blocks of a size."""
-        whole = self._actuator.advance(CYCLE.samples)
+        whole = self.actuator.advance(CYCLE.samples)
         stops = [*range(size, len(whole), size), len(whole)]
         return [whole.part(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
 
@@ -69,8 +69,7 @@ class MonitorSession(Probe):
     """A monitor node and a probe beside it, both spun in the background."""
 
     def __init__(self, context: Context, node: MonitorNode) -> None:
-        super().__init__(context, "/ema/monitor")
-        self.node = node
+        super().__init__(context, node)
         self._estimates_awaited = 0
         self._at_end: list[Callable[[], Any]] = []
         self._publishers = {
@@ -101,6 +100,15 @@ class MonitorSession(Probe):
 
     def describe(self, description: ActuatorDescription = FLAP) -> None:
         self.send(topics.DESCRIPTION, description_to_message(description))
+
+    def mount(self, description: ActuatorDescription = FLAP) -> None:
+        """Describe a unit, and wait until the monitor knows of it."""
+        units = self.node.units
+        self.describe(description)
+        wait_for(
+            lambda: "flap" in units and units["flap"].description == description,
+            "the description",
+        )
 
     def describe_from_a_node_of_its_own(self, description: ActuatorDescription) -> None:
         """Publish a description as another actuator does, to whoever listens now or later."""
@@ -134,9 +142,6 @@ class MonitorSession(Probe):
         return self.call(ChangeState, "/ema/monitor/change_state", request).success
 
     def set_parameters(self, **values: Any) -> list[Any]:
-        return self.set_parameter_values(values)
-
-    def set_parameter_values(self, values: dict[str, Any]) -> list[Any]:
         """Set parameters as another node does, and return the answers."""
         request = SetParameters.Request(
             parameters=[
@@ -144,6 +149,35 @@ class MonitorSession(Probe):
             ]
         )
         return self.call(SetParameters, "/ema/monitor/set_parameters", request).results
+
+
+class Goal:
+    """A goal that has been sent to a monitor."""
+
+    def __init__(self, session: MonitorSession, **goal: Any) -> None:
+        self.feedback: list[IdentifyFaults.Feedback] = []
+        self._session = session
+        self._client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
+        wait_for(self._client.server_is_ready, "the action")
+        request = IdentifyFaults.Goal(**goal)
+        sent = self._ask(lambda: self._client.send_goal_async(request, self._note))
+        self.handle = session.result(sent)
+        session.at_end(self._client.destroy)
+        self.is_accepted = self.handle.accepted
+        self._result = self._ask(self.handle.get_result_async) if self.is_accepted else None
+
+    def _ask(self, call: Callable[[], Any]) -> Any:
+        return where_it_spins(self._session.probe, call)
+
+    def _note(self, message: Any) -> None:
+        self.feedback.append(message.feedback)
+
+    def cancel(self) -> None:
+        self._session.result(self._ask(self.handle.cancel_goal_async))
+
+    def result(self) -> tuple[int, IdentifyFaults.Result]:
+        answer = self._session.result(self._result)
+        return answer.status, answer.result
 
 
 @contextmanager
@@ -164,21 +198,10 @@ def monitor(
         "expected_period_s": 1000.0,
         **(parameters or {}),
     }
-    overrides = [Parameter(name, value=value) for name, value in given.items()]
-    with ExitStack() as opened:
-        own = opened.enter_context(closing(Domain()))
-        context = opened.enter_context(ros_context(own.number))
-        node = made(MonitorNode, context=context, parameter_overrides=overrides)
-        opened.callback(end, node)
-        session = MonitorSession(context, node)
-        opened.callback(end, session.probe)
-        opened.callback(session.close)
-        node_executor = NodeExecutor(session.fail, context=context)
-        opened.enter_context(spinning(node_executor, node))
-        probe_executor = SingleThreadedExecutor(context=context)
-        opened.enter_context(spinning(probe_executor, session.probe))
-        # Calls that wait have to return before the executors are shut down.
-        opened.callback(node.stopping.set)
+    with (
+        closing(Domain()) as own,
+        probed(MonitorNode, MonitorSession, given, own.number) as session,
+    ):
         if up:
             session.bring_up()
         yield session

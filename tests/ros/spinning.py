@@ -4,12 +4,12 @@ import contextlib
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import Executor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -119,13 +119,17 @@ def end(node: Node) -> None:
 class Probe:
     """A node beside the one that is tested: what it hears of it, and what it asks of it."""
 
-    def __init__(self, context: Context, name: str) -> None:
-        self._name = name
+    def __init__(self, context: Context, node: Any) -> None:
+        self.node = node
+        self._name = node.get_fully_qualified_name()
         self.failures: list[BaseException] = []
         self._received: defaultdict[str, list[Any]] = defaultdict(list)
         self._changed = threading.Condition()
         self.probe = Node("probe", context=context, namespace="/ema")
         self.subscribe(DiagnosticArray, "/diagnostics", 100)
+
+    def close(self) -> None:
+        """Do what is to be done between the end of all service and that of the nodes."""
 
     def fail(self, error: BaseException) -> None:
         """Note what a callback of the node raised, for `until` to report."""
@@ -196,6 +200,32 @@ class Probe:
         return future.result()
 
 
+P = TypeVar("P", bound=Probe)
+
+
+@contextlib.contextmanager
+def probed(
+    kind: type[ManagedNode],
+    make_probe: Callable[[Context, Any], P],
+    parameters: dict[str, Any],
+    domain_id: int | None = None,
+) -> Iterator[P]:
+    """A node with parameters and a probe beside it, each served in a thread of its own."""
+    with contextlib.ExitStack() as opened:
+        context = opened.enter_context(ros_context(domain_id))
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        node = made(kind, context=context, parameter_overrides=overrides)
+        opened.callback(end, node)
+        probe = make_probe(context, node)
+        opened.callback(end, probe.probe)
+        opened.callback(probe.close)
+        opened.enter_context(spinning(NodeExecutor(probe.fail, context=context), node))
+        opened.enter_context(spinning(SingleThreadedExecutor(context=context), probe.probe))
+        # Calls that wait have to return before the executors are shut down.
+        opened.callback(node.stopping.set)
+        yield probe
+
+
 class Spinning:
     """Nodes of a test, and the executor that serves them."""
 
@@ -224,6 +254,24 @@ class Spinning:
         heard: list[Any] = []
         self.node(f"listener_{len(self.nodes)}").create_subscription(kind, topic, heard.append, qos)
         return heard
+
+    def statuses(self) -> dict[str, DiagnosticStatus]:
+        """Return where the latest status of each name comes in."""
+        told: dict[str, DiagnosticStatus] = {}
+
+        def note(message: DiagnosticArray) -> None:
+            told.update({status.name: status for status in message.status})
+
+        self.node("observer").create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+        return told
+
+    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+        """Return the answer of a service."""
+        client = self.node(f"client_{len(self.nodes)}").create_client(kind, name)
+        wait_for(client.service_is_ready, f"service {name}")
+        future = client.call_async(kind.Request(**fields))
+        wait_for(future.done, f"the answer of {name}")
+        return future.result()
 
     def close(self) -> None:
         for node in self.nodes:

@@ -1,14 +1,13 @@
 """The simulated actuator's node, in this process, as another node sees it."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -20,7 +19,6 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, join
 from ema_interfaces.msg import FaultGrowth
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
-from ema_ros.executor import NodeExecutor
 from ema_ros.messages import (
     description_from_message,
     faults_to_message,
@@ -34,7 +32,7 @@ from ema_sim.actuator_node import ActuatorNode
 from ema_sim.bench import ActuatorBench, BenchSettings
 from ema_sim.growth import Growth, grow
 
-from .spinning import Probe, end, figures, made, ros_context, spinning
+from .spinning import Probe, figures, probed
 
 # A step of 20 ms between 1.1 s of approach and return; 1.17 s in all with the pause.
 SHORT = {"command.shape": "step", "command.amplitude": 1e-3, "command.duration": 0.02}
@@ -58,16 +56,10 @@ class Listener(Probe):
     """What other nodes receive from an actuator node."""
 
     def __init__(self, context: Context, node: ActuatorNode) -> None:
-        super().__init__(context, "/ema/actuator")
-        self.node = node
+        super().__init__(context, node)
         for name, (message_class, qos) in ACTUATOR_TOPICS.items():
             self.subscribe(message_class, name, EVERY_MESSAGE if qos is LATCHED else qos)
         self.subscribe(Clock, "/clock", BEST_EFFORT)
-        self._open = ExitStack()
-        self._open.callback(end, node)
-        self._open.callback(end, self.probe)
-        self._open.enter_context(spinning(NodeExecutor(self.fail, context=context), node))
-        self._open.enter_context(spinning(SingleThreadedExecutor(context=context), self.probe))
 
     def blocks(self) -> list[Any]:
         return [telemetry_from_message(message) for message in self.received("telemetry")]
@@ -76,22 +68,12 @@ class Listener(Probe):
         return [stamped_faults_from_message(m) for m in self.received("simulated_faults")]
 
     def close(self) -> None:
-        self._open.close()
         assert not self.failures, self.failures
 
 
-@contextmanager
-def listening(**parameters: Any) -> Iterator[Listener]:
+def listening(**parameters: Any) -> AbstractContextManager[Listener]:
     """Listen to a node with these parameters that has still to be brought up."""
-    values = {**SHORT, **PAUSE, **parameters}
-    overrides = [Parameter(name, value=value) for name, value in values.items()]
-    with ros_context() as context:
-        node = made(ActuatorNode, context=context, parameter_overrides=overrides)
-        listener = Listener(context, node)
-        try:
-            yield listener
-        finally:
-            listener.close()
+    return probed(ActuatorNode, Listener, {**SHORT, **PAUSE, **parameters})
 
 
 @contextmanager
@@ -106,7 +88,8 @@ def two_cycles_in_real_time() -> Listener:
     faults = {"faults.friction": 0.25, "faults.gain": 0.6}
     noise = {"current_noise": 0.05, "noise_gain": 1.0, "seed": 7, "resolution.position": 1e-6}
     with running(**faults, **noise, **{"plant.R_s": 2.2, "load": 0.01}) as listener:
-        listener.until(lambda: len(listener.received("simulated_faults")) > 2)
+        for name in ("simulated_faults", "usage"):
+            listener.until(lambda name=name: len(listener.received(name)) > 2)
         for name in ("actuator_description", "simulated_faults", "usage"):
             listener.subscribe(ACTUATOR_TOPICS[name][0], name, LATCHED, key=f"late {name}")
             listener.until(lambda name=name: listener.received(f"late {name}"))
@@ -126,17 +109,6 @@ def real_time() -> Listener:
         return two_cycles_in_real_time()
 
 
-def test_telemetry_comes_in_blocks_of_ten_milliseconds_without_a_gap(real_time):
-    blocks = real_time.blocks()
-    per_cycle = -(-CYCLE_SAMPLES // 100)
-    assert {block.sample_period for block in blocks} == {1e-4}
-    numbers = np.array([(block.first_index, len(block)) for block in blocks])
-    np.testing.assert_array_equal(numbers[1:, 0], numbers[:-1].sum(axis=1))
-    assert np.count_nonzero(numbers[:, 1] == 100) >= 0.98 * len(blocks)
-    assert len(blocks) >= per_cycle
-    assert {m.actuator_id for m in real_time.received("telemetry")} == {"flap"}
-
-
 def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
     truths = real_time.truths()
     assert [truth.cycle for truth in truths[:3]] == [0, 1, 2]
@@ -152,9 +124,6 @@ def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
         (10.0, 2),
         (20.0, 3),
     ]
-    first = next(b for b in real_time.blocks() if b.first_index > CYCLE_SAMPLES)
-    assert first.first_index == CYCLE_SAMPLES + 1
-    assert first.stamp_ns == truths[1].stamp_ns + 100_000
 
 
 def test_samples_are_those_of_the_bench_with_these_settings(real_time):
@@ -169,7 +138,11 @@ def test_samples_are_those_of_the_bench_with_these_settings(real_time):
     twin.set_faults({"friction": 0.25, "gain": 0.6})
     expected = [(b, t) for _ in range(2) for b, t in twin.begin_cycle().blocks]
     whole = join([block for block, _ in expected])
+    numbers = np.array([(block.first_index, len(block)) for block in real_time.blocks()])
+    np.testing.assert_array_equal(numbers[1:, 0], numbers[:-1].sum(axis=1))
+    assert {m.actuator_id for m in real_time.received("telemetry")} == {"flap"}
     for block in real_time.blocks()[:200]:
+        assert block.sample_period == 1e-4
         start = block.first_index - 1
         for column in COLUMNS:
             part = getattr(whole, column)[start : start + len(block)]
@@ -215,6 +188,7 @@ def test_faults_are_set_and_grow_from_the_next_cycle_on():
             growth=[growth("friction", "linear", 1e-3)],
             hours_per_cycle=20.0,
         )
+        before = len(listener.truths())
         response = listener.call(SetSimulatedFaults, "actuator/set_faults", request)
         assert response.success
         assert "next test cycle" in response.message
@@ -227,7 +201,7 @@ def test_faults_are_set_and_grow_from_the_next_cycle_on():
     assert hours[0] == 0.0
     assert set(np.diff(hours)) == {50.0, 20.0}
     changed = next(i for i, truth in enumerate(truths) if truth.faults[0] > 0.0)
-    assert changed in (called, called + 1)
+    assert before <= changed <= called + 1
     np.testing.assert_array_equal(truths[changed - 1].faults, healthy_faults())
     after = start
     for i, truth in enumerate(truths[changed:]):
@@ -252,45 +226,33 @@ def test_command_is_set_from_the_next_cycle_on():
     np.testing.assert_array_equal(join(cycle).command[len(expected) :], np.zeros(500))
 
 
-@pytest.fixture(scope="class")
-def asked() -> Iterator[Listener]:
-    """A node at rate 4."""
+def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_clock():
+    """At a rate of 4."""
+    healthy, wrong = (faults_to_message(healthy_faults()) for _ in range(2))
+    wrong.friction = 1.5
+    twice = [growth("gain", "linear", 0.1)] * 2
     with running(rate=4.0, block_s=0.04) as listener:
-        yield listener
-
-
-class TestAsked:
-    """A node at rate 4 that is asked for what is impossible."""
-
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            ({"faults": {"friction": 1.5}}, "fault friction = 1.5 is outside [0, 1]"),
-            ({"growth": [growth("gain", "linear", 0.1)] * 2}, "gain is given more than once"),
-        ],
-    )
-    def test_impossible_faults_are_refused_by_name(self, asked, change, message):
-        faults = faults_to_message(healthy_faults())
-        for name, value in change.get("faults", {}).items():
-            setattr(faults, name, value)
-        request = SetSimulatedFaults.Request(
-            faults=faults,
-            growth=change.get("growth", []),
-            hours_per_cycle=change.get("hours_per_cycle", 1.0),
-        )
-        response = asked.call(SetSimulatedFaults, "actuator/set_faults", request)
-        assert not response.success
-        assert message in response.message
-
-    def test_at_rate_four_whoever_uses_simulated_time_finds_it_on_the_clock(self, asked):
-        status = asked.until(lambda: asked.statuses("simulation"))[-1]
+        for faults, given, message in (
+            (wrong, [], "fault friction = 1.5 is outside [0, 1]"),
+            (healthy, twice, "gain is given more than once"),
+        ):
+            request = SetSimulatedFaults.Request(faults=faults, growth=given, hours_per_cycle=1.0)
+            response = listener.call(SetSimulatedFaults, "actuator/set_faults", request)
+            assert not response.success
+            assert message in response.message
+        status = listener.until(lambda: listener.statuses("simulation"))[-1]
         assert {item.key: item.value for item in status.values}["rate"] == "4"
-        asked.until(lambda: len(asked.received("/clock")) > 100)
-        ends = {int(block.stamps_ns[-1]) for block in asked.blocks()}
-        clocks = [stamp_from_message(message.clock) for message in asked.received("/clock")]
-        assert clocks == sorted(clocks)
-        # Best effort: some may be lost.
-        assert len(ends & set(clocks)) > 0.8 * len(ends)
+
+        def clocks() -> list[int]:
+            return [stamp_from_message(message.clock) for message in listener.received("/clock")]
+
+        def ends() -> set[int]:
+            return {int(block.stamps_ns[-1]) for block in listener.blocks()}
+
+        listener.until(lambda: len(clocks()) >= 100)
+        # No topic comes before another one: the blocks of the first may still be on their way.
+        listener.until(lambda: len(ends().intersection(clocks()[:100])) > 90)
+        assert clocks() == sorted(clocks())
 
 
 def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
@@ -299,7 +261,6 @@ def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
         worst = listener.until(
             lambda: [s for s in listener.statuses("simulation") if s.level != DiagnosticStatus.OK]
         )[-1]
-        blocks = listener.blocks()
     assert worst.level == DiagnosticStatus.WARN
     assert worst.message.startswith("cannot keep up: lag ")
     values = figures(worst)
@@ -307,31 +268,20 @@ def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
     assert 0.0 < values["achieved rate"] < 50.0
     assert values["busy share"] > 0.7
     assert capfd.readouterr().err.count("cannot keep up") == 1
-    stamps = np.array([block.stamp_ns for block in blocks])
-    indices = np.array([block.first_index for block in blocks])
-    np.testing.assert_array_equal(stamps - stamps[0], 100_000 * (indices - indices[0]))
 
 
 def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
-    with running() as listener:
+    # A pause so long that no other cycle begins by itself.
+    with running(pause_s=20.0) as listener:
         listener.until(lambda: len(listener.received("telemetry")) > 5)
         listener.node.trigger_deactivate()
         listener.node.trigger_activate()
-        listener.until(lambda: len(listener.received("simulated_faults")) > 1)
-        listener.until(lambda: listener.blocks()[-1].stamp_ns > listener.truths()[-1].stamp_ns)
-        assert [truth.cycle for truth in listener.truths()] == [0, 1]
-        restart = listener.truths()[1].stamp_ns
-        last = [block for block in listener.blocks() if block.stamp_ns < restart][-1]
-        first = next(block for block in listener.blocks() if block.stamp_ns > restart)
-        # The block that it was waiting for when it stopped is left out.
-        assert first.first_index - last.first_index in (100, 200)
+        listener.until(lambda: [truth.cycle for truth in listener.truths()] == [0, 1])
         # Cleaned up and configured anew, it is a new actuator.
         listener.node.trigger_deactivate()
         listener.node.trigger_cleanup()
-        count = len(listener.truths())
         assert listener.node.bring_up()
-        listener.until(lambda: len(listener.truths()) > count)
-        assert listener.truths()[-1].cycle == 0
+        listener.until(lambda: [truth.cycle for truth in listener.truths()] == [0, 1, 0])
 
 
 def test_causes_are_set_like_faults_and_refused_by_name():
@@ -372,7 +322,7 @@ def impossible(**parameters: Any) -> str:
         ("growth.gain.law", "power", ("growth.gain.rate", "time scale")),
         ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
         ("causes", ["load_torque=99"], ("load_torque", "99", "[-10, 10] N.m")),
-        ("causes", "load_torque=1", ("causes", "'load_torque=1'", "array")),
+        ("causes", "load_torque=1", ("causes", "'load_torque=1'", "list of texts")),
         ("actuator_file", "/missing.yaml", ("actuator file", "/missing.yaml", "No such file")),
     ],
 )

@@ -1,39 +1,38 @@
-"""The bridge between a robot of another make and the monitor, in processes of their own."""
+"""The bridge between a robot of another make and the monitor."""
 
 import array
 import math
-import sys
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Float64MultiArray
 
+from ema_bags.inputs import bridge_node
 from ema_bags.inputs.bridge_node import BridgeNode
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
 from ema_monitor import calibrate, find_windows
-from ema_ros.executor import NodeExecutor
 from ema_ros.messages import description_from_message
 from ema_ros.stamps import stamp_from_message, stamp_to_message
-from ema_ros.status import ERROR, OK, Task
+from ema_ros.status import ERROR, OK, STALE, WARN, Task
 from ema_ros.topics import LATCHED, STREAM
 from ema_sim import simulate
 
 from ..waiting import wait_for
 from .graph import Graph
-from .spinning import fail
+from .spinning import Spinning
 
-ROBOT = Path(__file__).with_name("robot.py")
 STATES = "/joint_states"
 JOINT_STATE = {
     "joint": "flap_joint",
@@ -42,6 +41,7 @@ JOINT_STATE = {
     "current": {"topic": STATES, "source": "effort"},
     "command": {"topic": "/command", "source": "data[1]", "between": "hold"},
 }
+HELD = {"topic": "/command", "source": "data", "between": "hold"}
 FRICTION = 0.25
 START_NS = 1_700_000_000_000_000_000
 
@@ -59,84 +59,89 @@ def mapping_file(tmp_path):
     return write
 
 
-def calibrated(rate_hz: int, path: Path) -> ActuatorDescription:
-    """Write a calibration of the healthy actuator at a rate."""
-    description = ActuatorDescription(sample_period=1.0 / rate_hz)
-    healthy = simulate({}, 5, description=description)
-    calibrate(find_windows(healthy, description), description).save(path)
-    return description
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch):
+    monkeypatch.setattr(bridge_node, "_SILENT_S", 1.0)
+
+
+def joint_state(stamp_ns: int, joint: str, position: float, velocity: float, effort: float) -> Any:
+    """Return a state of a joint, in which another one stands as well, as with any robot."""
+    message = JointState(name=["other", joint])
+    message.header.stamp = stamp_to_message(stamp_ns)
+    for name, value in {"position": position, "velocity": velocity, "effort": effort}.items():
+        setattr(message, name, array.array("d", [0.0, value]))
+    return message
 
 
 @pytest.mark.long
 def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
-    rate_hz = 1000
-    calibrated(rate_hz, tmp_path / "calibration.yaml")
-    mapping = mapping_file()
-    with Graph() as graph:
+    """At 1 kHz, its command on a topic of its own, sent before each state."""
+    unit = ActuatorDescription(sample_period=1e-3)
+    calibration = calibrate(find_windows(simulate({}, 5, description=unit), unit), unit)
+    calibration.save(tmp_path / "calibration.yaml")
+    robot = simulate({"friction": FRICTION}, 6, description=unit)
+    with Graph(tmp_path / "graph") as graph:
         graph.start("monitor", calibration_file=tmp_path / "calibration.yaml")
-        graph.start("bridge", mapping_file=mapping)
+        graph.start("bridge", mapping_file=mapping_file())
         for name in ("monitor", "bridge"):
-            graph.wait_for(lambda name=name: active(graph, name), f"{name} is active")
-        arguments = [str(rate_hz), "3", str(FRICTION)]
-        graph.start_other("robot", [sys.executable, ROBOT, *arguments])
+            status = f"/ema/{name}: lifecycle"
+            graph.wait_for(lambda status=status: graph.says(status, "active"), f"{name} is active")
+        states = graph.node.create_publisher(JointState, STATES, 5000)
+        commands = graph.node.create_publisher(Float64MultiArray, "/command", 5000)
+        for publisher in (states, commands):
+            graph.wait_for(publisher.get_subscription_count, "the bridge")
+        start_s, start_ns = time.monotonic(), time.time_ns()
+        for i in range(len(robot)):
+            time.sleep(max(start_s + 1e-3 * i - time.monotonic(), 0.0))
+            commands.publish(Float64MultiArray(data=[0.1, robot.command[i]]))
+            speed = robot.speed[i] * unit.parameters.tau
+            stamp_ns = start_ns + (i + 1) * 10**6
+            columns = robot.position[i], speed, robot.current[i]
+            states.publish(joint_state(stamp_ns, "flap_joint", *columns))
         graph.wait_for(lambda: len(graph.estimates) >= 2, "two estimates")
         for estimate in graph.estimates[:2]:
             assert estimate.valid, estimate.reason
             # Of the range, as the accuracy of means over 1 or 2 ms is (docs/accuracy.md).
             assert abs(estimate.faults.friction - FRICTION) < 0.01
-        _, message, values = graph.status[status_of(graph, "input")]
-        assert f"{rate_hz} Hz" in graph.log("bridge").read_text()
+        values = graph.status["/ema/bridge: input"].values
+        assert "1000 Hz" in graph.log("bridge").read_text()
         assert (values["lost"], values["withheld"], values["clock jumps"]) == ("0", "0", "0")
-        assert graph.status[status_of(graph, "mapping")][0] == 0, message
+        mapping = graph.status["/ema/bridge: mapping"]
+        assert mapping.level == OK, mapping.message
         assert graph.stop("bridge") == 0
-
-
-def status_of(graph: Graph, task: str) -> str:
-    """The name of a status of the bridge, whatever it begins with."""
-    return next(name for name in graph.status if "bridge" in name and name.endswith(f": {task}"))
-
-
-def active(graph: Graph, node: str) -> bool:
-    return any(
-        node in name and name.endswith(": lifecycle") and item[1] == "active"
-        for name, item in graph.status.items()
-    )
 
 
 class Session:
     """A bridge in this process, and a node beside it that publishes and listens."""
 
-    def __init__(self, bridge: BridgeNode, other: Node) -> None:
-        self.bridge = bridge
-        self.descriptions: list[DescriptionMessage] = []
-        self.blocks: list[TelemetryBlock] = []
-        other.create_subscription(
-            DescriptionMessage, "/ema/actuator_description", self.descriptions.append, LATCHED
-        )
-        other.create_subscription(TelemetryBlock, "/ema/telemetry", self.blocks.append, STREAM)
+    def __init__(self, graph: Spinning, mapping: Path) -> None:
+        self.bridge = bridge_of(graph, mapping)
+        assert self.bridge.bring_up()
+        self.descriptions = graph.listen(DescriptionMessage, "/ema/actuator_description", LATCHED)
+        self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
+        other = graph.node("other")
         # Best effort, as sensors publish: the bridge asks for no more than is offered.
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.states = other.create_publisher(JointState, STATES, best_effort)
-        self.commands = other.create_publisher(Float64, "/command", 10)
+        self.commands: Any = other.create_publisher(Float64, "/command", 10)
         self.joint = "flap_joint"
-        self._number = 0
+        self._number, self.step_s = 0, 1e-3
 
-    def publish_next(self, **factors: float) -> None:
+    def publish_next(self, effort_factor: float = 1.0) -> None:
         """Publish the next of samples at 1 kHz of a sine that both follow."""
         self._number += 1
-        t = self._number * 1e-3
+        t = self._number * self.step_s
         angle, rate = 0.01 * math.sin(20.0 * t), 0.2 * math.cos(20.0 * t)
-        rows = {"position": angle, "velocity": rate, "effort": math.sin(t)}
-        message = JointState(name=["other", self.joint])
-        message.header.stamp = stamp_to_message(START_NS + round(t * 1e9))
-        for name, value in rows.items():
-            setattr(message, name, array.array("d", [0.0, value * factors.get(name, 1.0)]))
+        effort = math.sin(t) * effort_factor
         self.commands.publish(Float64(data=angle))
-        self.states.publish(message)
+        stamp_ns = START_NS + round(t * 1e9)
+        self.states.publish(joint_state(stamp_ns, self.joint, angle, rate, effort))
 
-    def publish_until(self, condition: Callable[[], Any], what: str, **factors: float) -> None:
+    def publish_until(
+        self, condition: Callable[[], Any], what: str, effort_factor: float = 1.0
+    ) -> None:
         def publish_and_ask() -> Any:
-            self.publish_next(**factors)
+            self.publish_next(effort_factor)
             return condition()
 
         wait_for(publish_and_ask, what)
@@ -145,27 +150,13 @@ class Session:
         return next(item for item in self.bridge.tasks() if item.name == name)
 
 
-@pytest.fixture
-def make_bridge(make_node) -> Callable[[Path], BridgeNode]:
-    """Make a bridge with a mapping; it is ended after what serves it."""
-
-    def make(path: Path) -> BridgeNode:
-        given = {"mapping_file": str(path), "learn_s": 0.1}
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
-        return make_node(kind=BridgeNode, parameter_overrides=overrides)
-
-    return make
+def bridge_of(graph: Spinning, mapping: Path) -> BridgeNode:
+    return graph.managed(BridgeNode, mapping_file=str(mapping), learn_s=0.1)
 
 
 @pytest.fixture
-def session(context, make_node, make_bridge, spin, mapping_file) -> Session:
-    """A bridge that is up, with a mapping of JointState and Float64."""
-    command = {"topic": "/command", "source": "data", "between": "hold"}
-    bridge = make_bridge(mapping_file(command=command))
-    other = make_node("other")
-    spin(NodeExecutor(fail, context=context), bridge, other)
-    assert bridge.bring_up()
-    return Session(bridge, other)
+def session(graph: Spinning, mapping_file) -> Session:
+    return Session(graph, mapping_file(command=HELD))
 
 
 def test_joint_states_become_telemetry_with_its_description(session):
@@ -192,24 +183,68 @@ def test_bridge_that_is_activated_again_goes_on(session):
     session.publish_until(lambda: len(session.descriptions) > count, "a description")
 
 
-def test_defect_withholds_telemetry_and_is_named_in_the_status(session):
-    session.publish_until(lambda: session.bridge.tasks()[1].level == ERROR, "error", effort=0.0)
-    task = session.task("mapping")
-    assert "telemetry is withheld: current_zero: current is 0 in all" in task.message
-    assert "leave current out" in task.values["current_zero"]
-    session.publish_until(lambda: session.bridge.tasks()[1].level != ERROR, "the end of it")
-
-
-def test_column_that_becomes_nan_makes_input_and_mapping_errors_that_name_it(session):
+def test_column_that_becomes_nan_is_an_error_that_names_it_accepted_or_not(session):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
-    session.publish_until(
-        lambda: session.task("mapping").level == ERROR, "the error", effort=math.nan
-    )
+    session.publish_until(lambda: session.task("mapping").level == ERROR, "the error", math.nan)
     mapping, incoming = session.task("mapping"), session.task("input")
     assert "current is not a finite number in" in mapping.message
     assert "current: repair its source or choose another one, or leave" in mapping.message
     assert incoming.level == ERROR
     assert "Hz received, no telemetry is published: see mapping" in incoming.message
+    accepting = replace(session.bridge._mapping, accept=("not_finite",))
+    session.bridge._mapping = session.bridge._bridge._mapping = accepting
+    words = "no telemetry is published: not_finite: current is not a finite number"
+    session.publish_until(lambda: words in session.task("input").message, words, math.nan)
+    assert session.task("input").level == ERROR
+
+
+def test_silent_topics_are_named_and_their_rates_fall(session):
+    session.publish_until(lambda: session.task("input").level == OK and session.blocks, "OK")
+    assert session.task("input").values["rate [Hz]"] > 0.0
+    send, session.commands = session.commands, SimpleNamespace(publish=lambda message: None)
+    held = "nothing received on /command for 1 s: command is held"
+    session.publish_until(lambda: held in session.task("input").message, "the held command")
+    session.commands = send
+    session.publish_until(lambda: held not in session.task("input").message, "the command")
+    send.publish(Float64())  # no position waits for a command any more
+    wait_for(lambda: session.task("input").level == STALE, "STALE")
+    task = session.task("input")
+    assert "nothing received on /joint_states for 1 s: position, speed, current" in task.message
+    assert task.values["rate [Hz]"] == 0.0
+    # What waited for the command was published after the last position came.
+    wait_for(lambda: session.task("input").values["published [Hz]"] == 0.0, "no rate")
+    assert session.task("mapping").level == STALE
+    # The first positions after the silence wait for a command.
+    session.commands, levels = SimpleNamespace(publish=lambda message: None), set()
+
+    def published() -> float:
+        task = session.task("input")
+        levels.add(task.level)
+        return task.values["published [Hz]"]
+
+    session.publish_until(published, "telemetry")
+    assert ERROR not in levels
+    session.publish_until(lambda: session.task("input").level == OK, "OK")
+
+
+def test_sensor_that_is_silent_is_a_warning_though_its_value_is_held(graph, mapping_file):
+    mapping = mapping_file(command=HELD, current=HELD, accept=["current_sign_reversed"])
+    session = Session(graph, mapping)
+    session.publish_until(lambda: session.task("input").level == OK and session.blocks, "OK")
+    session.commands = SimpleNamespace(publish=lambda message: None)
+    session.publish_until(lambda: "/command" in session.task("input").message, "the silence")
+    task = session.task("input")
+    assert (task.level, task.values["published [Hz]"] > 0.0) == (WARN, True)
+    assert "nothing received on /command for 1 s: command, current" in task.message
+
+
+def test_rate_that_cannot_be_learned_is_an_error_with_reason_and_remedy(session):
+    assert session.task("input").level == WARN
+    # Stamps that stand still.
+    session.step_s = 0.0
+    session.publish_until(lambda: session.task("input").level == ERROR, "the error")
+    message = session.task("input").message
+    assert "have no two stamps that differ: expected stamps that grow: set clock.source" in message
 
 
 def test_position_that_is_not_in_the_messages_any_more_is_an_error_with_the_reason(session):
@@ -219,12 +254,12 @@ def test_position_that_is_not_in_the_messages_any_more_is_an_error_with_the_reas
     message = session.task("input").message
     assert "no telemetry is published" in message
     assert "'flap_joint' is not in name, which has other, wing" in message
+    session.publish_until(lambda: session.task("mapping").level == STALE, "nothing to check")
 
 
-def test_topic_of_another_type_is_named(context, make_node, make_bridge, spin, mapping_file):
-    bridge, other = make_bridge(mapping_file()), make_node("other")
-    other.create_publisher(Float64, STATES, 10)
-    spin(NodeExecutor(fail, context=context), bridge, other)
+def test_topic_of_another_type_is_named(graph: Spinning, mapping_file):
+    bridge = bridge_of(graph, mapping_file())
+    graph.node("other").create_publisher(Float64, STATES, 10)
     assert bridge.bring_up()
     wait_for(lambda: bridge.tasks()[0].level == ERROR, "the error")
     assert (
@@ -233,21 +268,9 @@ def test_topic_of_another_type_is_named(context, make_node, make_bridge, spin, m
     )
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (
-            {"command": {"topic": "/c", "type": "odrive_can/msg/ControlMessage", "source": "x"}},
-            "install package odrive_can (ros-jazzy-odrive-can)",
-        ),
-        ({"position": {"source": "p"}}, "expected a topic for every quantity"),
-        ({"command": None}, "neither of command and error given"),
-    ],
-)
-def test_mapping_that_cannot_work_is_refused_with_the_reason(
-    make_bridge, mapping_file, changes, words
-):
-    bridge = make_bridge(mapping_file(**changes))
+def test_type_that_is_not_installed_is_refused_with_the_package(graph: Spinning, mapping_file):
+    command = {"topic": "/c", "type": "odrive_can/msg/ControlMessage", "source": "x"}
+    bridge = bridge_of(graph, mapping_file(command=command))
     assert not bridge.bring_up()
     assert bridge.state == "unconfigured"
-    assert words in bridge._refused
+    assert "install package odrive_can (ros-jazzy-odrive-can)" in bridge._refused

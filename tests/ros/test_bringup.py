@@ -3,6 +3,7 @@
 import re
 import runpy
 import sys
+from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -12,31 +13,17 @@ import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from ema_bags.inputs.bridge_node import BridgeNode
-from ema_bags.player_node import PlayerNode
-from ema_bags.recorder_node import RecorderNode
-from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_cli.processes.bringup import NODES, node_class, parameter_file, program, ros_arguments
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_core.description import ActuatorDescription
-from ema_dashboard.dashboard_node import DashboardNode
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.node.monitor_node import MonitorNode
 from ema_ros.rclpy_private import given_parameters
 from ema_ros.topics import ACTUATOR_TOPICS, MONITOR_TOPICS, PLAYER_TOPICS
-from ema_sim.actuator_node import ActuatorNode
 
 from ..packages import FOLDERS
 from .spinning import ros_context
 
 SHARE = Path(get_package_share_directory("ema_bringup"))
-CLASSES = {
-    "actuator": ActuatorNode,
-    "bridge": BridgeNode,
-    "dashboard": DashboardNode,
-    "monitor": MonitorNode,
-    "recorder": RecorderNode,
-    "player": PlayerNode,
-}
 
 
 class Argument:
@@ -213,44 +200,79 @@ def test_rosbag2_is_told_the_quality_of_service_of_each_topic_with_a_depth_that_
         assert read.depth >= max(qos.depth, 1000)
 
 
+PLAYED = {
+    **{"bag": "4711", "rate": 4.0, "actuator_only": True, "stay": False},
+    **{"start_offset": 0.0, "playback_duration": 0.0, "loop": False},
+}
+PART = {"start_offset": "2", "playback_duration": "1.5", "loop": "true"}
+FOUR = {"bag": "4711", "rate": "4"}
+
+
+@pytest.mark.usefixtures("launch_modules")
+@pytest.mark.parametrize(
+    ("file", "given", "node", "own"),
+    [
+        ("ema", {"bag": "worn"}, "recorder", {"output": "worn"}),
+        ("replay", FOUR, "monitor", {"use_sim_time": True}),
+        ("replay", FOUR, "player", PLAYED),
+        (
+            *("replay", FOUR | PART, "player"),
+            PLAYED | {"start_offset": 2.0, "playback_duration": 1.5, "loop": True},
+        ),
+        ("replay", FOUR | {"end": "false"}, "player", PLAYED | {"stay": True}),
+        # Without calibrations, the units are those that the shipped one fits.
+        ("fleet", {}, "/ema/left/actuator", {"actuator_id": "left", "seed": 0}),
+        ("fleet", {}, "/ema/right/actuator", {"actuator_id": "right", "seed": 1}),
+        (
+            *("fleet", {"calibration_file": "/c/{actuator_id}.yaml"}, "/ema/right/actuator"),
+            {"actuator_id": "right", "serial_number": "SIM-right", "seed": 1},
+        ),
+    ],
+)
+def test_arguments_become_parameters(file: str, given: dict, node: str, own: dict):
+    assert own_of(nodes_of(f"{file}.launch.py", **given)[node]) == own
+
+
+@pytest.mark.usefixtures("launch_modules")
+@pytest.mark.parametrize(
+    ("file", "given", "told"),
+    [
+        ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: there is no such"),
+        ("fleet", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
+        ("fleet", {"actuators": "a,a"}, "expected names that differ"),
+        ("fleet", {"monitors": "0"}, "monitors:=0: expected a whole number"),
+        ("monitor", {"monitors": "two"}, "monitors:=two: expected a whole number"),
+        ("replay", {"bag": "worn", "rate": "fast"}, "rate:=fast: expected a number"),
+    ],
+)
+def test_impossible_argument_is_refused_by_name(file: str, given: dict, told: str):
+    with pytest.raises(RuntimeError, match=told):
+        nodes_of(f"{file}.launch.py", **given)
+
+
 @pytest.mark.usefixtures("launch_modules")
 def test_recorder_is_launched_when_a_bag_is_named_and_ends_all_when_it_fails():
     assert set(nodes_of("ema.launch.py")) == {"actuator", "monitor", "dashboard"}
     recorder = nodes_of("ema.launch.py", bag="worn")["recorder"]
-    assert own_of(recorder) == {"output": "worn"}
     assert recorder["on_exit"] == "shutdown: the recorder has ended"
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_parameter_file_may_be_another_one_and_has_to_be_there(tmp_path):
-    with pytest.raises(RuntimeError, match=r"actuator_params:=no\.yaml: there is no such file"):
-        nodes_of("ema.launch.py", actuator_params="no.yaml")
-    (tmp_path / "own.yaml").touch()
+def test_parameter_file_may_be_another_one(tmp_path):
     own = str(tmp_path / "own.yaml")
+    Path(own).touch()
     nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params=own)
     assert nodes["actuator"]["parameters"][0] == own
     assert {node["namespace"] for node in nodes.values()} == {"/left"}
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_fleet_is_actuators_of_different_names_on_the_topics_of_one_monitor():
+def test_fleet_is_actuators_on_the_topics_of_one_monitor():
     nodes = nodes_of("fleet.launch.py", calibration_file="/c/{actuator_id}.yaml")
     assert own_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
-    left, right = (nodes[f"/ema/{name}/actuator"] for name in ("left", "right"))
-    assert own_of(left) == {"actuator_id": "left", "serial_number": "SIM-left", "seed": 0}
-    assert own_of(right)["seed"] == 1
-    remapped = dict(left["remappings"])
+    remapped = dict(nodes["/ema/left/actuator"]["remappings"])
     assert remapped["telemetry"] == "/ema/telemetry"
     assert set(remapped) == set(ACTUATOR_TOPICS)
-    with pytest.raises(RuntimeError, match="expected names that differ"):
-        nodes_of("fleet.launch.py", actuators="a,a")
-
-
-@pytest.mark.usefixtures("launch_modules")
-def test_default_fleet_is_of_units_that_the_shipped_calibration_fits():
-    nodes = nodes_of("fleet.launch.py")
-    assert own_of(nodes["/ema/left/actuator"]) == {"actuator_id": "left", "seed": 0}
-    assert own_of(nodes["/ema/right/actuator"]) == {"actuator_id": "right", "seed": 1}
     assert Calibration.builtin().serial_number == ActuatorDescription().serial_number
 
 
@@ -272,9 +294,6 @@ def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each
         values, given = started("monitor", *arguments, "-r", f"__node:={node['name']}")
         assert given - values.keys() == set()
         assert (values["budget"], values["limits.gain"], values["window_s"]) == (budget, 0.2, 0.4)
-    for wrong in ("0", "two"):
-        with pytest.raises(RuntimeError, match=f"monitors:={wrong}: expected a whole number"):
-            nodes_of(name, monitors=wrong)
 
 
 SHARED_FILE = """
@@ -331,26 +350,6 @@ def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tm
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_replay_runs_in_simulated_time_and_plays_the_actuator_only():
-    nodes = nodes_of("replay.launch.py", bag="4711", rate="4")
-    assert own_of(nodes["monitor"]) == {"use_sim_time": True}
-    part = {"start_offset": 0.0, "playback_duration": 0.0, "loop": False}
-    played = {"bag": "4711", "rate": 4.0, "actuator_only": True}
-    assert own_of(nodes["player"]) == {**played, **part, "stay": False}
-    part = {"start_offset": "2", "playback_duration": "1.5", "loop": "true"}
-    player = own_of(nodes_of("replay.launch.py", bag="4711", **part)["player"])
-    assert {name: player[name] for name in part} == {
-        "start_offset": 2.0,
-        "playback_duration": 1.5,
-        "loop": True,
-    }
-    nodes = nodes_of("replay.launch.py", bag="worn", end="false")
-    assert own_of(nodes["player"])["stay"] is True
-    with pytest.raises(RuntimeError, match="rate:=fast: expected a number"):
-        nodes_of("replay.launch.py", bag="worn", rate="fast")
-
-
-@pytest.mark.usefixtures("launch_modules")
 def test_replay_shows_the_diagnosis_and_ends_with_it():
     [shown] = [item for item in actions_of("replay.launch.py", bag="worn") if "cmd" in item]
     context = Context()
@@ -366,13 +365,14 @@ def test_replay_shows_the_diagnosis_and_ends_with_it():
 def started(node_name: str, *arguments: str) -> Any:
     """Return a node, not yet configured, and destroy what it takes to have it."""
     with ros_context(arguments=list(arguments)) as context:
-        node = CLASSES[node_name](context=context)
+        node = node_class(node_name)(context=context)
         values = {name: item.value for name, item in node._parameters.items()}
         given = set(given_parameters(node))
         node.destroy_node()
     return values, given
 
 
+@cache
 def declared(node_name: str) -> dict[str, Any]:
     return started(node_name)[0]
 

@@ -1,6 +1,7 @@
 """One thread runs what is quick, others what waits, and no callback is handed out twice."""
 
 import threading
+from contextlib import ExitStack
 from itertools import pairwise
 
 from std_msgs.msg import Int64
@@ -9,10 +10,10 @@ from std_srvs.srv import Trigger
 from ema_ros.executor import NodeExecutor, WaitingCallbackGroup
 
 from ..waiting import DEADLINE_S, wait_for
-from .spinning import fail, wait_for_match
+from .spinning import fail, spinning, wait_for_match
 
 
-def test_messages_are_heard_in_order_while_a_service_waits(context, make_node, spin):
+def test_messages_are_heard_in_order_while_a_service_waits(context, make_node):
     node, peer = make_node("slow"), make_node("peer")
     release = threading.Event()
     begun: list[str] = []
@@ -31,23 +32,24 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, make_node, s
     node.create_subscription(Int64, "numbers", hear, 1000)
     client = peer.create_client(Trigger, "wait")
     publisher = peer.create_publisher(Int64, "numbers", 1000)
-    for item in (node, peer):
-        spin(NodeExecutor(fail, context=context), item)
-    wait_for(client.service_is_ready, "the service")
-    wait_for_match(node, publisher)
-    answers = [client.call_async(Trigger.Request()) for _ in range(2)]
-    wait_for(lambda: begun, "the call")
-    for number in range(500):
-        publisher.publish(Int64(data=number))
-    wait_for(lambda: len(heard) == 500, "all messages")
-    assert [number for number, _ in heard] == list(range(500))
-    # One call of the group at a time, in a thread of its own and begun once.
-    assert len(begun) == 1
-    assert {name for _, name in heard}.isdisjoint(begun)
-    assert len({name for _, name in heard}) == 1
-    assert not any(answer.done() for answer in answers)
-    release.set()
-    wait_for(lambda: all(answer.done() for answer in answers), "the answers")
+    with ExitStack() as spun:
+        for item in (node, peer):
+            spun.enter_context(spinning(NodeExecutor(fail, context=context), item))
+        wait_for(client.service_is_ready, "the service")
+        wait_for_match(node, publisher)
+        answers = [client.call_async(Trigger.Request()) for _ in range(2)]
+        wait_for(lambda: begun, "the call")
+        for number in range(500):
+            publisher.publish(Int64(data=number))
+        wait_for(lambda: len(heard) == 500, "all messages")
+        assert [number for number, _ in heard] == list(range(500))
+        # One call of the group at a time, in a thread of its own and begun once.
+        assert len(begun) == 1
+        assert {name for _, name in heard}.isdisjoint(begun)
+        assert len({name for _, name in heard}) == 1
+        assert not any(answer.done() for answer in answers)
+        release.set()
+        wait_for(lambda: all(answer.done() for answer in answers), "the answers")
     assert len(begun) == 2
 
 

@@ -21,21 +21,16 @@ def relative(path: Path) -> str:
 
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=relative)
-def test_every_field_has_a_comment(path: Path):
+def test_every_field_has_a_comment_that_ends_with_its_unit(path: Path):
     lines = path.read_text(encoding="utf-8").splitlines()
     assert lines[0].startswith("# "), "the first line says what the interface is for"
     fields = [line for line in lines if line.strip() and not line.startswith(("#", "---"))]
     assert fields
     assert [line for line in fields if not line.partition("#")[2].strip()] == []
-
-
-@pytest.mark.parametrize("path", DEFINITIONS, ids=relative)
-def test_unit_is_at_the_end_of_its_comment(path: Path):
     # The parser of rosidl takes a unit out of a comment. Where the rest does not follow on, as for
     # a unit in the middle, `ros2 interface show` cuts the comment off.
-    lines = [line.partition("#")[2] for line in path.read_text(encoding="utf-8").splitlines()]
-    wrong = [line for line in lines if re.search(r"\[[^,\]]+\] *\S", line)]
-    assert wrong == []
+    comments = [line.partition("#")[2] for line in lines]
+    assert [line for line in comments if re.search(r"\[[^,\]]+\] *\S", line)] == []
 
 
 def test_what_is_not_set_is_healthy_and_no_valid_result():

@@ -5,27 +5,23 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
 from ema_ros.managed_node import ManagedNode, entities_of
-from ema_ros.status import ERROR, OK, WARN, Task
+from ema_ros.status import ERROR, OK, STALE, WARN, Task
 
-from ..waiting import DEADLINE_S, wait_for
+from ..waiting import DEADLINE_S, started, wait_for
+from .spinning import Spinning
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 
@@ -69,45 +65,10 @@ class Recorded(ManagedNode):
         return [Task("work", OK, "at it", "unit 7", {"lag [s]": 0.25, "count": 3})]
 
 
-@contextmanager
-def observed(context: Context, *nodes: Node) -> Iterator[tuple[Node, Callable[..., Any]]]:
-    """Serve nodes and an observer; give the latter, and a way to wait for what it is told."""
-    observer = Node("observer", context=context)
-    told: dict[str, DiagnosticStatus] = {}
-
-    def note(message: DiagnosticArray) -> None:
-        told.update({status.name: status for status in message.status})
-
-    observer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
-    executor = SingleThreadedExecutor(context=context)
-    for node in (*nodes, observer):
-        executor.add_node(node)
-
-    def until(found: Callable[[dict[str, DiagnosticStatus]], Any]) -> Any:
-        def spun() -> Any:
-            executor.spin_once(timeout_sec=0.05)
-            return found(told)
-
-        return wait_for(spun, f"what was waited for; {told}")
-
-    try:
-        yield observer, until
-    finally:
-        executor.shutdown()
-        observer.destroy_node()
-
-
 @pytest.fixture
 def make_recorded(make_node: Callable[..., Recorded]) -> Callable[..., Recorded]:
     """Make a node that notes what is asked of it; of what it refuses, and parameters."""
     return partial(make_node, kind=Recorded)
-
-
-def test_node_brings_itself_up_in_its_namespace(make_recorded, context: Context):
-    node = make_recorded()
-    assert node.bring_up()
-    assert (node.state, node.steps) == ("active", ["configure", "activate"])
-    assert node.get_fully_qualified_name() == "/ema/recorded"
 
 
 @pytest.mark.parametrize(
@@ -121,122 +82,77 @@ def test_node_brings_itself_up_in_its_namespace(make_recorded, context: Context)
     ],
 )
 def test_refusal_leaves_the_state_and_is_told_until_it_works(
-    make_recorded, context: Context, step: str, error: Exception, state: str
+    graph: Spinning, step: str, error: Exception, state: str
 ):
-    node = make_recorded({step: error})
+    node, told = graph.add(Recorded({step: error}, context=graph.context)), graph.statuses()
     assert not node.bring_up()
     assert node.state == state
-    with observed(context, node) as (_, until):
-        status = until(lambda told: told.get("/ema/recorded: lifecycle"))
-        assert status.level[0] == ERROR
-        assert all(part in status.message for part in (state, f"cannot {step}", "no such file"))
-        node.refuse.clear()
-        assert node.trigger_configure() == SUCCESS if state == "unconfigured" else True
-        assert node.trigger_activate() == SUCCESS
-        until(lambda told: told["/ema/recorded: lifecycle"].message == "active")
-
-
-def test_status_is_told_in_every_state(make_recorded, context: Context):
-    node = make_recorded()
-    with observed(context, node) as (_, until):
-        for trigger, state, level in (
-            (lambda: SUCCESS, "unconfigured", WARN),
-            (node.trigger_configure, "inactive", WARN),
-            (node.trigger_activate, "active", OK),
-            (node.trigger_deactivate, "inactive", WARN),
-            (node.trigger_cleanup, "unconfigured", WARN),
-        ):
-            assert trigger() == SUCCESS
-            until(
-                lambda told, state=state: (
-                    "/ema/recorded: lifecycle" in told
-                    and told["/ema/recorded: lifecycle"].message == state
-                )
-            )
-            status = until(lambda told: told.get("/ema/recorded: lifecycle"))
-            assert (status.level[0], status.hardware_id) == (level, "/ema/recorded")
-            if state == "active":
-                work = until(lambda told: told.get("/ema/recorded: work"))
-                assert (work.level[0], work.message, work.hardware_id) == (OK, "at it", "unit 7")
-                values = {item.key: item.value for item in work.values}
-                assert values == {
-                    **{"lag [s]": "0.25", "count": "3"},
-                    **{"fault_code": "EMA_RECORDED_WORK", "ne107": "NORMAL"},
-                }
-
-
-def test_transition_that_is_impossible_is_refused_and_the_node_lives(
-    make_recorded, context: Context
-):
-    node = make_recorded()
-    assert node.bring_up()
-    with observed(context, node) as (observer, until):
-        client = observer.create_client(ChangeState, "/ema/recorded/change_state")
-        until(lambda _: client.service_is_ready())
-
-        def change(number: int) -> bool:
-            request = ChangeState.Request(transition=Transition(id=number))
-            future = client.call_async(request)
-            until(lambda _: future.done())
-            answer = future.result()
-            return answer is not None and answer.success
-
-        assert not change(Transition.TRANSITION_CONFIGURE)
-        assert not change(200)
-        assert change(Transition.TRANSITION_DEACTIVATE)
-        assert not change(Transition.TRANSITION_DEACTIVATE)
-        assert change(Transition.TRANSITION_CLEANUP)
-        assert not change(Transition.TRANSITION_ACTIVATE)
-        node.refuse["configure"] = ValueError("not now")
-        assert not change(Transition.TRANSITION_CONFIGURE)
-        node.refuse.clear()
-        assert change(Transition.TRANSITION_CONFIGURE)
-        assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN)
-        assert node.finished.is_set()
-        assert not change(Transition.TRANSITION_CONFIGURE)
-    assert node.steps == [
-        *("configure", "activate", "deactivate", "clean_up", "configure", "clean_up")
-    ]
-
-
-@pytest.mark.parametrize("step", ["deactivate", "clean_up"])
-def test_error_at_the_end_lets_go_of_all_and_the_node_can_begin_anew(make_recorded, step: str):
-    node = make_recorded()
-    before = len(entities_of(node))
-    assert node.bring_up()
-    node.add_publisher(DiagnosticArray, "left_over", QoSProfile(depth=1))
-    node.refuse[step] = OSError("stuck")
-    failing = {"deactivate": node.trigger_deactivate, "clean_up": node.trigger_cleanup}
-    if step == "clean_up":
-        assert node.trigger_deactivate() == SUCCESS
-    assert failing[step]() == TransitionCallbackReturn.ERROR
-    assert (node.state, len(entities_of(node))) == ("unconfigured", before)
+    status = wait_for(lambda: told.get("/ema/recorded: lifecycle"), "the status")
+    assert status.level[0] == ERROR
+    assert all(part in status.message for part in (state, f"cannot {step}", "no such file"))
     node.refuse.clear()
-    assert node.bring_up()
-    assert node.state == "active"
+    assert node.trigger_configure() == SUCCESS if state == "unconfigured" else True
+    assert node.trigger_activate() == SUCCESS
+    wait_for(lambda: told["/ema/recorded: lifecycle"].message == "active", "the end of it")
 
 
-def test_refused_configuration_leaves_nothing_behind(make_recorded):
+def test_status_is_told_in_every_state(graph: Spinning):
+    node, told = graph.add(Recorded(context=graph.context)), graph.statuses()
+
+    def until(task: str, condition: Callable[[DiagnosticStatus], bool]) -> DiagnosticStatus:
+        def found() -> DiagnosticStatus | None:
+            status = told.get(f"/ema/recorded: {task}")
+            return status if status and condition(status) else None
+
+        return wait_for(found, f"the status of {task}: {told}")
+
+    for trigger, state, level in (
+        (lambda: SUCCESS, "unconfigured", WARN),
+        (node.trigger_configure, "inactive", WARN),
+        (node.trigger_activate, "active", OK),
+        (node.trigger_deactivate, "inactive", WARN),
+        (node.trigger_cleanup, "unconfigured", WARN),
+    ):
+        assert trigger() == SUCCESS
+        status = until("lifecycle", lambda one, state=state: one.message == state)
+        assert (status.level[0], status.hardware_id) == (level, "/ema/recorded")
+        of_peers = OK if state == "active" else STALE
+        until("peers", lambda one, level=of_peers: one.level[0] == level)
+        if state == "inactive":
+            until("work", lambda one: (one.level[0], one.message) == (STALE, "inactive: at it"))
+        if state == "active":
+            work = until("work", lambda one: one.level[0] == OK)
+            assert (work.message, work.hardware_id) == ("at it", "unit 7")
+            assert {item.key: item.value for item in work.values} == {
+                **{"lag [s]": "0.25", "count": "3"},
+                **{"fault_code": "EMA_RECORDED_WORK", "ne107": "NORMAL"},
+            }
+
+
+@pytest.mark.parametrize("step", ["configure", "deactivate", "clean_up"])
+def test_step_that_fails_lets_go_of_all_and_the_node_can_begin_anew(make_recorded, step: str):
     node = make_recorded()
     before = len(entities_of(node))
     node.made = lambda: (
         node.create_timer(1.0, lambda: None),
         node.create_subscription(DiagnosticArray, "in", lambda _: None, 1),
         node.create_service(ChangeState, "~/own", lambda _, answer: answer),
+        node.create_client(ChangeState, "other"),
         node.create_guard_condition(lambda: None),
         node.add_publisher(DiagnosticArray, "out", QoSProfile(depth=1)),
     )
-    node.refuse["configure"] = ValueError("not now")
-    assert not node.bring_up()
-    assert len(entities_of(node)) == before
-
-
-def test_node_without_autostart_waits_for_its_manager(make_recorded):
-    node = make_recorded(parameters={"autostart": False})
+    node.refuse[step] = ValueError("stuck")
+    triggers = (
+        *(node.trigger_configure, node.trigger_activate),
+        *(node.trigger_deactivate, node.trigger_cleanup),
+    )
+    answer = next(code for trigger in triggers if (code := trigger()) != SUCCESS)
+    codes = TransitionCallbackReturn
+    assert answer == (codes.FAILURE if step == "configure" else codes.ERROR)
+    assert (node.state, len(entities_of(node))) == ("unconfigured", before)
+    node.refuse.clear()
     assert node.bring_up()
-    assert (node.state, node.steps) == ("unconfigured", [])
-    assert node.trigger_configure() == SUCCESS
-    assert node.state == "inactive"
+    assert node.state == "active"
 
 
 def test_each_transition_has_a_line_in_the_log(make_recorded, capfd):
@@ -249,20 +165,40 @@ def test_each_transition_has_a_line_in_the_log(make_recorded, capfd):
     assert told == ["configured", "active", "inactive", "unconfigured", "finalized"]
 
 
+NAMED = """
+import sys
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+
+class Named(ManagedNode):
+    def bring_up(self):
+        steps = {"unconfigured": 0, "inactive": 1, "active": 2}[sys.argv[1]]
+        for trigger in (self.trigger_configure, self.trigger_activate)[:steps]:
+            trigger()
+        print(self.state, flush=True)
+        return True
+
+    def deactivate(self):
+        print("deactivate", flush=True)
+
+    def clean_up(self):
+        print("clean_up", flush=True)
+
+sys.exit(run(lambda: Named("named"), sys.argv[:1]))
+"""
+
+
 def test_signal_ends_a_node_in_each_state():
-    script = Path(__file__).with_name("lifecycle_process.py")
-    command = [sys.executable, "-m", "tests.ros.lifecycle_process"]
     states = {"unconfigured": [], "inactive": ["clean_up"], "active": ["deactivate", "clean_up"]}
-    processes = {
-        state: subprocess.Popen(
-            [*command, state], stdout=subprocess.PIPE, text=True, cwd=script.parents[2]
-        )
-        for state in states
-    }
-    for state, ends_with in states.items():
-        process = processes[state]
-        with process, contextlib.ExitStack() as killed:
-            killed.callback(process.kill)
+    with contextlib.ExitStack() as opened:
+        processes = {
+            state: opened.enter_context(
+                started([sys.executable, "-c", NAMED, state], stdout=subprocess.PIPE, text=True)
+            )
+            for state in states
+        }
+        for state, ends_with in states.items():
+            process = processes[state]
             assert process.stdout is not None
             assert process.stdout.readline().strip() == state
             process.send_signal(signal.SIGTERM)
@@ -278,25 +214,10 @@ def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_r
     assert "colour is not one of this node" in told
 
 
-def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(
-    make_recorded, context: Context
-):
-    node = make_recorded(parameters={"use_sim_time": True})
-    observer, seen = Node("observer", context=context), list[DiagnosticArray]()
-    observer.create_subscription(DiagnosticArray, "/diagnostics", seen.append, 100)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(observer)
-
-    def told() -> bool:
-        node.report()
-        executor.spin_once(timeout_sec=0.05)
-        return bool(seen)
-
-    try:
-        wait_for(told, "the status")
-    finally:
-        executor.shutdown()
-        observer.destroy_node()
+def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(graph: Spinning):
+    node = graph.add(Recorded(parameters={"use_sim_time": True}, context=graph.context))
+    seen = graph.listen(DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
+    wait_for(lambda: node.report() or seen, "the status")
     assert abs(seen[0].header.stamp.sec - time.time()) < 60.0
 
 

@@ -17,10 +17,10 @@ from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
 from ema_ros import topics
+from ema_ros.throttle import Throttle
 
 from ..waiting import DEADLINE_S, wait_for
-from .goals import Goal
-from .monitor_session import FLAP, MonitorSession, Source, corrupted, in_window, monitor
+from .monitor_session import FLAP, Goal, MonitorSession, Source, corrupted, in_window, monitor
 from .spinning import where_it_spins
 
 NAME = "/ema/monitor/calibrate"
@@ -44,8 +44,12 @@ def calibrate(session: MonitorSession, **request: Any) -> Any:
     return session.call(Calibrate, NAME, Calibrate.Request(**request))
 
 
+def waiting_calls(session: MonitorSession) -> list[Any]:
+    return [queue for unit in session.node.units.values() for queue in unit.awaiting]
+
+
 def until_waited_for(session: MonitorSession) -> None:
-    wait_for(lambda: session.node._calls._queues, "the call to wait for windows")
+    wait_for(lambda: waiting_calls(session), "the call to wait for windows")
 
 
 def test_latest_window_is_identified_with_the_algorithm_of_choice(session: MonitorSession):
@@ -89,8 +93,10 @@ def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
 def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
     session: MonitorSession, goal: dict[str, Any], texts: list[str], capfd
 ):
-    assert not Goal(session, **goal).is_accepted
+    session.node._calls._rejections = Throttle(1000.0)
+    assert not any(Goal(session, **goal).is_accepted for _ in range(3))
     said = capfd.readouterr().err
+    assert said.count("is rejected") == 1
     assert all(text in said for text in ("rejected", *texts)), said
     [task] = [item for item in session.node.tasks() if item.name == "identification"]
     assert all(text in task.values["goal rejected"] for text in texts)
@@ -123,17 +129,6 @@ def test_identification_is_cancelled_within_a_generation(session: MonitorSession
     status, result = goal.result()
     assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
     assert "cancel" in result.message
-
-
-def test_waiting_for_a_window_is_cancelled():
-    with monitor() as session:
-        session.describe()
-        session.until_status("flap telemetry", "no telemetry so far")
-        goal = Goal(session, next_window=True)
-        goal.cancel()
-        status, result = goal.result()
-        assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
-        assert "cancel" in result.message
 
 
 def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: MonitorSession):
@@ -179,7 +174,7 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
         session.feed(Source().cycle())
         assert session.next_estimate().valid
         del sent, answers
-        client.destroy()
+        where_it_spins(session.probe, client.destroy)
     gc.collect()
 
 
@@ -226,23 +221,13 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
 
 
 def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
-    folder = session.node._store._own_folder
-    other = folder / "other.yaml"
-    replace(Calibration.builtin(), serial_number="SIM-0002").save(other)
-    wrong = folder / "wrong.yaml"
-    wrong.write_text("windows: many")
     for request, text in (
         ({"windows": 0}, "windows = 0"),
         ({"windows": 2**31 - 1}, "windows = 2147483647: expected 1 to 200 healthy windows"),
         ({"windows": 1}, "no healthy window came for 1 s after 0 of 1"),
         ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not monitored"),
-        ({"load": True, "file": str(other)}, "SIM-0002"),
-        ({"load": True, "file": str(wrong)}, str(wrong)),
         ({"load": True, "file": "nowhere.yaml"}, "No such file"),
-        ({"load": True, "file": "/dev/zero"}, "parameter calibration_folder"),
-        ({"windows": 1, "file": "~nouser/x"}, "parameter calibration_folder"),
-        ({"windows": 1, "file": "wrong.yaml"}, "is no calibration and is not replaced"),
-        ({"load": True, "file": "/{which}.yaml"}, "{which}"),
+        ({"windows": 1, "file": "/dev/zero"}, "parameter calibration_folder"),
     ):
         answer = calibrate(session, **request)
         assert (answer.success, answer.calibration_id) == (False, "")
@@ -253,7 +238,7 @@ def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, mo
     def fail(*_: Any) -> None:
         raise OverflowError("too large")
 
-    monkeypatch.setattr(session.node._store, "load", fail)
+    monkeypatch.setattr(session.node.store, "load", fail)
     answer = calibrate(session, load=True, file="x.yaml")
     assert (answer.success, answer.message) == (False, "failed: OverflowError('too large')")
     monkeypatch.setattr(session.node._calls, "_identify_for", fail)
@@ -261,21 +246,21 @@ def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, mo
     assert (result.success, result.message) == (False, "failed: OverflowError('too large')")
 
 
-@pytest.mark.parametrize("call", ["calibrate", "identify"])
-def test_call_that_waits_is_answered_when_the_monitor_is_deactivated(call: str):
+def test_calls_that_wait_are_cancelled_or_answered_when_the_monitor_is_deactivated():
     with monitor() as session:
         session.describe()
         session.until_status("flap telemetry", "no telemetry so far")
-        if call == "calibrate":
-            future = session.start(Calibrate, NAME, Calibrate.Request(windows=1))
-            until_waited_for(session)
-            assert session.node.trigger_deactivate()
-            assert not session.result(future).success
-        else:
-            goal = Goal(session, next_window=True)
-            until_waited_for(session)
-            assert session.node.trigger_deactivate()
-            assert not goal.result()[1].success
+        goal = Goal(session, next_window=True)
+        goal.cancel()
+        status, result = goal.result()
+        assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
+        assert "cancel" in result.message
+        future = session.start(Calibrate, NAME, Calibrate.Request(windows=1))
+        goal = Goal(session, next_window=True)
+        wait_for(lambda: len(waiting_calls(session)) == 2, "both calls to wait")
+        assert session.node.trigger_deactivate()
+        assert not session.result(future).success
+        assert not goal.result()[1].success
 
 
 def test_calibration_that_waits_keeps_no_other_call_waiting(tmp_path: Path):
@@ -286,11 +271,11 @@ def test_calibration_that_waits_keeps_no_other_call_waiting(tmp_path: Path):
         session.describe(left)
         session.until_status("left telemetry", "no telemetry so far")
         waiting = session.start(Calibrate, NAME, Calibrate.Request(actuator_id="left"))
-        wait_for(lambda: session.node._calls._queues, "the call to wait for windows")
+        wait_for(lambda: waiting_calls(session), "the call to wait for windows")
         again = session.call(Calibrate, NAME, Calibrate.Request(actuator_id="left"))
         assert again.message == "actuator 'left' is being calibrated already"
         future = session.start(Calibrate, NAME, Calibrate.Request(actuator_id="flap", windows=1))
-        wait_for(lambda: len(session.node._calls._queues) == 2, "both calls to wait")
+        wait_for(lambda: len(waiting_calls(session)) == 2, "both calls to wait")
         session.feed(Source().cycle())
         answer = session.result(future)
         assert answer.success, answer.message

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -12,7 +13,7 @@ from ema_interfaces.msg import Health, HealthSummary, Usage
 from ema_interfaces.srv import Calibrate, ForgetActuator, PredictRemainingLife
 from ema_monitor.node.messages import summary_of, unknown_estimate
 from ema_ros import topics
-from ema_ros.messages import description_to_message, telemetry_to_message
+from ema_ros.messages import description_to_message
 from ema_ros.stamps import stamp_to_message
 
 from ..waiting import wait_for
@@ -86,26 +87,6 @@ def test_clock_that_jumps_back_and_far_on_is_survived():
         assert session.node.state == "active"
 
 
-def test_two_publishers_of_one_actuator_show_in_its_status(session):
-    session.describe()
-    other = session.probe.create_publisher(
-        *(topics.ACTUATOR_TOPICS[topics.TELEMETRY][0], topics.TELEMETRY, topics.STREAM)
-    )
-    wait_for(other.get_subscription_count, "the monitor")
-    blocks = Source().cycle()
-    for early, late in zip(blocks[:10], blocks[20:30], strict=True):
-        session.send(topics.TELEMETRY, telemetry_to_message(late, FLAP.actuator_id))
-        other.publish(telemetry_to_message(early, FLAP.actuator_id))
-    session.until_status("flap telemetry", "the sample index went back", bytes([WARN]))
-
-
-@pytest.mark.parametrize("name", [" flap", "flap\n", "f" * 101])
-def test_impossible_name_makes_no_actuator(session, name):
-    session.feed(Source().cycle()[:1], name)
-    session.until_status("input", "impossible actuator_id")
-    assert not session.statuses(f"{name} telemetry")
-
-
 def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session):
     session.describe()
     session.feed(Source().cycle())
@@ -129,9 +110,19 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session
         counts.append([len(session.statuses(f"flap {task}")) for task in tasks])
     assert counts[0] == counts[1]
     wait_for(lambda: not session.probe.count_publishers("/ema/health"), "no publisher of health")
-    session.describe()
+    # Each description came once.
     session.feed(Source().cycle())
     assert session.next_estimate().window == 0
+    session.describe_from_a_node_of_its_own(replace(FLAP, serial_number="SIM-0002"))
+    session.until(lambda: session.node.units["flap"].description != FLAP)
+    assert forget("flap").success
+    session.feed(Source().cycle())
+    assert session.next_estimate().serial_number == "SIM-0002"
+    # A bridge that begins anew describes once, and counts its samples from 1.
+    session.describe_from_a_node_of_its_own(FLAP)
+    session.until(lambda: session.node.units["flap"].description == FLAP)
+    session.feed(Source().cycle())
+    assert session.next_estimate().valid
 
 
 def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(session):
@@ -143,7 +134,7 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     session.until(lambda: session.node.units["flap"].finder.is_open)
     changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
     changes |= {"limits.friction": 0.1, "costs.unit": "guineas"}
-    assert all(r.successful for r in session.set_parameter_values(changes))
+    assert all(r.successful for r in session.set_parameters(**changes))
     session.feed([*blocks[middle:], *source.cycle()])
     first, second = session.next_estimate(), session.next_estimate()
     assert (first.valid, first.reason) == (False, "the settings of the window changed")
@@ -189,7 +180,12 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
     assert "has to name it" not in said
 
 
-def test_answer_without_a_prediction_has_no_figures(session):
+def test_impossible_name_makes_no_actuator_and_without_one_answers_have_no_figures(session):
+    for name in (" flap", "flap\n", "f" * 101):
+        said = len(session.statuses("input"))
+        session.feed(Source().cycle()[:1], name)
+        session.until_status("input", "impossible actuator_id", since=said)
+        assert not session.statuses(f"{name} telemetry")
     request = PredictRemainingLife.Request(duty=2.0)
     answer = session.call(PredictRemainingLife, "/ema/monitor/predict_remaining_life", request)
     assert not answer.success

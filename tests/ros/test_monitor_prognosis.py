@@ -1,23 +1,30 @@
-"""Remaining useful life as other nodes see it: health, usage, the service and the history."""
+"""What follows an estimate, as other nodes see it: health, life, forecast, advice, fit, history."""
 
 import math
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Advice, Health, HealthForecast
+from ema_interfaces.srv import GetHistory
+from ema_monitor.identification.window_fit import MOST_VALUES
+from ema_monitor.node.follow_ups import MOST_WAITING, FollowUps
 from ema_monitor.unit import Unit
+from ema_ros import topics
 
 from ..waiting import DEADLINE_S, wait_for
-from .monitor_session import MonitorSession, monitor
+from .monitor_session import FLAP, MonitorSession, monitor
 from .spinning import figures
 from .worn_actuator import HOURS, live, plain, predict, replaced, worn_cycles
 
-WARN, STALE = 1, 3
+WARN = 1
 TESTS = 18
 
 
@@ -34,31 +41,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def session(cycles: list[Telemetry], folder: Path) -> Iterator[MonitorSession]:
     """A monitor that has followed an actuator over its tests."""
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}) as running:
+    costs = {"costs.removal": 1.0, "costs.failure": 10.0, "costs.unit": "removals"}
+    given = {"hours_per_cycle": HOURS, "history_folder": str(folder), **costs}
+    with monitor(given) as running:
         running.describe()
-        live(running, cycles[:TESTS])
+        for number, cycle in enumerate(cycles[:TESTS], 1):
+            live(running, [cycle])
+            for topic in (topics.HEALTH_FORECAST, topics.ADVICE, topics.WINDOW_FIT):
+                # Latched topics keep the latest message alone.
+                running.until(lambda key=topic, n=number: len(running.received(key)) >= n)
         yield running
 
 
 @pytest.fixture(scope="module")
 def health(session: MonitorSession) -> Health:
     return session.healths()[TESTS - 1]
-
-
-def test_health_tells_how_long_it_will_last(health: Health):
-    truth = math.log(11.0) / 0.0075 - HOURS * (TESTS - 1)
-    [item] = [item for item in health.faults if item.name == "friction"]
-    for life in (item.rul, health.rul_faults):
-        assert life.known, life.reason
-        assert life.hours_05 < truth < life.hours_95
-        assert life.cycles_50 == pytest.approx(life.hours_50 / HOURS)
-        assert (life.criterion, life.reason) == ("friction exceeds 0.5", "")
-    assert health.rul.known
-    assert health.rul.hours_50 <= health.rul_faults.hours_50
-    assert health.rul.cycles_05 == pytest.approx(health.rul.hours_05 / HOURS)
-    assert (health.flight_hours, health.cycles, health.duty) == (HOURS * TESTS, TESTS, 1.0)
-    assert health.assumption
-    assert health.dominant_fault in ("friction", *(item.name for item in health.requirements))
 
 
 def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
@@ -102,28 +99,85 @@ def test_service_refuses_what_is_impossible_by_name(
     assert all(text in answer.message for text in texts), answer.message
 
 
-def test_restart_tells_what_was_known_as_old(folder: Path, session):
-    """Of what the first monitor left in the file alone, while that one still runs."""
-    copy = folder.with_name("copied")
-    copy.mkdir()
-    [file] = folder.glob("*.sqlite")
-    (copy / file.name).write_bytes(file.read_bytes())
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(copy)}) as restarted:
-        restarted.describe()
-        restarted.until_status("flap telemetry", "no telemetry so far")
-        before = predict(restarted, 1.0)
-        assert before.success, before.message
-        # What was known is published before any new test, marked as old.
-        [again] = restarted.until(restarted.healths)
-        assert (again.level, again.confidence, again.header) == (
-            STALE, 0.0, session.healths()[TESTS - 1].header,
-        )  # fmt: skip
-        assert again.reason == "no valid estimate for more than 3000 s"
-        first = session.healths()[TESTS - 1]
-        assert (before.health.level, before.health.last_level) == (STALE, first.level)
-        for item in ("rul", "rul_faults", "rul_requirements", "removal", "cycles"):
-            assert str(getattr(again, item)) == str(getattr(before.health, item))
-            assert str(getattr(again, item)) == str(getattr(first, item))
+def test_each_test_has_its_health_forecast_advice_and_fit(session: MonitorSession):
+    ends = [item.window_end for item in session.estimates()]
+    for topic in (topics.HEALTH, topics.HEALTH_FORECAST, topics.ADVICE, topics.WINDOW_FIT):
+        assert [item.header.stamp for item in session.received(topic)] == ends, topic
+
+
+def test_forecast_has_the_quantiles_of_each_fault(session: MonitorSession):
+    last, health = session.received(topics.HEALTH_FORECAST)[-1], session.healths()[-1]
+    assert last.serial_number == FLAP.serial_number
+    assert last.flight_hours == health.flight_hours
+    assert list(last.probabilities) == [0.05, 0.5, 0.95]
+    assert [item.name for item in last.faults] == [item.name for item in health.faults]
+    for item in last.faults:
+        assert np.all(np.diff(np.reshape(item.values, (3, len(last.hours))), axis=0) >= 0.0)
+
+
+def test_fit_has_the_measured_signals_and_those_of_the_model(session: MonitorSession):
+    fits, estimates = session.received(topics.WINDOW_FIT), session.estimates()
+    assert [item.window for item in fits] == [item.window for item in estimates]
+    last = fits[-1]
+    assert last.verdict == estimates[-1].verdict
+    assert len(last.current) <= MOST_VALUES
+    measured, expected = np.array(last.current), np.array(last.estimated_current)
+    assert len(expected) == len(measured) == len(last.command)
+    # The estimate is valid: its model is much nearer to the measured current than nothing is.
+    assert np.std(measured - expected) < 0.3 * np.std(measured)
+
+
+def test_advice_follows_the_costs(session: MonitorSession):
+    (first, *_, last), health = session.received(topics.ADVICE), session.healths()[-1]
+    # After one test nothing is known to grow; after the last one, life is, and its end is far away.
+    assert first.action == Advice.CONTINUE
+    assert "no remaining life is known" in first.reason
+    assert math.isnan(first.flight_hours)
+    assert health.rul.known, health.rul.reason
+    assert (last.action, last.cost_unit) == (Advice.CONTINUE, "removals")
+    assert last.flight_hours == pytest.approx(last.from_now + health.flight_hours)
+    assert 0.0 < last.expected_cost < last.cost_of_immediate_removal
+
+
+def test_late_subscriber_receives_the_latest_forecast(session: MonitorSession):
+    key = "late forecast"
+    session.subscribe(HealthForecast, f"/ema/{topics.HEALTH_FORECAST}", topics.LATCHED_BY_MANY, key)
+    [late] = session.until(lambda: session.received(key))
+    assert late == session.received(topics.HEALTH_FORECAST)[-1]
+
+
+def get_history(session: MonitorSession, **request: Any) -> Any:
+    return session.call(GetHistory, "/ema/monitor/get_history", GetHistory.Request(**request))
+
+
+def test_history_is_limited_to_the_latest_tests(session: MonitorSession):
+    history = get_history(session, actuator_id=FLAP.actuator_id, most=3).history
+    assert (len(history.tests), history.omitted) == (3, TESTS - 3)
+    assert history.tests[-1].stamp == session.healths()[-1].header.stamp
+    refused = get_history(session, most=5001)
+    assert not refused.success
+    assert refused.message == "most = 5001: expected at most 5000 tests"
+    unknown = get_history(session, actuator_id="rudder")
+    assert "rudder" in unknown.message
+
+
+def test_the_oldest_are_dropped_and_counted():
+    begun, may_go_on, done = threading.Event(), threading.Event(), []
+    follow_ups = FollowUps(Mock())
+
+    def wait() -> None:
+        begun.set()
+        assert may_go_on.wait(DEADLINE_S)
+
+    follow_ups.start()
+    follow_ups._add(wait)
+    assert begun.wait(DEADLINE_S)
+    for number in range(MOST_WAITING + 9):
+        follow_ups._add(partial(done.append, number))
+    assert (follow_ups.waiting, follow_ups.dropped) == (MOST_WAITING, 9)
+    may_go_on.set()
+    follow_ups.stop()  # what waits comes first
+    assert done == [*range(9, MOST_WAITING + 9)]
 
 
 def test_telemetry_is_received_while_a_prognosis_is_made(

@@ -49,29 +49,53 @@ def count(session: MonitorSession, task: str, key: str) -> int:
     return int(values[0]) if values else -1
 
 
-def under_identification(session: MonitorSession) -> bool:
-    """Whether the first window has come and waits no more."""
+def none_waits_of(session: MonitorSession, windows: int) -> bool:
+    """Whether so many windows have come, and the last one is being identified."""
     counts = [count(session, "flap telemetry", key) for key in ("windows", "windows waiting")]
-    return counts == [1, 0]
+    return counts == [windows, 0]
 
 
-def test_oldest_window_is_dropped_when_too_many_wait(held: threading.Event):
+def outcomes(session: MonitorSession) -> list[tuple[int, bool]]:
+    return [(one.window, one.valid) for one in session.estimates()]
+
+
+def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_goes_on_after(
+    held: threading.Event,
+):
     source = Source()
     with monitor({"waiting_windows": 1}) as session:
         session.describe()
         session.feed(source.cycle())
         # The first one waits as long as kernels are compiled.
-        session.until(lambda: under_identification(session))
-        for _ in range(3):
+        session.until(lambda: none_waits_of(session, 1))
+        for _ in range(2):
             session.feed(source.cycle())
-        session.until(lambda: count(session, "flap telemetry", "windows") == 4)
+        session.until(lambda: count(session, "input", "windows dropped") == 1)
         held.set()
-        session.until(lambda: len(session.estimates()) == 4)
-        assert [e.window for e in session.estimates()] == [0, 1, 2, 3]
-        assert [e.valid for e in session.estimates()] == [True, False, False, True]
-        for estimate in session.estimates()[1:3]:
-            assert "dropped: more than 1 window waited" in estimate.reason
-        session.until(lambda: count(session, "input", "windows dropped") == 2)
+        session.until(lambda: outcomes(session) == [(0, True), (1, False), (2, True)])
+        assert "dropped: more than 1 window waited" in session.estimates()[1].reason
+        held.clear()
+        session.feed(source.cycle())
+        session.until(lambda: none_waits_of(session, 4))
+        session.feed(source.cycle())
+        blocks = source.cycle()
+        session.feed(blocks[: in_window(blocks)])
+        total = 5 * 34 + in_window(blocks)
+        session.until(lambda: count(session, "flap telemetry", "blocks") == total)
+        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+        session.until(lambda: len(session.estimates()) == 6)
+        assert outcomes(session)[3:] == [(number, False) for number in (3, 4, 5)]
+        for estimate, reason in zip(
+            session.estimates()[3:],
+            ("stopped during", "stopped before", "the telemetry ends"),
+            strict=True,
+        ):
+            assert reason in estimate.reason
+        held.set()
+        assert session.change_state(Transition.TRANSITION_ACTIVATE)
+        session.until_subscribed()
+        session.feed(Source().cycle())
+        session.until(lambda: outcomes(session)[6:] == [(6, True)])
 
 
 def test_none_is_dropped_in_simulated_time(held: threading.Event):
@@ -84,33 +108,5 @@ def test_none_is_dropped_in_simulated_time(held: threading.Event):
         session.until(lambda: count(session, "flap telemetry", "windows") == 3)
         assert clock.get_subscription_count()
         held.set()
-        session.until(lambda: len(session.estimates()) == 3)
-        assert [(e.window, e.valid) for e in session.estimates()] == [(i, True) for i in range(3)]
+        session.until(lambda: outcomes(session) == [(number, True) for number in range(3)])
         session.until(lambda: count(session, "input", "windows dropped") == 0)
-
-
-def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: threading.Event):
-    source = Source()
-    with monitor() as session:
-        session.describe()
-        for _ in range(2):
-            session.feed(source.cycle())
-        blocks = source.cycle()
-        session.feed(blocks[: in_window(blocks)])
-        total = 2 * 34 + in_window(blocks)
-        session.until(lambda: count(session, "flap telemetry", "blocks") == total)
-        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
-        session.until(lambda: len(session.estimates()) == 3)
-        assert [(e.window, e.valid) for e in session.estimates()] == [(i, False) for i in range(3)]
-        for estimate, reason in zip(
-            session.estimates(),
-            ("stopped during", "stopped before", "the telemetry ends"),
-            strict=True,
-        ):
-            assert reason in estimate.reason
-        held.set()
-        assert session.change_state(Transition.TRANSITION_ACTIVATE)
-        session.until_subscribed()
-        session.feed(Source().cycle())
-        estimate = session.until(lambda: session.estimates()[3:])[0]
-        assert (estimate.window, estimate.valid) == (3, True)

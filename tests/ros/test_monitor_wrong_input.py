@@ -121,42 +121,26 @@ def test_window_that_ends_beyond_what_stamps_hold_does_not_end_the_work(source: 
         session.until(lambda: [e for e in session.estimates() if e.valid])
 
 
-def test_telemetry_waits_for_the_description(source: Source):
-    with monitor() as session:
-        session.feed(source.cycle())
-        status = session.until_status("flap telemetry", "no description", ERROR)
-        assert status.hardware_id == f"/ema/{FLAP.actuator_id}"
-        assert session.estimates() == []
-        session.describe()
-        assert session.next_estimate().valid
-
-
-def test_wrong_description_is_named(source: Source):
-    wrong = description_to_message(FLAP)
-    wrong.resistance = -1.0
-    with monitor() as session:
-        session.send(topics.DESCRIPTION, wrong)
-        session.until_status("flap telemetry", "the description is impossible", None)
-        session.until_status("flap telemetry", "-1")
-        session.feed(source.cycle())
-        session.describe()
-        assert session.next_estimate().valid
-        before = len(session.statuses("flap telemetry"))
-        session.send(topics.DESCRIPTION, wrong)
-        session.until_status("flap telemetry", "the description is impossible", WARN, since=before)
-        session.feed(source.cycle())
-        assert session.next_estimate().valid
-
-
-def test_messages_without_actuator_are_counted_and_named(source: Source):
-    nameless = description_to_message(FLAP)
-    nameless.actuator_id = ""
+def test_telemetry_waits_for_the_description_and_what_is_wrong_with_one_is_named(source: Source):
+    nameless, wrong = description_to_message(FLAP), description_to_message(FLAP)
+    nameless.actuator_id, wrong.resistance = "", -1.0
     with monitor() as session:
         session.until_status("input", "no message of an actuator so far", WARN)
         session.feed(source.cycle()[:2], actuator_id="")
         session.until_status("input", "2 messages without actuator_id", WARN)
         session.send(topics.DESCRIPTION, nameless)
         session.until_status("input", "3 messages without actuator_id", WARN)
+        session.feed(source.cycle())
+        status = session.until_status("flap telemetry", "no description", ERROR)
+        assert status.hardware_id == f"/ema/{FLAP.actuator_id}"
+        session.send(topics.DESCRIPTION, wrong)
+        session.until_status("flap telemetry", "the description is impossible")
+        session.until_status("flap telemetry", "-1")
+        assert session.estimates() == []
         session.describe()
+        assert session.next_estimate().valid
+        before = len(session.statuses("flap telemetry"))
+        session.send(topics.DESCRIPTION, wrong)
+        session.until_status("flap telemetry", "the description is impossible", WARN, since=before)
         session.feed(source.cycle())
         assert session.next_estimate().valid

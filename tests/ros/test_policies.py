@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -16,12 +17,12 @@ from rclpy.node import Node, NodeNameNonExistentError
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ema_cli.access import GraphNames, node_access
-from ema_cli.policies import FOLDER, main, policy_files
-from ema_cli.processes.bringup import NODES
+from ema_cli.policies import FOLDER, GraphNames, main, node_access, policy_files
+from ema_cli.processes.bringup import NODES, node_class
 
 from ..waiting import wait_for
 from .graph import Graph
+from .spinning import Spinning
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "bags" / "faulty_flap.mcap"
@@ -85,50 +86,47 @@ def has_subscription(observer: Node, access: GraphNames, topic: str) -> bool:
     return topic in Seen(observer, access).subscribes
 
 
-@pytest.mark.slow
-def test_what_nodes_around_an_actuator_have_is_permitted(tmp_path):
-    access = node_access()
-    with Graph() as graph:
-        graph.start("dashboard", port=0)
-        graph.start("recorder", output=tmp_path / "bag")
-        graph.start("monitor")
-        graph.start("actuator")
-        # The publishers of an actuator come with its first estimate, those of what follows last.
-        graph.wait_for(lambda: graph.healths, "a health")
-        for name, topic in (("recorder", "window_fit"), ("dashboard", "advice")):
-            graph.wait_for(
-                lambda name=name, topic=topic: has_subscription(
-                    graph.node, access[name], f"/ema/{topic}"
-                ),
-                f"{name} listens to {topic}",
-            )
-        for name in graph.processes:
-            check(graph.node, access[name])
+def up(graph: Spinning, **nodes: dict[str, Any]) -> None:
+    """Bring nodes up, each with its parameters."""
+    for name, parameters in nodes.items():
+        assert graph.managed(cast(Any, node_class(name)), **parameters).bring_up()
 
 
 @pytest.mark.slow
-def test_what_player_and_bridge_have_is_permitted(tmp_path):
+def test_what_nodes_around_an_actuator_have_is_permitted(graph: Spinning, tmp_path):
+    access, observer = node_access(), graph.node("observer", "/test")
+    recorder, monitor = {"output": str(tmp_path / "bag")}, {"history_folder": "memory"}
+    up(graph, dashboard={"port": 0}, recorder=recorder, monitor=monitor, actuator={})
+    # The publishers of an actuator come with its first estimate, those of what follows last.
+    for name, topic in (("recorder", "window_fit"), ("dashboard", "advice")):
+        wait_for(
+            lambda name=name, topic=topic: has_subscription(
+                observer, access[name], f"/ema/{topic}"
+            ),
+            f"{name} listens to {topic}",
+        )
+    for name in ("dashboard", "recorder", "monitor", "actuator"):
+        check(observer, access[name])
+
+
+@pytest.mark.slow
+def test_what_player_and_bridge_have_is_permitted(graph: Spinning, tmp_path):
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(yaml.safe_dump(MAPPING))
     access = node_access(bridged=["/joint_states", "command"])
-    with Graph() as graph:
-        graph.node.create_publisher(JointState, "/joint_states", 10)
-        graph.node.create_publisher(Float64, "/ema/command", 10)
-        graph.start("dashboard", port=0)
-        graph.start("player", bag=SAMPLE, stay=True)
-        graph.start("bridge", mapping_file=mapping)
-        graph.wait_for(
-            lambda: Seen(graph.node, access["dashboard"]).requests, "a dashboard that steers"
+    observer = graph.node("observer", "/test")
+    observer.create_publisher(JointState, "/joint_states", 10)
+    observer.create_publisher(Float64, "/ema/command", 10)
+    player = {"bag": str(SAMPLE), "stay": True}
+    up(graph, dashboard={"port": 0}, player=player, bridge={"mapping_file": str(mapping)})
+    wait_for(lambda: Seen(observer, access["dashboard"]).requests, "a dashboard that steers")
+    for topic in ("/joint_states", "/ema/command"):
+        wait_for(
+            lambda topic=topic: has_subscription(observer, access["bridge"], topic),
+            f"a bridge that listens to {topic}",
         )
-        graph.wait_for(
-            lambda: (
-                has_subscription(graph.node, access["bridge"], "/joint_states")
-                and has_subscription(graph.node, access["bridge"], "/ema/command")
-            ),
-            "a bridge that listens",
-        )
-        for name in graph.processes:
-            check(graph.node, access[name])
+    for name in ("dashboard", "player", "bridge"):
+        check(observer, access[name])
 
 
 @pytest.mark.parametrize("name", ["watch", "demo"])
@@ -137,7 +135,7 @@ def test_what_a_listener_has_is_permitted(name):
     from ema_cli.processes.listener import Listener
     from ema_cli.processes.observer import _TOPICS
 
-    listened = _TOPICS if name == "demo" else _Hearing(["/ema"]).topics
+    listened = _TOPICS if name == "demo" else _Hearing(["/ema"])._topics
     access = node_access()[name]
     with Listener(name, listened, lambda *_: None) as listener:
         node = listener._node
@@ -188,7 +186,7 @@ def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch)
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
 
-    with Graph() as graph:
+    with Graph(tmp_path) as graph:
         # Permissions hold for the domain in which they are made.
         monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain_id))
         security("create_keystore", keys)

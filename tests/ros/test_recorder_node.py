@@ -1,9 +1,7 @@
 """The recorder writes down what is published, says what it cannot, and survives its own end."""
 
+import errno
 import re
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,23 +9,23 @@ from typing import Any
 
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
 
-from ema_bags import recorded_topic
+from ema_bags import recorded_topic, recorder_node
+from ema_bags.bag_file import BagFile
 from ema_bags.qos import offered_qos, recorded_qos
 from ema_bags.reader import Bag
 from ema_bags.recorder_node import RecorderNode
-from ema_interfaces.msg import TelemetryBlock
-from ema_ros.status import OK, WARN, Task
+from ema_interfaces.msg import Health, TelemetryBlock
+from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..bags.recorded_messages import ros_messages
-from ..waiting import DEADLINE_S, wait_for
+from ..waiting import wait_for
 from .spinning import Spinning, ros_context, wait_for_match
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -273,139 +271,135 @@ def test_type_that_is_not_the_installed_one_is_not_recorded(
 def test_messages_that_the_middleware_drops_are_counted(
     graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):
+    """By their numbers where one node publishes, telemetry of several by that of its samples."""
     monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
-    publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=5))
-    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
-    assert recorder.bring_up()
-    wait_for_match(recorder, publisher)
-    publisher.publish(String(data="first"))
-    recorded(recorder, 1)
-    with recorder._writing:  # a disk that does not answer
-        for number in range(50):
-            publisher.publish(String(data=str(number)))
-    wait_for(lambda: task(recorder).values["lost messages"], "the loss")
-    recorder.trigger_deactivate()
-    values = task(recorder).values
-    assert values["lost messages"] == 51 - int(values["messages"])
-    assert f"{values['lost messages']} messages lost" in task(recorder).message
-    assert task(recorder).values["lost by topic"] == f"/ema/text {values['lost messages']}"
-
-
-def test_lost_telemetry_of_several_publishers_is_counted(
-    graph: Spinning, tmp_path: Path, monkeypatch: Any
-):
-    monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
-    publishers = [
-        graph.node(name).create_publisher(TelemetryBlock, "telemetry", QoSProfile(depth=5))
+    shallow = QoSProfile(depth=5)
+    text = graph.node().create_publisher(String, "text", shallow)
+    telemetry = {
+        name: graph.node(name).create_publisher(TelemetryBlock, "telemetry", shallow)
         for name in ("left", "right")
-    ]
+    }
 
     def publish(number: int) -> None:
-        for name, publisher in zip(("left", "right"), publishers, strict=True):
+        text.publish(String(data=str(number)))
+        for name, publisher in telemetry.items():
             message = block(number)
             message.actuator_id = name
             publisher.publish(message)
 
-    recorder = recorder_of(graph, tmp_path / "flight", topics=["telemetry"])
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text", "telemetry"])
     assert recorder.bring_up()
-    for publisher in publishers:
-        wait_for_match(recorder, publisher)
+    wait_for_match(recorder, text, *telemetry.values())
     publish(0)
-    recorded(recorder, 2)
+    recorded(recorder, 3)
     with recorder._writing:  # a disk that does not answer
         for number in range(1, 50):
             publish(number)
-            time.sleep(0.002)
     wait_for(lambda: task(recorder).values["lost messages"], "the loss")
+    # What is missing of telemetry shows by the block after it.
     publish(50)
-    wait_for(
-        lambda: task(recorder).values["lost messages"] == 102 - task(recorder).values["messages"],
-        "all that is missing to be counted",
-    )
+
+    def are_counted() -> bool:
+        values = task(recorder).values
+        return values["lost messages"] == 3 * 51 - int(values["messages"])
+
+    wait_for(are_counted, "all that is missing to be counted")
+    recorder.trigger_deactivate()
+    lost = task(recorder).values["lost messages"]
+    assert f"{lost} messages lost" in task(recorder).message
+    by_topic = task(recorder).values["lost by topic"].replace(", ", " ").split(" ")
+    assert by_topic[::2] == ["/ema/telemetry", "/ema/text"]
+    assert sum(map(int, by_topic[1::2])) == lost > 0
 
 
-def recorder_process(path: Path) -> subprocess.Popen[str]:
-    parameters = ["--ros-args", "-p", f"output:={path}", "-p", "topics:=['text']"]
-    command = [sys.executable, "-m", "ema_bags.recorder_node", *parameters]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-
-
-def send(publisher: Any, numbers: range) -> None:
-    for number in numbers:
-        publisher.publish(String(data=str(number)))
-
-
-def in_step(numbers: list[int]) -> list[int]:
-    """Return the numbers as they were sent, from the first that is there.
-
-    A publisher knows of a new subscription of another process before that knows of the publisher.
-    """
-    return list(range(numbers[0], numbers[-1] + 1))
-
-
-def on_disk(bag: Path) -> list[int]:
-    return [int(item.message.data) for item in Bag(bag).messages()]
-
-
-def test_interrupted_recorder_leaves_a_whole_bag(graph: Spinning, tmp_path: Path):
+def test_recorder_that_stood_still_says_so_in_status_and_bag(
+    graph: Spinning, tmp_path: Path, monkeypatch: Any
+):
+    monkeypatch.setattr(recorder_node, "_STANDSTILL_S", 0.5)
     publisher = graph.node().create_publisher(String, "text", STREAM)
-    with recorder_process(tmp_path / "flight") as process:
-        try:
-            wait_for(publisher.get_subscription_count, "the recorder")
-            send(publisher, range(50))
-            wait_for(lambda: 49 in on_disk(tmp_path / "flight"), "the last message on disk")
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(timeout=DEADLINE_S) == 0
-        finally:
-            process.kill()
-    assert Bag(tmp_path / "flight").damage == ""
-    with AnyReader([tmp_path / "flight"]) as reader:
-        read = [
-            int(getattr(reader.deserialize(data, connection.msgtype), "data", "-1"))
-            for connection, _, data in reader.messages()
-        ]
-    assert read == in_step(read)
-    assert read[-1] == 49
-
-
-def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Spinning, tmp_path: Path):
-    publisher = graph.node().create_publisher(String, "text", STREAM)
-    told: dict[str, DiagnosticStatus] = {}
-
-    def note(message: DiagnosticArray) -> None:
-        told.update({item.name: item for item in message.status})
-
-    graph.node().create_subscription(DiagnosticArray, "/diagnostics", note, 100)
-
-    def standstills() -> int:
-        publisher.publish(String(data="text"))
-        status = told.get("/ema/recorder: recording")
-        values = {item.key: item.value for item in status.values} if status else {}
-        return int(values.get("standstills", "0"))
-
-    with recorder_process(tmp_path / "flight") as process:
-        try:
-            wait_for(publisher.get_subscription_count, "the recorder")
-            before = standstills()
-            process.send_signal(signal.SIGSTOP)
-            time.sleep(3.0)
-            process.send_signal(signal.SIGCONT)
-            wait_for(lambda: standstills() > before, "the recorder to say that it stood still")
-            status = told["/ema/recorder: recording"]
-            assert status.level[0] == WARN
-            assert "may be missing: the recorder stood still for " in status.message
-            values = {item.key: item.value for item in status.values}
-            process.send_signal(signal.SIGINT)
-            assert process.wait(timeout=DEADLINE_S) == 0
-        finally:
-            process.kill()
-    # A busy machine may have starved it before and after as well.
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
+    assert recorder.bring_up()
+    wait_for_match(recorder, publisher)
+    # A busy machine may have starved it before, and may again.
+    before = int(task(recorder).values["standstills"])
+    with recorder._discovering:
+        time.sleep(0.6)
+    wait_for(lambda: int(task(recorder).values["standstills"]) > before, "the standstill")
+    assert task(recorder).level == WARN
+    assert "may be missing: the recorder stood still for " in task(recorder).message
+    recorder.trigger_shutdown()
     remarks = Bag(tmp_path / "flight").remarks
     pattern = (
         r"gap: (messages from [\d.]+ s to [\d.]+ s may be missing: the recorder stood still .*)"
     )
-    told_there = [match[1] for text in remarks if (match := re.fullmatch(pattern, text))]
-    assert len(told_there) == len(remarks) >= int(values["standstills"]) >= 1
+    told = [match[1] for text in remarks if (match := re.fullmatch(pattern, text))]
+    assert len(told) == len(remarks) >= 1
     information = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
     noted = information["rosbag2_bagfile_information"]["custom_data"]
-    assert set(told_there) <= set(noted.values())
+    assert set(told) <= set(noted.values())
+
+
+def test_recorder_writes_when_a_level_changes_and_on_demand(
+    graph: Spinning, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    source, path = graph.node(), tmp_path / "flight"
+    text = source.create_publisher(String, "text", STREAM)
+    output = source.create_publisher(Health, "health", LATCHED)
+    topics = ["text", "health"]
+    recorder = recorder_of(graph, path, topics=topics, snapshot_duration=1000.0)
+    assert recorder.bring_up()
+    wait_for_match(recorder, text, output)
+    output.publish(Health(actuator_id="flap", level=Health.OK))
+    for number in range(20):
+        text.publish(String(data=str(number)))
+    wait_for(lambda: recorder._recorded and len(recorder._recorded._kept) == 21, "all of it")
+    assert task(recorder).values["messages"] == 0
+    output.publish(Health(actuator_id="flap", level=Health.WARN))
+    recorded(recorder, 22)
+    assert task(recorder).values["snapshots"] == 1
+
+    def snapshot() -> Trigger.Response:
+        return graph.call(Trigger, "recorder/snapshot")
+
+    def keep(data: str) -> None:
+        text.publish(String(data=data))
+        wait_for(lambda: task(recorder).values["kept [B]"], "the message")
+
+    assert snapshot().message == "nothing was received since the last snapshot"
+    keep("20")
+    answer = snapshot()
+    assert answer.success
+    assert answer.message == f"1 messages of 0.000 s to {path / 'flight_1.mcap'}"
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    keep("21")
+    with monkeypatch.context() as full:
+        full.setattr(BagFile, "flush", refuse)
+        answer = snapshot()
+        assert task(recorder).level == ERROR
+    assert not answer.success
+    assert "waits in memory, not written: [Errno 28] No space left on device" in answer.message
+    recording = recorder._recorded
+    assert recording is not None
+    wait_for(lambda: recording.bag.failure is None, "the recorder to go on")
+    keep("never written")
+    recorder.trigger_shutdown()
+    bag = Bag(path)
+    texts = [item.message.data for item in bag.messages(["/ema/text"])]
+    assert texts == [str(number) for number in range(22)]
+    assert bag.damage == ""
+
+
+def test_cache_that_is_too_small_is_told(graph: Spinning, tmp_path: Path):
+    text = graph.node().create_publisher(String, "text", STREAM)
+    given = {"snapshot_duration": 1000.0, "max_cache_size": 100_000}
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"], **given)
+    assert recorder.bring_up()
+    wait_for_match(recorder, text)
+    for number in range(12):
+        text.publish(String(data=str(number) * 10_000))
+    wait_for(lambda: "max_cache_size = 100000 B holds" in task(recorder).message, "the remark")
+    assert task(recorder).level == WARN
+    assert int(task(recorder).values["kept [B]"]) <= 100_000

@@ -13,6 +13,7 @@ from ema_cli.bags.source import Source, read_windows
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
+from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import FaultEstimate
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.messages import estimate_to_message
@@ -34,8 +35,11 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     actuator.faults = fault_vector({"friction": 0.2, "backlash": 0.1, "eccentricity": 0.1})
     cycle = build_cycle(THESIS_CHIRP, 1e-4)
     cycles = np.tile(cycle.samples, 4)[: 3 * len(cycle.samples) + cycle.start + 2000]
-    samples = np.concatenate([np.zeros(REST), cycles])
-    blocks = [actuator.advance(part) for part in np.split(samples, range(100, len(samples), 100))]
+    moving = actuator.advance(cycles)
+    # Before it moves, nothing of it differs from zero.
+    columns = (np.concatenate([np.zeros(REST), getattr(moving, name)]) for name in COLUMNS)
+    whole = Telemetry(moving.stamp_ns, 1e-4, moving.first_index, *columns)
+    blocks = [whole.part(n, min(n + 100, len(whole))) for n in range(0, len(whole), 100)]
     lost = (REST + len(cycle.samples) + cycle.start + 1000) // 100
     path = tmp_path_factory.mktemp("bags") / "four.mcap"
     with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
@@ -43,17 +47,6 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if number != lost:
                 recording.write_block(block, 0.0)
     return path
-
-
-def offline(bag: Path) -> list[FaultEstimate]:
-    """Return what `ema estimate` finds, as messages."""
-    settings = TriggerSettings()
-    found = read_windows(bag, Source(trigger=settings))
-    estimates = Identifying().estimate(found.windows, Calibration.builtin())
-    return [
-        estimate_to_message(estimate, item.number, item.description)
-        for estimate, item in zip(estimates, found.windows, strict=True)
-    ]
 
 
 def plain(message: Any) -> dict[str, Any]:
@@ -72,7 +65,13 @@ def plain(message: Any) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def expected(bag: Path) -> list[FaultEstimate]:
-    return offline(bag)
+    """What `ema estimate` finds, as messages."""
+    found = read_windows(bag, Source(trigger=TriggerSettings()))
+    estimates = Identifying().estimate(found.windows, Calibration.builtin())
+    return [
+        estimate_to_message(estimate, item.number, item.description)
+        for estimate, item in zip(estimates, found.windows, strict=True)
+    ]
 
 
 def test_offline_command_tells_what_is_wrong_with_two_of_the_windows(expected):
@@ -83,16 +82,14 @@ def test_offline_command_tells_what_is_wrong_with_two_of_the_windows(expected):
 
 
 @pytest.mark.slow
-def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected):
-    with Graph() as graph:
+def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected, tmp_path: Path):
+    with Graph(tmp_path) as graph:
         graph.start("monitor", use_sim_time=True)
         graph.wait_for(lambda: graph.status, "the monitor")
         graph.start("player", bag=bag, rate=5.0, actuator_only=True)
-        player = graph.processes["player"]
-        graph.wait_for(lambda: player.poll() is not None, "the end of the bag")
-        assert player.returncode == 0, graph.log("player").read_text()
+        assert graph.exit_code("player") == 0, graph.log("player").read_text()
         graph.wait_for(lambda: len(graph.estimates) == 3, "three estimates")
-        assert graph.status["/ema/monitor: flap telemetry"][2]["samples lost"] == "100"
+        assert graph.status["/ema/monitor: flap telemetry"].values["samples lost"] == "100"
         # The end of the telemetry shows only when the monitor ends.
         assert graph.stop("monitor") == 0
         graph.wait_for(lambda: len(graph.estimates) == 4, "the refusal of the last window")

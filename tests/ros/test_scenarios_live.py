@@ -1,27 +1,37 @@
-"""Lives under scenarios of future duty: of a live monitor, and of the same tests from a bag."""
+"""Health, life and lives under scenarios: of a live monitor, and of the same tests from a bag."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.unit_course import follow
-from ema_cli.bags.unit_record import UnitRecord
-from ema_interfaces.msg import DutyScenario, ScenarioLife
+from ema_cli.bags.source import Source
+from ema_cli.bags.unit_course import Course, UnitRecord, follow, read_unit
+from ema_cli.show.prognosis_table import table_of_scenarios
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import DutyScenario, ScenarioLife, Usage
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.node.messages import message_of, scenarios_from_messages
+from ema_monitor.node.messages import health_to_message, message_of, scenarios_from_messages
 from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reports import scenario_report
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros import topics
+from ema_ros.stamps import stamp_to_message
+from ema_sim.actuator import SimulatedActuator
 
 from ..commands import ema
-from .counted_tests import CountedTest, counted_tests, let_hear, recorded
-from .monitor_session import MonitorSession, monitor
-from .worn_actuator import SERVICE
+from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, monitor
+from .worn_actuator import SERVICE, live, plain
 
+CountedTest = tuple[Telemetry, Usage]
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 TESTS = REFERENCE_TESTS + 4
 COVERAGE = 1e-5
 """Telemetry of a test of some seconds stands for the hours between tests."""
@@ -35,20 +45,40 @@ SCENARIOS = [
 
 @pytest.fixture(scope="module")
 def tests() -> list[CountedTest]:
-    """Tests of an actuator whose friction grows."""
-    return counted_tests(TESTS, 0.02)
+    """Tests of an actuator whose friction grows, at irregular intervals, with counts of others."""
+    actuator, found = SimulatedActuator(stamp_ns=START_NS), list[CountedTest]()
+    for number in range(TESTS):
+        actuator.faults = fault_vector({"friction": 0.1 + 0.02 * number})
+        block = actuator.advance(CYCLE.samples)
+        hours = 12.0 * number + number % 3
+        usage = Usage(actuator_id=FLAP.actuator_id, flight_hours=hours, cycles=100 + number)
+        usage.header.stamp = stamp_to_message(block.stamp_ns)
+        found.append((block, usage))
+    return found
 
 
 @pytest.fixture(scope="module")
 def record(tests: list[CountedTest], tmp_path_factory: pytest.TempPathFactory) -> UnitRecord:
-    return recorded(tmp_path_factory.mktemp("flown") / "life.mcap", tests)
+    """What the commands read of a bag of the tests."""
+    path = tmp_path_factory.mktemp("flown") / "life.mcap"
+    with BagWriter(path) as writer, SimulatedActuatorBag(writer, FLAP) as bag:
+        for block, usage in tests:
+            writer.write(f"{topics.NAMESPACE}/{topics.USAGE}", usage, block.stamp_ns)
+            bag.write_block(block, 0.0)
+    return read_unit([path], Source(trigger=TriggerSettings()))
 
 
 @pytest.fixture(scope="module")
 def session(tests: list[CountedTest]) -> Iterator[MonitorSession]:
-    """A monitor that has heard all of the tests."""
+    """A monitor that has heard all counts, and then the tests."""
     with monitor({"damage.least_coverage": COVERAGE}) as running:
-        let_hear(running, tests)
+        running.mount()
+        for _, usage in tests:
+            running.send(topics.USAGE, usage)
+        # Once the last count is complained of, all before it have been heard.
+        running.send(topics.USAGE, Usage(actuator_id=FLAP.actuator_id, flight_hours=-5.0))
+        running.until_status("flap telemetry", "flight_hours = -5 h")
+        live(running, [block for block, _ in tests])
         yield running
 
 
@@ -57,16 +87,27 @@ def asked(session: MonitorSession, *scenarios: DutyScenario):
     return session.call(PredictRemainingLife, SERVICE, request)
 
 
-def test_live_and_offline_answers_are_equal_to_the_last_digit(session, record):
-    live = asked(session, *SCENARIOS)
-    assert live.success, live.message
+@pytest.fixture(scope="module")
+def course(record: UnitRecord) -> Course:
+    """What the command finds in the bag."""
     calibration = Calibration.builtin()
     given = Predicting(
         prognosis=PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE)),
         scenarios=scenarios_from_messages(SCENARIOS),
     )
-    estimates = given.estimate(record.windows, calibration)
-    course = follow(record, estimates, calibration, given)
+    return follow(record, given.estimate(record.windows, calibration), calibration, given)
+
+
+def test_every_health_message_of_a_bag_is_that_of_the_live_monitor(session, course, tests):
+    told = [health_to_message(outlook, course.record.description) for outlook in course.outlooks]
+    assert [plain(message) for message in told] == [plain(one) for one in session.healths()]
+    assert [message.flight_hours for message in told] == [item.flight_hours for _, item in tests]
+    assert told[-1].rul.known
+
+
+def test_live_and_offline_answers_are_equal_to_the_last_digit(session, course):
+    live = asked(session, *SCENARIOS)
+    assert live.success, live.message
     told = [message_of(ScenarioLife, scenario_report(*one)) for one in course.scenarios]
     assert [str(one) for one in told] == [str(one) for one in live.scenarios]
     assert course.growth.duty is not None
@@ -103,14 +144,17 @@ def test_wrong_scenarios_are_refused_by_name(
     assert all(text in answer.message for text in texts), answer.message
 
 
-def test_command_prints_lives_under_scenarios(record: UnitRecord, tmp_path: Path):
-    [bag] = set(record.bags.values())
+def test_command_prints_lives_under_scenarios(course: Course, tmp_path: Path):
+    table = table_of_scenarios([scenario_report(*one) for one in course.scenarios])
+    names, *_, days, _ = (list(column.cells) for column in table.columns)
+    shown = dict(zip(names, days, strict=True))
+    assert (str(shown["idle"]).count(" / "), shown["hot"]) == (2, "")
     file = tmp_path / "scenarios.yaml"
     file.write_text("scenarios: [{name: as flown}, {name: idle, travel_per_hour: 1}]")
-    result = ema("prognose", bag, "--scenarios", file, "-p", f"damage.least_coverage={COVERAGE}")
+    result = ema("prognose", SAMPLE, "--scenarios", file, "--hours-per-cycle", "10")
     assert result.exit_code == 0, result.stderr
     assert all(text in result.stdout for text in ("idle", "as flown", "RUL [days]"))
     file.write_text("scenarios: [{name: idle, travel_per_hour: far}]")
-    refused = ema("prognose", bag, "--scenarios", file)
+    refused = ema("prognose", SAMPLE, "--scenarios", file)
     assert refused.exit_code == 1
     assert "travel_per_hour = 'far'" in refused.stderr

@@ -11,13 +11,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ema_core.description import ActuatorDescription
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 from ema_ros.actuator_file import load_description
 from ema_ros.settings import LiveSettings, declare, read
 
 
 @dataclass(frozen=True)
-class Oven:
+class Oven(Checked):
     temperature: float = quantity(180.0, "degC", 20.0, 300.0, "temperature inside")
     trays: int = quantity(2, "-", 0, 4, "trays in use")
     mode: str = text("fan", "where the heat comes from", ("fan", "grill"))
@@ -25,7 +25,7 @@ class Oven:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.mode == "grill" and self.temperature < 100.0:
             raise ValueError(f"temperature = {self.temperature:g} degC is too low to grill")
 
@@ -41,14 +41,14 @@ def make_oven(make_node: Callable[..., Node]) -> Callable[..., Node]:
     return make
 
 
-def test_defaults_are_read_back(make_oven: Callable[..., Node]):
+def test_defaults_are_read_back(make_oven):
     node = make_oven()
     declare(node, Oven)
     assert read(node, Oven) == Oven()
     assert not node.has_parameter("notes")
 
 
-def test_given_values_are_used_and_whole_numbers_are_numbers(make_oven: Callable[..., Node]):
+def test_given_values_are_used_and_whole_numbers_are_numbers(make_oven):
     node = make_oven(left__temperature=200, left__mode="grill")
     declare(node, Oven, "left.")
     oven = read(node, Oven, "left.")
@@ -56,7 +56,7 @@ def test_given_values_are_used_and_whole_numbers_are_numbers(make_oven: Callable
     assert type(oven.temperature) is float
 
 
-def test_descriptors_tell_unit_range_and_choices(make_oven: Callable[..., Node]):
+def test_descriptors_tell_unit_range_and_choices(make_oven):
     node = make_oven()
     declare(node, Oven)
     temperature = node.describe_parameter("temperature")
@@ -78,9 +78,7 @@ def test_descriptors_tell_unit_range_and_choices(make_oven: Callable[..., Node])
         ({"mode": "grill", "temperature": 50.0}, ["temperature", "50", "too low to grill"]),
     ],
 )
-def test_impossible_value_that_is_given_is_refused_in_one_line(
-    make_oven: Callable[..., Node], given: dict[str, Any], texts: list[str]
-):
+def test_impossible_value_that_is_given_is_refused_in_one_line(make_oven, given, texts):
     node = make_oven(**{f"left__{name}": value for name, value in given.items()})
     with pytest.raises(ValueError, match=r"left\.") as refused:
         LiveSettings(node, Oven, "left.")
@@ -93,7 +91,7 @@ def set_one(node: Node, name: str, value: Any) -> Any:
     return result
 
 
-def test_live_settings_follow_and_tell(make_oven: Callable[..., Node]):
+def test_live_settings_follow_and_tell(make_oven):
     node, changes = make_oven(), []
     left = LiveSettings(node, Oven, "left.", changes.append)
     right = LiveSettings(node, Oven, "right.")
@@ -110,9 +108,7 @@ def test_live_settings_follow_and_tell(make_oven: Callable[..., Node]):
 @pytest.mark.parametrize(
     ("name", "value"), [("temperature", float("nan")), ("temperature", "hot"), ("label", 3)]
 )
-def test_impossible_change_is_refused_by_name(
-    make_oven: Callable[..., Node], name: str, value: Any
-):
+def test_impossible_change_is_refused_by_name(make_oven, name: str, value: Any):
     node, changes = make_oven(), []
     left = LiveSettings(node, Oven, "left.", changes.append)
     result = set_one(node, f"left.{name}", value)
@@ -123,7 +119,7 @@ def test_impossible_change_is_refused_by_name(
 
 
 @pytest.mark.parametrize(("first", "second"), [("1e2", "1.2e2"), (100, 120)])
-def test_number_keeps_its_type_whatever_it_came_as(make_oven: Callable[..., Node], first, second):
+def test_number_keeps_its_type_whatever_it_came_as(make_oven, first, second):
     # YAML 1.1 reads 1e2 and 1e-06 as texts, and so do tools that load what others dumped.
     node = make_oven(left__temperature=first, left__trays="3")
     left = LiveSettings(node, Oven, "left.")
@@ -135,9 +131,7 @@ def test_number_keeps_its_type_whatever_it_came_as(make_oven: Callable[..., Node
     assert not set_one(node, "left.temperature", "warm").successful
 
 
-def test_each_parameter_is_answered_once_however_many_settings_a_node_has(
-    make_oven: Callable[..., Node],
-):
+def test_each_parameter_is_answered_once_however_many_settings_a_node_has(make_oven):
     node, told = make_oven(), []
     for side in ("left.", "middle.", "right."):
         LiveSettings(node, Oven, side)
@@ -150,14 +144,11 @@ def test_each_parameter_is_answered_once_however_many_settings_a_node_has(
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(Checked):
     width: float = quantity(2e-5, "m", 1e-9, 1.0, "width of the gap", shown=("width_um", "um", 1e6))
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
-
-def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven: Callable[..., Node]):
+def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven):
     node = make_oven()
     gap = LiveSettings(node, Gap)
     parameter = node.get_parameter("width_um")
@@ -170,7 +161,7 @@ def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven: Callable
     assert not set_one(node, "width_um", 2e6).successful
 
 
-def test_settings_can_be_fixed_for_a_time_and_the_refusal_says_why(make_oven: Callable[..., Node]):
+def test_settings_can_be_fixed_for_a_time_and_the_refusal_says_why(make_oven):
     node, reasons = make_oven(), ["the oven is hot"]
     oven = LiveSettings(node, Oven, why_fixed=lambda: reasons[-1])
     result = set_one(node, "trays", 3)
@@ -196,7 +187,7 @@ def test_description_is_read_from_a_file(tmp_path: Path):
     [
         ("rudder", "expected a mapping"),
         ("colour: red", "unknown entry 'colour'"),
-        ("parameters: [1]", "parameters must be a mapping"),
+        ("parameters: [1]", "parameters = [1]: expected a mapping"),
         ("parameters: {R_s: thick}", "R_s"),
         ("drive: stepper", "unknown drive 'stepper'"),
         ("acquisition: {curent: mean}", "did you mean 'current'?"),

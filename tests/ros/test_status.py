@@ -1,19 +1,20 @@
 """What is published on /diagnostics follows the rules of those who read it."""
 
 import re
-from types import SimpleNamespace
-from typing import cast
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
+from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import outlook_of_one
-from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
@@ -74,17 +75,24 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
     assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]
 
 
+def test_duty_of_a_unit_that_was_taken_out_is_not_that_of_the_next():
+    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    block = Telemetry(0, 1e-3, 0, *np.zeros((4, 9)))
+    unit.duty_of("old").add(block, ActuatorParameters())
+    unit.duty_of("old").cut(1)
+    assert unit.duty_of("new").take(2).hours == 0.0
+    assert unit.duty_of("old").take(2).hours == pytest.approx(9e-3 / 3600.0)
+
+
 def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
-    unit, description = (
-        Actuator("flap", TriggerSettings(), lambda _: None, 0),
-        ActuatorDescription(),
-    )
+    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    description = ActuatorDescription()
     unit.finder.describe(description)
-    segment = cast(Segment, SimpleNamespace(number=0, last_stretch=None, description=description))
     seen = []
     for number, friction in enumerate((0.45, 0.5113, 0.02, 0.02)):
         estimate = made_test(number, friction=friction)
-        unit.record(segment, estimate, outlook_of_one(estimate, HealthLimits(), ""), 0, 2)
+        found = Diagnosed(0, 0, description, estimate)
+        unit.record(found, outlook_of_one(estimate, HealthLimits(), ""), 0, 2)
         [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap friction"]
         seen.append((task.level, task.message))
     assert seen == [
@@ -93,3 +101,9 @@ def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
         (ERROR, "0.02, limit 0.5; OK once later tests confirm it"),
         (OK, "0.02, limit 0.5"),
     ]
+    item = replace(unit.outlook.health.faults[0], name="bandwidth", value=16.4, limit=12.0)
+    health = replace(unit.outlook.health, requirements=(item,))
+    unit.outlook = replace(unit.outlook, health=health)
+    [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap bandwidth"]
+    assert task.message.startswith("16.4 Hz, limit 12 Hz")
+    assert [*task.values] == ["value [Hz]", "sigma [Hz]", "limit [Hz]"]

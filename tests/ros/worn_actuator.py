@@ -1,8 +1,9 @@
 """An actuator whose friction grows, and what a monitor is asked and says of it."""
 
 import math
+from collections.abc import Iterator
 from copy import deepcopy
-from functools import cache
+from itertools import count, islice
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -26,15 +27,20 @@ def friction(number: int) -> float:
     return 0.05 * math.expm1(0.0075 * HOURS * number)
 
 
-@cache
-def worn_cycles(n: int) -> list[Telemetry]:
-    """Test cycles of an actuator whose friction grows, each in one block."""
+def _wearing() -> Iterator[Telemetry]:
     actuator = SimulatedActuator()
-    blocks = []
-    for number in range(n):
+    for number in count():
         actuator.faults = fault_vector({"friction": friction(number)})
-        blocks.append(actuator.advance(CYCLE.samples))
-    return blocks
+        yield actuator.advance(CYCLE.samples)
+
+
+_cycles, _made = _wearing(), list[Telemetry]()
+
+
+def worn_cycles(n: int) -> list[Telemetry]:
+    """Test cycles of an actuator whose friction grows, each in one block and made once."""
+    _made.extend(islice(_cycles, max(n - len(_made), 0)))
+    return _made[:n]
 
 
 def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
@@ -70,10 +76,6 @@ def predict(session: MonitorSession, duty: float, actuator_id: str = "") -> Any:
 
 
 def use(session: MonitorSession, hours: float, stamp_ns: int, cycles: int = 0) -> None:
-    session.send(topics.USAGE, count(hours, stamp_ns, cycles))
-
-
-def count(hours: float, stamp_ns: int, cycles: int = 0) -> Usage:
     message = Usage(actuator_id="flap", flight_hours=hours, cycles=cycles)
     message.header.stamp = stamp_to_message(stamp_ns)
-    return message
+    session.send(topics.USAGE, message)

@@ -47,25 +47,15 @@ def back_emf_shape(degrees: float) -> float:
 
 
 class ReferenceTwin:
-    def __init__(
-        self,
-        actuator: ActuatorParameters,
-        faults: Mapping[str, float],
-        *,
-        theta_m: float = 0.0,
-        omega: float = 0.0,
-        dt: float = 1e-6,
-        causes: Mapping[str, float] | None = None,
-    ) -> None:
+    dt = 1e-6
+
+    def __init__(self, actuator: ActuatorParameters, faults: Mapping[str, float]) -> None:
         p = actuator
-        self.cause = dict.fromkeys(CAUSE_BY_NAME, 0.0) | dict(causes or {})
+        self.cause = dict.fromkeys(CAUSE_BY_NAME, 0.0)
         self.time = 0.0
         self.dead = [0.0, 0.0, 0.0]
         self.actuator = p
-        self.dt = dt
-        self.theta_m = theta_m
-        self.omega = omega
-        self.theta_out = theta_m
+        self.theta_m = self.omega = self.theta_out = 0.0
         self.i = [0.0, 0.0, 0.0]
         self.q = [1, 1, 1]
         self.lag = [0.0, 0.0, 0.0]
@@ -73,8 +63,6 @@ class ReferenceTwin:
         self.last_error = 0.0
         self.torque = 0.0
 
-        self.J = (p.J_m + p.J_u) * (1 + self.cause["inertia"])
-        self.C = (p.C_m + p.C_u) * (1 + self.cause["viscous_friction"])
         self.f_s = (p.f_sm + p.f_su) * (1 + 2 * faults.get("friction", 0))
         self.f_d = self.f_s * p.f_ratio
         self.play = p.BLK * (1 + 99 * faults.get("backlash", 0))
@@ -192,13 +180,16 @@ class ReferenceTwin:
         if self.cause["jam"]:
             self.omega = 0.0
             return
+        p = self.actuator
+        J = (p.J_m + p.J_u) * (1 + self.cause["inertia"])
+        C = (p.C_m + p.C_u) * (1 + self.cause["viscous_friction"])
         T = self.torque - load
         f_s, f_d = self._dry_friction()
         if self.omega == 0:
             friction = T if abs(T) <= f_s else f_d * sign(T)
         else:
             friction = f_d * sign(self.omega)
-        omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
+        omega = self.omega + (T - C * self.omega - friction) / J * self.dt
         if sign(omega) == -sign(self.omega):
             omega = 0.0
         self.omega = omega

@@ -1,36 +1,24 @@
-"""What the simulated actuator accepts, and what faults do to it."""
+"""What the simulated actuator accepts, and what faults and hidden causes do to it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from ema_core.cause_profiles import Causes
+from ema_core.causes import CAUSES, COPPER, Place
+from ema_core.commands import THESIS_CHIRP, Command, build_cycle
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry, join
 from ema_sim.actuator import SimulatedActuator, at_rest
-from ema_sim.effects import Courses, NoEffects
+from ema_sim.effects import Courses, Effects, NoEffects
 from ema_sim.reference import advance, advance_sample
 
+from .trajectories import assert_same
+
 COMMANDS = 4e-3 * np.sin(np.linspace(0.0, 20.0, 400))
-
-
-@pytest.mark.parametrize(
-    ("faults", "parameters"),
-    [
-        ({"friction": 0.25}, {"f_sm": 1.5 * 0.06 * 1.689, "f_su": 1.5 * 0.04 * 1.689}),
-        ({"backlash": 1.0}, {"BLK": 0.5}),
-        ({"gain": 0.25}, {"G_prop": 0.75e5}),
-        ({"gain": 1.0}, {"G_prop": 1.5e5}),
-    ],
-)
-def test_fault_equals_a_changed_parameter(faults, parameters):
-    faulty = SimulatedActuator()
-    faulty.faults = fault_vector(faults)
-    changed = SimulatedActuator(ActuatorParameters().replace(parameters))
-    x, y = faulty.advance(COMMANDS), changed.advance(COMMANDS)
-    # The factors may round apart in the last bit.
-    np.testing.assert_allclose(x.position, y.position, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(x.current, y.current, rtol=0, atol=1e-9)
 
 
 def test_faults_take_effect_with_the_next_sample():
@@ -43,14 +31,6 @@ def test_faults_take_effect_with_the_next_sample():
     assert second.speed[0] != x.speed[200]
 
 
-def test_healthy_faults_change_nothing():
-    untouched, healthy = SimulatedActuator(), SimulatedActuator()
-    healthy.faults = healthy_faults()
-    x, y = untouched.advance(COMMANDS), healthy.advance(COMMANDS)
-    np.testing.assert_array_equal(x.current, y.current)
-    assert untouched.state == healthy.state
-
-
 def test_impossible_faults_leave_the_actuator_as_it_was():
     actuator, untouched = SimulatedActuator(), SimulatedActuator()
     with pytest.raises(ValueError, match="friction"):
@@ -61,19 +41,20 @@ def test_impossible_faults_leave_the_actuator_as_it_was():
     )
 
 
-def test_load_costs_its_share_of_current():
-    """At steady speed k_t I is friction plus load one way, friction less load the other."""
-    load, p = 0.1, ActuatorParameters()
-    ramp = 2e-5 * np.arange(1, 3001)  # 0.2 rad/s of the user, 100 rad/s of the motor
-    means = []
-    for direction in (1.0, -1.0):
+@pytest.mark.parametrize("k", [0.0, 0.3, 1.0])
+def test_approach_leaves_the_gear_on_one_flank(k):
+    """Wherever in its play the motor stood before, the test cycle starts pushing forwards."""
+    cycle = build_cycle(THESIS_CHIRP, 1e-4)
+    half = 2.5e-3 * (1 + 99 * k)
+    for offset in (-1.0, 0.0, 1.0):
         actuator = SimulatedActuator()
-        actuator.faults = fault_vector({"friction": 1.0})
-        block = actuator.advance(direction * ramp, load)
-        means.append(block.current[-2000:].mean())
-    # The mean of both directions has no friction in it; what ripple adds to the largest of three
-    # phase currents has the sign of the torque and goes as well, to 2 %.
-    assert sum(means) / 2 == pytest.approx(load / p.k_t, rel=0.02)
+        actuator.faults = fault_vector({"backlash": k})
+        actuator.state = at_rest(0.0, offset * half)
+        telemetry = actuator.advance(cycle.samples[: cycle.start + 1])
+        # At rest throughout the hold before the command proper.
+        assert (telemetry.speed[-500:] == 0.0).all()
+        x = actuator.state
+        assert x.theta_m - x.theta_b == pytest.approx(half, rel=1e-12)
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-4, 1.5e-6, 5e-7, 1.0, math.nan, math.inf])
@@ -124,3 +105,58 @@ def test_one_version_of_each_kernel_is_compiled():
     effects = [signature[3].instance_class for signature in advance.signatures]
     assert sorted(effects, key=str) == sorted((NoEffects, Courses), key=str)
     assert len(advance_sample.signatures) <= 2
+
+
+P = ActuatorParameters()
+CHIRP = Command().sample(1e-4)[:2000]
+
+
+def run(causes: Causes, parameters: ActuatorParameters = P) -> Telemetry:
+    actuator = SimulatedActuator(parameters)
+    actuator.causes = causes
+    return actuator.advance(CHIRP)
+
+
+def test_kernel_has_every_cause_but_those_of_sensors():
+    inside = [cause.name for cause in CAUSES if cause.place is not Place.SENSOR]
+    assert Effects._fields == ("time", *inside)
+
+
+@pytest.mark.parametrize(
+    "causes",
+    [{}, {"current_offset": 1.0}, {name: 0.0 for name in Effects._fields if name != "time"}],
+    ids=["none", "of_sensors", "zero"],
+)
+def test_causes_that_are_absent_change_no_bit(causes):
+    """None take the kernels without causes; zeros those with them, whose sums and products with 0
+    and 1 are exact."""
+    assert_same(run(causes), SimulatedActuator().advance(CHIRP))
+
+
+def test_times_count_from_the_assignment():
+    actuator, other = SimulatedActuator(), SimulatedActuator()
+    actuator.advance(CHIRP[:500])
+    actuator.causes = ["load_torque=0.1@0.02"]
+    other.causes = ["load_torque=0.1@0.07"]
+    assert_same(actuator.advance(CHIRP[500:]), join([other.advance(CHIRP)]).part(500, 2000))
+
+
+@pytest.mark.parametrize(
+    ("cause", "value", "changed"),
+    [
+        ("torque_constant", -0.1, {"k_e": P.k_e * (1.0 - 0.1)}),
+        ("winding_temperature", 80.0, {"R_s": P.R_s * (1.0 + COPPER * 80.0)}),
+        ("supply_voltage", -0.2, {"V_max": P.V_max * (1.0 - 0.2)}),
+        ("viscous_friction", 40.0, {"C_m": (P.C_m + P.C_u) * 41.0, "C_u": 0.0}),
+        ("inertia", 0.25, {"J_m": (P.J_m + P.J_u) * 1.25, "J_u": 0.0}),
+    ],
+)
+def test_cause_is_another_plant_under_the_same_control(cause, value, changed):
+    assert_same(run({cause: value}), run({}, parameters=replace(P, **changed)))
+
+
+def test_winding_too_hot_for_the_step_is_refused():
+    actuator = SimulatedActuator(replace(P, L_s=3e-6))
+    with pytest.raises(ValueError, match=r"L_s = 3e-06 H .* most shorted phase"):
+        actuator.causes = ["winding_temperature=200@1..2"]
+    actuator.causes = {"winding_temperature": 50.0}

@@ -1,13 +1,20 @@
-"""What sensors add to the truth."""
+"""What sensors and sampling add to the truth, and noise on the reference current."""
 
 import math
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
 
+from ema_core.acquisition import Acquisition
 from ema_core.cause_profiles import Causes, cause_profiles
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_ros.messages import telemetry_from_message, telemetry_to_message
+from ema_sim import simulate
+from ema_sim.actuator import SimulatedActuator
 from ema_sim.sensors import Sensors
 
 N = 5000
@@ -78,3 +85,114 @@ def test_delay_of_a_fraction_of_a_sample_is_interpolated():
     line = replace(TRUTH, speed=3.0 * np.arange(N))
     measured = misread(["speed_delay=2.5e-4"], line)
     np.testing.assert_allclose(measured.speed[10:], line.speed[10:] - 3.0 * 2.5, rtol=1e-12)
+
+
+COMMAND = 2e-3 * np.sin(80.0 * 1e-3 * np.arange(200))
+FINE = 100
+
+
+def sampled(acquisition: Acquisition) -> Telemetry:
+    return SimulatedActuator(sample_period=1e-3, acquisition=acquisition).advance(COMMAND)
+
+
+def fine() -> Telemetry:
+    """The same motion in samples of 10 us, whose means are nearly the current itself."""
+    knots = np.arange(len(COMMAND) + 1)
+    command = np.interp(
+        np.arange(1, FINE * len(COMMAND) + 1) / FINE, knots, np.concatenate([[0.0], COMMAND])
+    )
+    return SimulatedActuator(sample_period=1e-3 / FINE).advance(command)
+
+
+def test_mean_filtered_and_instantaneous_are_of_one_current():
+    """Each sampling against the current in steps of 10 us.
+
+    The motion is one to the last bits, chaos would show; the instant differs from the mean over the
+    10 us before it by what three lags of 10 us let through of 67 A/ms in 5 us.
+    """
+    reference = fine().current.reshape(-1, FINE)
+    np.testing.assert_allclose(sampled(Acquisition()).current, reference.mean(axis=1), atol=1e-6)
+    instant = sampled(Acquisition("instantaneous")).current
+    assert np.max(np.abs(instant - reference[:, -1])) < 0.2
+    assert np.std(instant - reference.mean(axis=1)) > 0.1  # the ripple
+    tau, state, expected = 3e-4, 0.0, []
+    share = -np.expm1(-1e-5 / tau)
+    for row in reference:
+        for value in row:
+            state += share * (value - state)
+        expected.append(state)
+    filtered = sampled(Acquisition("filtered", tau)).current
+    np.testing.assert_allclose(filtered, expected, atol=5e-3)
+
+
+def test_what_is_not_measured_is_an_empty_column():
+    telemetry = simulate(
+        description=ActuatorDescription(
+            sample_period=1e-3, acquisition=Acquisition("none", speed=False)
+        ),
+        current_noise=0.05,
+        resolutions={"current": 0.01, "speed": 0.1},
+        causes={"current_offset": 0.1, "speed_delay": 1e-3},
+    )
+    assert telemetry.missing == ("current", "speed")
+    assert len(telemetry.position) == len(telemetry) > 0
+    again = telemetry_from_message(telemetry_to_message(telemetry, "flap"))
+    assert again.missing == telemetry.missing
+    assert telemetry.part(3, 9).missing == telemetry.missing
+
+
+COMPARATOR = ActuatorParameters(f_sm=1e4, L_s=0.1, R_s=1e-4, h_b=1e-4, V_max=5e-3, I_max=1e4)
+SLOPE = COMPARATOR.V_max / COMPARATOR.L_s
+PERIOD = 1e-4
+SAMPLES = 2000
+
+
+def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
+    """Sum of the signs of the holds in each sample, `(SAMPLES,)`.
+
+    The inverter compares: with a locked rotor, next to no band and an inductance that leaves the
+    current where it is, the driven pair gets +V in a step where bias plus noise is positive and -V
+    where it is negative. So the mean slope of the current tells the share of positive noise beyond
+    minus the bias, hence its sigma, and the steps in between tell how long a value is held.
+    """
+    p = COMPARATOR
+    actuator = SimulatedActuator(
+        p,
+        sample_period=PERIOD,
+        noise_gain=noise_gain,
+        noise_hold_s=hold,
+        rng=np.random.default_rng(23),
+    )
+    command = bias * p.k_t / (p.GAP * p.G_prop)
+    current = []
+    for _ in range(SAMPLES + 1):  # in the first one the command gets there
+        actuator.advance([command])
+        current.append((actuator.state.i_c - actuator.state.i_b) / 2)
+    return np.diff(current) / (SLOPE * hold)
+
+
+@pytest.mark.parametrize(("noise_gain", "hold"), [(1.0, 1e-6), (100.0, 1e-6), (4.0, 1e-5)])
+def test_variance_and_hold_time(noise_gain, hold):
+    """Variance K_noise 1e-6 / t_n, each value held for t_n and independent of the others."""
+    sigma = math.sqrt(noise_gain * 1e-6 / hold)
+    holds = round(PERIOD / hold)
+    total = comparisons(noise_gain, hold, bias=sigma / 2)
+    n = SAMPLES * holds
+
+    share = (1 + total.sum() / n) / 2
+    measured = 0.5 * sigma / NormalDist().inv_cdf(share)
+    # Five sigma of a share of n: sqrt(p (1 - p) / n) over its slope 0.5 pdf(0.5) / sigma. The
+    # current itself moves by up to 4e-3 A, worth 0.6 % of the bias on average: well within.
+    p = NormalDist().cdf(0.5)
+    deviation = math.sqrt(p * (1 - p) / n) / (0.5 * NormalDist().pdf(0.5))
+    assert measured == pytest.approx(sigma, rel=5 * deviation)
+
+    # Signs of whole holds add up to whole numbers; values that change within a hold would not.
+    whole = np.rint(total)
+    np.testing.assert_allclose(total, whole, atol=0.01)
+    assert np.abs(whole).max() <= holds
+    # With the parity of their count, but for the rare value inside the band of one leg only.
+    assert (whole.astype(int) % 2 != holds % 2).mean() < 0.02
+    # Binomial variance, if they are independent; 5 sigma of a variance from that many samples.
+    expected = holds * 4 * p * (1 - p)
+    assert whole.var() == pytest.approx(expected, rel=5 * math.sqrt(2 / SAMPLES))

@@ -1,4 +1,4 @@
-"""The kernels and the plain-Python twin are the same actuator."""
+"""The kernels and the plain-Python twin are the same actuator, with and without causes."""
 
 import math
 
@@ -8,13 +8,14 @@ import pytest
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.telemetry import join
 from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import GAP_REACH, sector_at, windings
-from ema_sim.reference import DT, Stepping, advance_sample
+from ema_sim.reference import DT, State, Stepping, advance_sample
 
 from .reference_twin import ReferenceTwin
-from .trajectories import MEAN, step
+from .trajectories import MEAN, run
 
 # Both round differently, by some 1e-13 A and N.m, and mostly damp what differs; but the first
 # comparison of a current with its band that falls the other way moves a phase by 0.04 A and sets
@@ -93,27 +94,17 @@ def test_kernel_step_equals_twin(case):
     values, faults, happens = CASES[case]
     actuator = ActuatorParameters().replace(values)
     plant = degrade(constants(actuator), fault_vector(faults))
-    twin, x = ReferenceTwin(actuator, faults), at_rest()
     noise = np.random.default_rng(7).normal(0.0, 0.5, STEPS)
-    worst, seen = 0.0, 0
+    states = run(plant, at_rest(), STEPS, command=command, load=load, noise=noise)
+    twin, expected, seen = ReferenceTwin(actuator, faults), [], 0
     for n in range(STEPS):
         t = n * DT
-        x = step(*plant, x, command(t), noise[n], load(t), DT, lag_factor(DT))
         twin.step(command(t), noise[n], load(t))
         seen += happens(twin)
-        worst = max(
-            worst,
-            abs(x.theta_m - twin.theta_m),
-            abs(x.omega - twin.omega),
-            abs(x.theta_b - twin.theta_out),
-            *(abs(i - j) for i, j in zip((x.i_a, x.i_b, x.i_c), twin.i, strict=True)),
-            *(abs(i - j) for i, j in zip((x.lag_1, x.lag_2, x.lag_3), twin.lag, strict=True)),
-            abs(x.integral - twin.integral),
-            abs(x.error - twin.last_error),
-            abs(x.torque - twin.torque),
-        )
-    assert worst < TOLERANCE
-    assert [x.q_a, x.q_b, x.q_c] == twin.q
+        angles = twin.theta_m, twin.omega, twin.theta_out
+        loops = twin.integral, twin.last_error, twin.torque
+        expected.append((*angles, *twin.i, *twin.q, *twin.lag, *loops))
+    np.testing.assert_allclose(states[1:].tolist(), expected, rtol=0, atol=TOLERANCE)
     assert seen >= 20
 
 
@@ -126,20 +117,24 @@ def test_sample_equals_its_steps(case):
     phases, lag, long = windings(plant.motor), lag_factor(DT), 2000
     x = y = at_rest()._replace(omega=300.0)
     noise = np.random.default_rng(7).normal(0.0, 0.5, STEPS // 10)
-    theta = []
+    theta, step = [], np.arange(long)
     for first in range(0, STEPS, long):
         knots = 0.8e-3 * (first / STEPS), 0.8e-3 * ((first + long) / STEPS)
         rise = (knots[1] - knots[0]) / long
         rest = noise, first, Stepping(long, 10, DT, lag, MEAN), 0.0
         plain = NO_EFFECTS, NO_PAUSES
         y, total, _ = advance_sample(*plant, phases, *plain, y, knots[0], rise, 0.02, 1e-5, *rest)
-        summed = 0.0
-        for n in range(long):
-            at = knots[0] + n * rise, noise[(first + n) // 10], 0.02 + n * 1e-5
-            x = step(*plant, x, *at, DT, lag)
-            summed += x.lag_3
-            theta.append(x.theta_m)
-        assert total == pytest.approx(summed, rel=TOLERANCE)
+        states = run(
+            plant,
+            x,
+            long,
+            command=knots[0] + step * rise,
+            load=0.02 + step * 1e-5,
+            noise=noise[(first + step) // 10],
+        )
+        x = State(*states[-1].tolist())
+        theta += states.theta_m[1:].tolist()
+        assert total == pytest.approx(states.lag_3[1:].sum(), rel=TOLERANCE)
         np.testing.assert_allclose(y, x, rtol=0, atol=TOLERANCE)
     # Within a sample, and so not found anew: the gap several times, the commutation once at least.
     assert np.ptp(theta[:long]) > 3 * GAP_REACH
@@ -148,23 +143,61 @@ def test_sample_equals_its_steps(case):
     assert case == "end_stop" or np.any(changes % long)
 
 
-def test_telemetry_equals_twin():
-    """What lies between kernel and telemetry: interpolation, noise, averages and scales."""
-    period, steps, n = 5e-5, 50, 100
-    t = period * np.arange(1, n + 1)
+PERIOD, STEPS_A_SAMPLE, SAMPLES, BEGIN = 5e-5, 50, 120, 30
+PLANT = {
+    "load_torque": 0.03,
+    "load_stiffness": 5.0,
+    "torque_constant": -0.1,
+    "winding_temperature": 80.0,
+    "supply_voltage": -0.2,
+    "viscous_friction": 200.0,
+    "inertia": 0.25,
+    "cogging": 0.03,
+    "stribeck": 1.5,
+    "friction_ripple": 0.4,
+    "supply_ripple": 0.1,
+}
+CAUSES = {
+    "none": {},
+    "plant": PLANT,
+    "dead_time": {"dead_time": 3e-6},
+    "fraction_of_a_step": {"dead_time": 2.5e-6},
+    "long_dead_time": {"dead_time": 2e-5},
+    "open_phase_a": {"open_phase_a": 1.0},
+    "open_phase_b": {"open_phase_b": 1.0},
+    "open_phase_c": {"open_phase_c": 1.0},
+    "two_open_phases": {"open_phase_a": 1.0, "open_phase_c": 1.0},
+    "dead_switch": {"dead_switch": 1.0},
+    "jam": {"jam": 1.0},
+    "all": PLANT | {"dead_time": 4.25e-6, "dead_switch": 1.0},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CAUSES)
+def test_telemetry_equals_twin(case):
+    """Also what lies between kernel and telemetry: interpolation, noise, averages and scales.
+
+    Hidden causes begin while currents flow.
+    """
+    t = PERIOD * np.arange(1, SAMPLES + 1)
     commands, loads = 4e-3 * np.sin(600 * t), 0.06 * np.sin(1500 * t)
-    actuator = SimulatedActuator(
-        sample_period=period, noise_gain=0.2, rng=np.random.default_rng(11)
-    )
-    actuator.faults = fault_vector(MULTIPLE)
-    telemetry = actuator.advance(commands, loads)
+    kernel = SimulatedActuator(sample_period=PERIOD, noise_gain=0.2, rng=np.random.default_rng(11))
+    kernel.faults = fault_vector(MULTIPLE)
+    before = kernel.advance(commands[:BEGIN], loads[:BEGIN])
+    kernel.causes = CAUSES[case]
+    telemetry = join([before, kernel.advance(commands[BEGIN:], loads[BEGIN:])])
 
     twin = ReferenceTwin(ActuatorParameters(), MULTIPLE)
     rng = np.random.default_rng(11)
-    knots = period * np.arange(n + 1)
-    for k in range(n):
+    knots = PERIOD * np.arange(SAMPLES + 1)
+    expected, interrupted = [], 0
+    for k in range(SAMPLES):
+        if k == BEGIN:
+            assert max(abs(i) for i in twin.i) > 1.0
+            twin.cause |= CAUSES[case]
         total = 0.0
-        for j in range(steps):
+        for j in range(STEPS_A_SAMPLE):
             at = knots[k] + j * DT
             twin.step(
                 float(np.interp(at, knots, [0.0, *commands])),
@@ -172,6 +205,8 @@ def test_telemetry_equals_twin():
                 float(np.interp(at, knots, [0.0, *loads])),
             )
             total += twin.lag[2]
-        assert telemetry.current[k] == pytest.approx(total / steps, abs=TOLERANCE)
-        assert telemetry.position[k] == pytest.approx(twin.theta_user, abs=TOLERANCE)
-        assert telemetry.speed[k] == pytest.approx(twin.omega, abs=TOLERANCE)
+            interrupted += max(twin.dead) > 0.0
+        expected.append((total / STEPS_A_SAMPLE, twin.theta_user, twin.omega))
+    found = np.column_stack([telemetry.current, telemetry.position, telemetry.speed])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
+    assert "dead_time" not in CAUSES[case] or interrupted >= 20

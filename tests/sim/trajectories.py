@@ -1,45 +1,22 @@
-"""Runs of the reference kernels that keep every state."""
+"""Runs of the reference kernels that keep every state, and telemetry that is the same."""
 
 from collections.abc import Callable
 
+import numba
 import numpy as np
 
 from ema_core.acquisition import Acquisition
 from ema_core.dynamics import current_sampling, lag_factor
-from ema_core.parameters import (
-    ControlConstants,
-    MechanicalConstants,
-    MotorConstants,
-    PlantConstants,
-)
+from ema_core.parameters import PlantConstants
+from ema_core.telemetry import COLUMNS, Telemetry
 from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import windings
 from ema_sim.reference import DT, State, Stepping, advance_sample
 
-Signal = float | Callable[[float], float]
+Signal = float | np.ndarray | Callable[[float], float]
 
 MEAN = current_sampling(Acquisition(), 1, DT)
 """A sample of the current is the sum over its steps."""
-
-_ROW = [(name, float) for name in State._fields]
-
-
-def step(
-    control: ControlConstants,
-    motor: MotorConstants,
-    mechanics: MechanicalConstants,
-    state: State,
-    command: float,
-    disturbance: float,
-    load: float,
-    dt: float,
-    lag: float,
-) -> State:
-    """State after a sample of one step; what is not held in it is found anew."""
-    plant = control, motor, mechanics, windings(motor), NO_EFFECTS, NO_PAUSES
-    held = np.array([disturbance])
-    rest = held, 0, Stepping(1, 1, dt, lag, MEAN), 0.0
-    return advance_sample(*plant, state, command, 0.0, load, 0.0, *rest)[0]
 
 
 def run(
@@ -49,20 +26,57 @@ def run(
     *,
     command: Signal = 0.0,
     load: Signal = 0.0,
+    noise: Signal = 0.0,
     dt: float = DT,
 ) -> np.recarray:
     """States after 0, 1, ... `steps` steps, `(steps + 1,)` with a field per state.
 
-    Command [rad] and load [N.m] are constants or functions of time [s].
+    Command [rad], load [N.m] and noise on the reference current [A] are constants, arrays of a
+    value a step, or functions of time [s].
     """
-    lag = lag_factor(dt)
-    command_at = command if callable(command) else lambda _: float(command)
-    load_at = load if callable(load) else lambda _: float(load)
-    states = [state]
-    for n in range(steps):
-        state = step(*plant, state, command_at(n * dt), 0.0, load_at(n * dt), dt, lag)
-        states.append(state)
-    return np.array(states, dtype=_ROW).view(np.recarray)
+    times = dt * np.arange(steps)
+    signals = _sampled(command, times), _sampled(load, times), _sampled(noise, times)
+    rows = np.empty((steps + 1, len(state)))
+    rows[0] = state
+    stepping = Stepping(1, 1, dt, lag_factor(dt), MEAN)
+    _fill(plant, (NO_EFFECTS, NO_PAUSES), stepping, state, signals, rows)
+    dtype = [(name, float) for name in State._fields]
+    return np.rec.fromarrays(list(rows.T), dtype=dtype)
+
+
+def _sampled(signal: Signal, times: np.ndarray) -> np.ndarray:
+    if callable(signal):
+        return np.array([signal(t) for t in times.tolist()])
+    return np.full(len(times), signal, dtype=float)
+
+
+@numba.njit(error_model="numpy")
+def _fill(plant, held, stepping, state, signals, rows):
+    """Advance by samples of one step each; what is not held in the state is found anew."""
+    control, motor, mechanics = plant
+    phases = windings(motor)
+    effects, pauses = held
+    commands, loads, noise = signals
+    for n in range(len(commands)):
+        state, _, _ = advance_sample(
+            control,
+            motor,
+            mechanics,
+            phases,
+            effects,
+            pauses,
+            state,
+            commands[n],
+            0.0,
+            loads[n],
+            0.0,
+            noise,
+            n,
+            stepping,
+            0.0,
+        )
+        for k in range(len(state)):
+            rows[n + 1, k] = state[k]
 
 
 def locked(plant: PlantConstants) -> PlantConstants:
@@ -73,3 +87,11 @@ def locked(plant: PlantConstants) -> PlantConstants:
 def unpowered(plant: PlantConstants) -> PlantConstants:
     """Cut the tie between motor and shaft: no torque, no back-EMF."""
     return plant._replace(motor=plant.motor._replace(k_e=0.0))
+
+
+def assert_same(one: Telemetry, other: Telemetry) -> None:
+    """Both have the same stamps, indices and values, to the last bit."""
+    np.testing.assert_array_equal(one.stamps_ns, other.stamps_ns)
+    assert one.first_index == other.first_index
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(one, column), getattr(other, column))

@@ -20,58 +20,34 @@ from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.least_squares import ScreenedLeastSquares
 from ema_study.cases import CASES
 from ema_study.models import FITNESS, MODELS, reference_window
-from ema_study.sources import MODEL_LABELS
 from ema_study.stop_rules import stop_rule
-
-THESIS, FAST = MODEL_LABELS["thesis"], MODEL_LABELS["fast"]
 
 _BUDGET: Final = 2000
 _BESIDE: Final = 0.02
 
 
 class Variant(NamedTuple):
-    """A model and its calibration.
+    """A model and its calibration."""
 
-    Attributes
-    ----------
-    label
-        Its name.
-    model
-        One of ``ema_study.models.MODELS``.
-    true_torque_constant
-        Whether the gain of torque G_M is the reference's k_t.
-    structural
-        Whether the calibration fits lift, friction and inertia; else it is the row of differences
-        alone, as the thesis's.
-    """
-
-    label: str
     model: str
     true_torque_constant: bool
+    """Whether the gain of torque G_M is the reference's k_t."""
     structural: bool
+    """Whether the calibration fits lift, friction and inertia; else, as the thesis's, it is the
+    row of differences alone."""
 
 
 VARIANTS: Final = (
-    Variant(THESIS, "thesis", False, False),
-    Variant(f"{THESIS}, G_M = k_t", "thesis", True, False),
-    Variant(f"{FAST}, differences alone", "fast", True, False),
-    Variant(FAST, "fast", True, True),
+    Variant("thesis", False, False),
+    Variant("thesis", True, False),
+    Variant("fast", True, False),
+    Variant("fast", True, True),
 )
 """From the thesis's model to the shipped one, in steps of one change."""
 
 
 class Optimum(NamedTuple):
-    """The end of a descent from the true faults.
-
-    Attributes
-    ----------
-    faults
-        Fault vector, ``(8,)``.
-    error_percent
-        Its error (M14) [%].
-    cost
-        Its cost [A^2.s].
-    """
+    """The end of a descent from the true faults: its error (M14) [%] and its cost [A^2.s]."""
 
     faults: NDArray[np.float64]
     error_percent: float
@@ -82,15 +58,6 @@ class Optimum(NamedTuple):
 def optimum(variant: Variant, case: str) -> Optimum:
     """Return the optimum next to the truth.
 
-    Parameters
-    ----------
-    variant
-        One of ``VARIANTS``.
-    case
-        One of ``ema_study.cases.CASES``.
-
-    Notes
-    -----
     By least squares, in coordinates in which the residuals are smooth. Friction sticks and slips,
     so that the cost has local minima: the lower end of two descents counts, one from the truth and
     one from 0.02 beside it in each component.

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_study.cases import LEVELS, SINGLE_FAULTS
-from ema_study.plan import ALGORITHMS
+from ema_study.cases import ALGORITHMS, LEVELS, SINGLE_FAULTS
 from ema_study.printed import (
     MEAN,
     OVERVIEWS,
@@ -12,11 +11,8 @@ from ema_study.printed import (
     SIGMA,
     SUM,
     TOTAL,
-    overview,
     printed_runs,
-    reliability_multiple,
-    reliability_single,
-    run_means,
+    printed_table,
 )
 from ema_study.run import K
 
@@ -28,7 +24,7 @@ def test_there_are_ten_runs_of_each_algorithm_in_each_table():
     assert set(runs["model"]) == {PRINTED}
     sizes = runs.groupby(["table", "algorithm", "level"]).size()
     assert set(sizes) == {10}
-    assert set(sizes.index.unique("table")) == set(run_means().index.unique("table"))
+    assert set(sizes.index.unique("table")) == set(printed_table("run_means").index.unique("table"))
 
 
 def test_first_pso_run_is_as_in_table_12():
@@ -44,7 +40,7 @@ def test_first_pso_run_is_as_in_table_12():
 def test_overviews_have_the_totals_and_deviations_of_their_rows(table, half_a_digit):
     # Totals come from unrounded cells, so they may be off by half a digit twice; a deviation of
     # five moves by at most 1.12 times what its members move by.
-    printed = overview(table)
+    printed = printed_table(f"table_{table}")
     rows = printed.drop(index=(MEAN, ""))
     faults = rows[list(SINGLE_FAULTS)]
 
@@ -58,8 +54,8 @@ def test_overviews_have_the_totals_and_deviations_of_their_rows(table, half_a_di
 
 
 def test_reliability_coefficients_share_three_times_hundred_percent():
-    single = reliability_single().drop(index=SUM).xs("RC", axis=1, level=1)
-    multiple = reliability_multiple().drop(index=SUM)["RC"]
+    single = printed_table("table_60").drop(index=SUM).xs("RC", axis=1, level=1)
+    multiple = printed_table("table_61").drop(index=SUM)["RC"]
 
     # four coefficients of two decimals
     np.testing.assert_allclose(single.sum(), 300.0, rtol=0, atol=0.0201)

@@ -56,7 +56,7 @@ def test_stop_rule_ends_the_run():
 def test_calibration_makes_the_healthy_cost_zero(model):
     """The static calibration of the thesis's section 6.3."""
     window = reference_window(healthy_faults())
-    objective, _, _ = problem(model, "friction low")
+    objective, *_ = problem(model, "friction low")
     expected = objective.expect(objective.healthy[None]).current[0]
     measured = window.current
     # The command of all cases is the same, so the healthy response is, too.
@@ -65,7 +65,7 @@ def test_calibration_makes_the_healthy_cost_zero(model):
 
 def test_thesis_model_finds_the_thesis_bias_of_large_friction():
     """Its PSO found 0.736 to 0.739 for 0.75; near there lies the lowest cost."""
-    objective, truth, floor = problem("thesis", "friction high")
+    objective, truth, floor, _ = problem("thesis", "friction high")
     k = np.tile(truth, (16, 1))
     k[:, 0] = np.linspace(0.72, 0.765, 16)
     costs = np.sum(objective.residuals(k) ** 2, axis=1)

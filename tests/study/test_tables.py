@@ -6,7 +6,7 @@ import pytest
 
 from ema_study.printed import PRINTED, SUM, TOTAL
 from ema_study.sources import PRINTED_RUNS, with_own_code
-from ema_study.tables import reliability_coefficients, study_tables, write_tables
+from ema_study.tables import study_tables, with_coefficients, write_tables
 
 from .synthetic_runs import synthetic_runs
 
@@ -67,11 +67,13 @@ def test_runs_under_the_printed_rule_stay_out(runs):
 
 
 def test_reliability_coefficient_follows_its_formula():
-    products = pd.Series({"ga": 1.0, "pso": 2.0, "de": 3.0, "gwo": 4.0})
+    times = pd.Series({"ga": 1.0, "pso": 2.0, "de": 3.0, "gwo": 4.0})
+    errors = times**0.0
 
-    assert reliability_coefficients(products).tolist() == pytest.approx([90.0, 80.0, 70.0, 60.0])
-    products["gwo"] = np.nan
-    assert reliability_coefficients(products).isna().all()
+    coefficients = with_coefficients(times, errors)["RC"].drop(SUM)
+    assert coefficients.tolist() == pytest.approx([90.0, 80.0, 70.0, 60.0])
+    errors["gwo"] = np.nan
+    assert with_coefficients(times, errors)["RC"].isna().all()
 
 
 @pytest.mark.parametrize("missing", ["all", "most", "one algorithm"])

@@ -39,6 +39,7 @@ def write(folder: Path, count: int) -> None:
                 "actuator_id": f"flap_{number % 8}",
                 "serial_number": f"{number:04d}",
                 "level": level,
+                "last_level": number % 3 if level == 3 else level,
                 "hours": min(hours, life) if share > 1.0 else hours,
                 "health_index": float("nan") if level == 3 else max(1.0 - share, 0.0),
                 "dominant_fault": FAULTS[number % 5] if share > 0.5 else "",

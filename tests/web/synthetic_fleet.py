@@ -6,6 +6,7 @@ The figures are plausible, and consistent with each other; no model is computed.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -66,6 +67,7 @@ class Unit:
     tests: int
     rng: np.random.Generator
     level: int | None = None
+    costs: bool = True
     window: int = 0
     events: list[UnitEvent] = field(default_factory=list)
 
@@ -122,15 +124,18 @@ def fleet(count: int, seed: int = 0) -> list[Unit]:
     ]
 
 
-def description(unit: Unit, now_ns: int) -> ActuatorDescription:
-    message = ActuatorDescription(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
-        model="BLDC flap actuator",
-        sample_period=SAMPLE_PERIOD_S,
-    )
-    message.header.stamp = stamp_to_message(now_ns)
+def _of(unit: Unit, kind: Any, stamp_ns: int, **fields: Any) -> Any:
+    """Return a message of a unit with a stamp."""
+    message = kind(actuator_id=unit.actuator_id, **fields)
+    message.header.stamp = stamp_to_message(stamp_ns)
+    if hasattr(message, "serial_number"):
+        message.serial_number = unit.serial_number
     return message
+
+
+def description(unit: Unit, now_ns: int) -> ActuatorDescription:
+    fields = {"model": "BLDC flap actuator", "sample_period": SAMPLE_PERIOD_S}
+    return _of(unit, ActuatorDescription, now_ns, **fields)
 
 
 def _life(quantiles: Sequence[float], criterion: str) -> RemainingUsefulLife:
@@ -207,10 +212,12 @@ def health(unit: Unit, stamp_ns: int) -> Health:
         f"Remove before {hours + low:,.0f} service hours (in {low:,.0f} h; 5 % risk of failure "
         f"until then); median end of life {hours + middle:,.0f} h: {worst.label} exceeds {limit:g}",
     )
-    message = Health(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
+    return _of(
+        unit,
+        Health,
+        stamp_ns,
         level=level,
+        last_level=unit.level_at(unit.tests - 1e-9) if level == STALE else level,
         health_index=float(np.clip(1.0 - shares.max(), 0.0, 1.0)),
         severity=int(np.searchsorted([0.25, 0.5, 0.8, 1.0], shares.max(), side="right")),
         confidence=0.0 if level == STALE else 0.97,
@@ -232,8 +239,6 @@ def health(unit: Unit, stamp_ns: int) -> Health:
         removal=removal,
         reason="no valid estimate for three expected periods" if level == STALE else "",
     )
-    message.header.stamp = stamp_to_message(stamp_ns)
-    return message
 
 
 def _covariance(rng: np.random.Generator) -> np.ndarray:
@@ -249,18 +254,12 @@ def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
     insignificant = sum(1 << k for k, f in enumerate(FAULTS) if abs(values[k] - f.healthy) < 0.02)
     causes = []
     if unit.worst % 2 == 0 or unit.share > 0.8:
-        causes.append(
-            HiddenCause(
-                name="winding_temperature",
-                value=41.3,
-                sigma=2.6,
-                unit="K",
-                alternatives=["torque constant"],
-            )
-        )
-    message = FaultEstimate(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
+        causes = [HiddenCause(name="winding_temperature", value=41.3, sigma=2.6, unit="K")]
+        causes[0].alternatives = ["torque constant"]
+    return _of(
+        unit,
+        FaultEstimate,
+        stamp_ns,
         window=unit.window,
         window_start=stamp_to_message(stamp_ns - NS // 2),
         window_end=stamp_to_message(stamp_ns),
@@ -286,8 +285,6 @@ def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
         valid=not refused,
         reason=refused,
     )
-    message.header.stamp = message.window_end
-    return message
 
 
 def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
@@ -315,17 +312,16 @@ def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
                 values=np.clip(values, 0.0, 1.0).ravel(),
             )
         )
-    message = HealthForecast(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
+    return _of(
+        unit,
+        HealthForecast,
+        stamp_ns,
         flight_hours=unit.tests * HOURS_PER_TEST,
         duty=1.0,
         hours=hours,
         probabilities=[0.05, 0.5, 0.95],
         faults=faults,
     )
-    message.header.stamp = stamp_to_message(stamp_ns)
-    return message
 
 
 def advice(unit: Unit, stamp_ns: int) -> Advice:
@@ -339,20 +335,19 @@ def advice(unit: Unit, stamp_ns: int) -> Advice:
         Advice.INSPECT: "an inspection then costs less than the life that a removal would waste",
         Advice.CONTINUE: "no action before the next test would cost less",
     }
-    message = Advice(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
-        action=action,
+    return _of(
+        unit,
+        Advice,
+        stamp_ns,
+        action=action if unit.costs else Advice.UNKNOWN,
         flight_hours=hours + from_now,
         from_now=from_now,
         probability_of_failure=0.012,
         expected_cost=11.4,
         cost_of_immediate_removal=19.7,
         cost_unit="EUR",
-        reason=words[action],
+        reason=words[action] if unit.costs else "no costs are given",
     )
-    message.header.stamp = stamp_to_message(stamp_ns)
-    return message
 
 
 def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHistory:
@@ -396,27 +391,16 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
         test = tests[int(place * len(tests))]
         hours = test.flight_hours
         events.append(UnitEvent(stamp=test.stamp, flight_hours=hours, kind=kind, text=text))
-    message = UnitHistory(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
-        tests=tests,
-        events=[*events, *unit.events],
-        omitted=0,
-    )
-    message.header.stamp = tests[-1].stamp
-    return message
+    return _of(unit, UnitHistory, now_ns, tests=tests, events=[*events, *unit.events])
 
 
 def addition(unit: Unit, now_ns: int, kind: str, text: str) -> UnitHistory:
     """Return a new event of a unit, as the dashboard tells those present of it."""
     event = UnitEvent(stamp=stamp_to_message(now_ns), flight_hours=math.nan, kind=kind, text=text)
     unit.events.append(event)
-    return UnitHistory(
-        actuator_id=unit.actuator_id,
-        serial_number=unit.serial_number,
-        is_addition=True,
-        events=[event],
-    )
+    message = UnitHistory(actuator_id=unit.actuator_id, serial_number=unit.serial_number)
+    message.is_addition, message.events = True, [event]
+    return message
 
 
 def _chirp(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -432,8 +416,10 @@ def window_fit(unit: Unit, stamp_ns: int) -> WindowFit:
     t = np.linspace(0.0, 0.5, 400, endpoint=False)
     command, speed, current = _chirp(t)
     rng = unit.rng
-    message = WindowFit(
-        actuator_id=unit.actuator_id,
+    return _of(
+        unit,
+        WindowFit,
+        stamp_ns,
         window=unit.window,
         period=float(t[1]),
         start=0.0,
@@ -444,8 +430,6 @@ def window_fit(unit: Unit, stamp_ns: int) -> WindowFit:
         speed=(speed + 0.8 * rng.normal(size=400)).astype(np.float32),
         estimated_speed=(speed * 1.002).astype(np.float32),
     )
-    message.header.stamp = stamp_to_message(stamp_ns)
-    return message
 
 
 _T = np.arange(20_000) * SAMPLE_PERIOD_S
@@ -457,8 +441,10 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
     start = number * BLOCK % len(_T)
     part = slice(start, start + BLOCK)
     noise = unit.rng.normal(size=BLOCK)
-    message = TelemetryBlock(
-        actuator_id=unit.actuator_id,
+    return _of(
+        unit,
+        TelemetryBlock,
+        stamp_ns,
         sample_period=SAMPLE_PERIOD_S,
         first_index=number * BLOCK,
         command=_COMMAND[part],
@@ -466,8 +452,6 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
         position=np.roll(_COMMAND, 30)[part],
         speed=_SPEED[part],
     )
-    message.header.stamp = stamp_to_message(stamp_ns)
-    return message
 
 
 def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
@@ -493,7 +477,8 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     status(OK, "identification", "waiting for windows")
     for unit in units:
         telemetry = f"{unit.actuator_id} telemetry"
-        status(OK, telemetry, "receiving", unit, windows=str(unit.window), gaps="0")
+        figures = {"windows": str(unit.window), "latency [s]": "0.123456789"}
+        status(OK, telemetry, "receiving", unit, **figures)
         status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health", unit)
     message = DiagnosticArray(status=found)
     message.header.stamp = stamp_to_message(now_ns)

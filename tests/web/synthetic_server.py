@@ -3,14 +3,14 @@
 It is told what to do by a line of JSON each on its standard input, and answers each with one:
 
     {"do": "start", "port": 0}            {"port": 40123}
-    {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2}
+    {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2, "costs": false}
     {"do": "test", "actuator": "rudder"}  a further test; "refused": "reason" makes it a refused one
     {"do": "move", "actuator": "rudder", "stretches": 7}   an estimate of ordinary motion
     {"do": "run", "period": 5.0, "telemetry": 1.0, "open": "rudder"}
     {"do": "messages", "actuator": "rudder"}
     {"do": "playback", "status": 0, "rate": 1.0, "position": 12.5, "jumped": false}
     {"do": "requests"}                    what was asked for by playback controls
-    {"do": "silence"}, {"do": "stop"}
+    {"do": "halt"}, {"do": "stop"}
 """
 
 import argparse
@@ -59,8 +59,6 @@ class Server:
         self.hub: Hub | None = None
         self.server: WebServer | None = None
         self.running: threading.Event | None = None
-        self.is_silent = False
-        self.blocks = 0
         now = time.time_ns()
         for number, unit in enumerate(self.units.values()):
             self.describe(unit, now - int(period_s * made.NS * number / max(count, 1)))
@@ -152,7 +150,7 @@ class Server:
             while number < now / period_s * len(units):
                 self.test(units[number % len(units)])
                 number += 1
-            if now >= told and not self.is_silent:
+            if now >= told:
                 self.send("/diagnostics", made.diagnostics(units, time.time_ns()))
                 told = now + 1.0
 
@@ -174,12 +172,10 @@ class Server:
                     phase = (number / 100.0 - i * period_s / len(units)) % period_s
                     if unit.actuator_id == opened:
                         self.send("telemetry", made.block(unit, number, stamp_ns))
-                        self.blocks += 1
                     elif i in streaming and phase < TEST_S:
                         if i not in kept:
                             kept[i] = serialize_message(made.block(unit, 0, stamp_ns))
                         self.send("telemetry", kept[i])
-                        self.blocks += 1
                 number += 1
 
     def move(self, unit: made.Unit, stretches: int) -> None:
@@ -214,7 +210,9 @@ class Server:
             case "set" if unit:
                 unit.share = order.get("share", unit.share)
                 unit.level = order.get("level", unit.level)
+                unit.costs = order.get("costs", unit.costs)
                 self.keep("health", unit, made.health(unit, time.time_ns()))
+                self.keep("advice", unit, made.advice(unit, time.time_ns()))
             case "test" if unit:
                 self.test(unit, order.get("refused", ""))
             case "move" if unit:
@@ -223,8 +221,6 @@ class Server:
                 self.run(order["period"], order.get("telemetry", 0.0), order.get("open", ""))
             case "halt" if self.running:
                 self.running.set()
-            case "silence":
-                self.is_silent = True
             case "messages" if unit:
                 return {
                     topic: plain(message)
@@ -235,8 +231,6 @@ class Server:
                 self.play(order)
             case "requests":
                 return {"requests": self.requests}
-            case "counts":
-                return {"blocks": self.blocks}
             case other:
                 raise ValueError(f"order {other!r} is unknown, or its actuator is")
         return {}

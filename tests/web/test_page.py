@@ -1,6 +1,5 @@
 """What the shipped page has of the project, without a browser."""
 
-import gzip
 import importlib.util
 import json
 from importlib.resources import files
@@ -25,14 +24,11 @@ def test_the_page_knows_faults_causes_and_messages_as_they_are_defined():
     assert writer.INTERFACES.read_text() == writer.interfaces(), "run `make page`"
 
 
-def test_the_shipped_page_is_small_and_names_no_other_host():
-    compressed = 0
+def test_the_shipped_page_names_no_other_host():
     for file in files("ema_dashboard").joinpath("page").iterdir():
         content = file.read_bytes()
-        compressed += len(gzip.compress(content, mtime=0))
         if file.name.endswith((".html", ".css")):
             assert b"//" not in content.replace(b"/*", b""), f"{file.name} names an address"
-    assert compressed <= 200_000
 
 
 def test_the_lock_of_the_packages_names_no_addresses():

@@ -88,8 +88,19 @@ class DiagnosisLog:
             self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
                 self.serial_number = self.serial_number or message.serial_number
-                one = _diagnosed(message, received_ns)
-                self._diagnosed[one.end_ns] = one
+                covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
+                variances = np.diag(covariance)
+                end_ns = stamp_from_message(message.window_end)
+                self._diagnosed[end_ns] = DiagnosedWindow(
+                    window=message.window,
+                    start_ns=stamp_from_message(message.window_start),
+                    end_ns=end_ns,
+                    faults=np.array([getattr(message.faults, name) for name in FAULT_NAMES]),
+                    sigma=np.sqrt(np.where(variances >= 0.0, variances, np.nan)),
+                    valid=message.valid,
+                    reason=message.reason,
+                    latency_s=(received_ns - end_ns) * 1e-9,
+                )
         elif type_name == TRUE_FAULTS_TYPE:
             self.truths.append(stamped_faults_from_message(message))
         elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
@@ -131,7 +142,7 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
         try:
             history.add(item.type_name, item.message, item.log_time_ns)
         except ValueError as error:
-            bag.note_malformed(item, str(error))
+            bag.malformed.note(item, str(error))
     history.remarks += bag.remarks
     return history
 
@@ -140,19 +151,3 @@ def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
     """Return whether the latencies are such: that stamps and reception go by the same clock."""
     latencies = np.array([one.latency_s for one in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))
-
-
-def _diagnosed(message: Any, received_ns: int) -> DiagnosedWindow:
-    covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
-    variances = np.diag(covariance)
-    end_ns = stamp_from_message(message.window_end)
-    return DiagnosedWindow(
-        window=message.window,
-        start_ns=stamp_from_message(message.window_start),
-        end_ns=end_ns,
-        faults=np.array([getattr(message.faults, name) for name in FAULT_NAMES]),
-        sigma=np.sqrt(np.where(variances >= 0.0, variances, np.nan)),
-        valid=message.valid,
-        reason=message.reason,
-        latency_s=(received_ns - end_ns) * 1e-9,
-    )

@@ -9,7 +9,7 @@ import click
 
 from ema_bags.windows import BagWindows, RecordedWindow
 from ema_cli.bags.source import MEASURED_OPTION, Source
-from ema_cli.errors import NameChoice
+from ema_cli.options import NameChoice
 from ema_cli.parameters import Command, Parameters
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
@@ -81,9 +81,8 @@ class Identifying(Source):
 
     def calibration(self) -> AnyCalibration:
         """Return the calibration; ValueError or OSError when its file is none."""
-        if self.calibration_file is None:
-            return Calibration.builtin()
-        return load_calibration(self.calibration_file)
+        file = self.calibration_file
+        return Calibration.builtin() if file is None else load_calibration(file)
 
     def calibration_of_model(self) -> Calibration:
         """Return the calibration as ``calibration``; ValueError for that of an unknown drive."""

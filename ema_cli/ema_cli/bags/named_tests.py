@@ -17,35 +17,30 @@ def read_test(bag: Path, actuator_id: str | None, state: str, condition: str) ->
     """Return what a bag shows; its name, and that of its folder, is the source of the test."""
     recorded = read_telemetry(Bag(bag), None, actuator_id)
     description: ActuatorDescription | None = None
-    parts: list[Telemetry] = []
-    blocks: list[Telemetry] = []
+    parts: list[list[Telemetry]] = []
     for _, item in recorded.items():
         if isinstance(item, ActuatorDescription):
             if description is not None and item.unit_key != description.unit_key:
                 raise ValueError(f"{bag} holds tests of several units: give a bag for each")
             description = item
         elif isinstance(item, Telemetry):
-            held = sum(map(len, blocks))
-            if blocks and (
-                item.first_index != blocks[-1].first_index + len(blocks[-1])
-                or held + len(item) > _MOST_SAMPLES
-            ):
-                parts.append(join(blocks))
-                blocks = []
-            blocks.append(item)
-    if blocks:
-        parts.append(join(blocks))
+            latest = parts[-1] if parts else []
+            goes_on = latest and item.first_index == latest[-1].first_index + len(latest[-1])
+            if goes_on and sum(map(len, latest)) + len(item) <= _MOST_SAMPLES:
+                latest.append(item)
+            else:
+                parts.append([item])
     if not parts or description is None:
         raise ValueError(f"{bag} has no {'description' if parts else 'telemetry'} of the actuator")
     try:
-        figures = tuple(parts_of(parts))
+        figures = tuple(parts_of(map(join, parts)))
     except ValueError as error:
         raise ValueError(f"{bag}: {error}") from error
     return NamedTest(
         str(bag.absolute()),
         description.actuator_id,
         description.serial_number,
-        parts[0].stamp_ns,
+        parts[0][0].stamp_ns,
         state,
         condition,
         figures,

@@ -1,15 +1,16 @@
 """What a prognosis of a unit rests on: options, beside those by which its tests are identified."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Final, Self
 
 import click
 
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
-from ema_cli.errors import Assignments, merged
+from ema_cli.options import assignments_option
 from ema_cli.parameters import Command, Parameters, names_of
 from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.health import HealthLimits
@@ -32,12 +33,8 @@ PROGNOSIS_SECTIONS: Final = (
 )
 """Dataclasses and prefixes of the parameters that a prognosis rests on."""
 
-LIMIT_OPTION: Final = click.option(
-    "--limit",
-    "limits",
-    type=Assignments(as_identifier),
-    multiple=True,
-    help="Where life ends: friction=0.4, bandwidth=15.",
+LIMIT_OPTION: Final = assignments_option(
+    "--limit", "limits", "Where life ends: friction=0.4, bandwidth=15."
 )
 GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
     click.option("--hours-per-cycle", type=float, help="Flight hours of a test; 0: as counted."),
@@ -100,12 +97,8 @@ class Predicting(Identifying):
             metavar="HOURS",
             help="Leave out tests after this service hour.",
         ),
-        click.option(
-            "--cost",
-            "cost_pairs",
-            type=Assignments(as_identifier),
-            multiple=True,
-            help="For advice: removal=1,failure=25,lead_time=20.",
+        assignments_option(
+            "--cost", "cost_figures", "For advice: removal=1,failure=25,lead_time=20."
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
@@ -124,7 +117,7 @@ class Predicting(Identifying):
     def of(cls, parameters: Parameters, **options: Any) -> Self:
         """Return what options and parameters say; ValueError for an impossible value."""
         parameters = with_growth(
-            parameters, options.pop("limits"), options.pop("laws"), options.pop("cost_pairs")
+            parameters, options.pop("limits"), options.pop("laws"), options.pop("cost_figures")
         )
         fleet_file = options.pop("fleet_file") or parameters.path("fleet_file")
         scenario_file = options.pop("scenario_file")
@@ -145,17 +138,19 @@ class Predicting(Identifying):
 
 def with_growth(
     parameters: Parameters,
-    limits: tuple[list[tuple[str, float]], ...],
+    limits: Mapping[str, float],
     laws: tuple[str, ...] = (),
-    costs: tuple[list[tuple[str, float]], ...] = (),
+    costs: Mapping[str, float] = MappingProxyType({}),
 ) -> Parameters:
     """Return parameters with what was given by options of a name and a value."""
     values: dict[str, Any] = {}
-    known = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
-    for name, value in merged(limits, "--limit").items():
-        if name not in known:
-            raise ValueError(f"--limit: {unknown_name('limit', name, known)}")
-        values[known[name]] = value
+    by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
+    by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}
+    for kind, given, known in (("limit", limits, by_limit), ("cost", costs, by_cost)):
+        for name, value in given.items():
+            if name not in known:
+                raise ValueError(f"--{kind}: {unknown_name(kind, name, known)}")
+            values[known[name]] = value
     kinds = [item.name for item in fields(KnownLawTexts)]
     for written in laws:
         name, _, law = written.partition("=")
@@ -165,11 +160,6 @@ def with_growth(
         if f"known_law.{kind}" in values:
             raise ValueError("--known-law: a fault has more than one law")
         values[f"known_law.{kind}"] = law
-    figures = [item.name for item in fields(Costs) if item.name != "unit"]
-    for name, value in merged(costs, "--cost").items():
-        if name not in figures:
-            raise ValueError(f"--cost: {unknown_name('cost', name, figures)}")
-        values[f"costs.{name}"] = value
     return parameters.with_options(**values)
 
 

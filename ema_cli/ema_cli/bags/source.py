@@ -13,16 +13,13 @@ from ema_bags.windows import BagWindows, find_recorded_windows
 from ema_cli.parameters import Command, Parameters
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import Checked, quantity
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import GRAMMAR, measured_causes_of
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import MIN_TRAVEL
 
-REPLACE_OPTION: Final = click.option(
-    "--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there."
-)
 CONDITION_OPTION: Final = click.option(
     "--condition",
     default="",
@@ -38,7 +35,7 @@ ACTUATOR_OPTION: Final = click.option(
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(Checked):
     """What of a bag to look at, as the options say.
 
     Attributes
@@ -82,9 +79,6 @@ class Source:
     )
     trigger: TriggerSettings = TriggerSettings()  # noqa: RUF009 - frozen
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
         """Return what options and parameters say; ValueError for an impossible value."""
@@ -127,12 +121,17 @@ def read_windows(
     measured = measured_causes_of(source.measured)
     bag = bag or Bag(path)
     recorded = read_telemetry(bag, source.topic, source.actuator_id)
-    try:
+    description, warning = None, ""
+    if source.actuator_file is not None:
         description, warning = _choose_description(
-            path, recorded.actuator_id, recorded.descriptions, source
+            source.actuator_file, recorded.descriptions, accept=source.accept_defects
         )
-    except ValueError as error:
-        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
+    elif not recorded.descriptions:
+        reason = (
+            f"{path} has no description of actuator {recorded.actuator_id!r}: give one with "
+            "--actuator FILE"
+        )
+        raise ValueError("; ".join(filter(None, (reason, bag.damage))))
     with progress_bar() as progress:
         total = recorded.bag.topics[recorded.topic].count
         task = progress.add_task(f"reading {path}", total=total)
@@ -146,12 +145,11 @@ def read_windows(
             recorded,
             source.trigger,
             description=description,
+            measured=measured,
             measured_max_age_s=source.measured_max_age_s,
             on_block=follow,
             with_duty=with_duty,
         )
-    if measured:
-        found = found.with_measured(measured)
     found.remarks[:0] = [*filter(None, [warning]), *found.description.remarks]
     return found
 
@@ -161,19 +159,18 @@ def identifiable_windows(path: Path, source: Source) -> BagWindows:
     found = read_windows(path, source)
     for remark in found.remarks:
         click.echo(f"{path}: {remark}", err=True)
-    require_windows(path, found, source)
+    if not found.windows:
+        raise ValueError(why_no_window(path, found, source))
     return found
 
 
-def require_windows(path: Path, found: BagWindows, source: Source) -> None:
-    """Raise ``ValueError``, which describes the command, unless a window was at least begun."""
-    if found.windows:
-        return
+def why_no_window(path: Path, found: BagWindows, source: Source) -> str:
+    """Return why no window was even begun, which describes the command."""
     settings = source.trigger
     if source.any_motion:
         if found.obstacle:
-            raise ValueError(f"{path} has no window to diagnose: {found.obstacle}")
-        raise ValueError(
+            return f"{path} has no window to diagnose: {found.obstacle}"
+        return (
             f"{path} has no motion to diagnose (no excitation): the command never travels "
             f"{MIN_TRAVEL:g} rad within {settings.window_s:g} s"
         )
@@ -188,7 +185,7 @@ def require_windows(path: Path, found: BagWindows, source: Source) -> None:
         )
     else:
         behaviour = "it never left its rest"
-    raise ValueError(
+    return (
         f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
         f"command moving to and fro after a rest, and {behaviour}"
         + (f"; {found.obstacle}" if found.obstacle else "")
@@ -196,17 +193,9 @@ def require_windows(path: Path, found: BagWindows, source: Source) -> None:
 
 
 def _choose_description(
-    path: Path, actuator_id: str, recorded: tuple[ActuatorDescription, ...], source: Source
+    file: Path, recorded: tuple[ActuatorDescription, ...], *, accept: bool
 ) -> tuple[ActuatorDescription | None, str]:
     """Return the description to read a bag with, None for those in it, and what to warn of."""
-    file = source.actuator_file
-    if file is None:
-        if not recorded:
-            raise ValueError(
-                f"{path} has no description of actuator {actuator_id!r}: give one with "
-                "--actuator FILE"
-            )
-        return None, ""
     from ema_ros.actuator_file import load_description  # YAML only where there is a file
 
     given = load_description(file)
@@ -216,7 +205,7 @@ def _choose_description(
     differences = "; ".join(_differences(recorded[-1], given))
     if not differences:
         return None, ""
-    if source.accept_defects:
+    if accept:
         return given, f"--actuator {file} is used against the description in the bag: {differences}"
     return (
         None,

@@ -1,30 +1,193 @@
-"""From bags to estimates, health and life of a unit after each of its tests, and the truth."""
+"""From bags to the tests of one unit, and its health and life after each of them, and the truth."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple, Self
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.windows import truth_at
+from ema_bags.metadata import METADATA_FILE
+from ema_bags.reader import Bag
+from ema_bags.telemetry import described_actuators
+from ema_bags.usage import read_counts
+from ema_bags.windows import BagWindows, RecordedWindow, truth_at
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_beside
+from ema_cli.bags.source import Source, read_windows, why_no_window
 from ema_cli.show.progress import progress_bar
+from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, N_FAULTS
-from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.advice import Advice, advise
+from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, requirements_of
 from ema_monitor.unit import Unit
+from ema_ros.messages import StampedFaults
+
+_NAMED: Final = 3
+_ONE_UNIT: Final = "a prognosis is of one unit, give the bags of one alone"
+
+
+@dataclass(frozen=True)
+class UnitRecord:
+    """What bags say of the tests of one unit.
+
+    Attributes
+    ----------
+    description
+        The unit as it was described last.
+    windows
+        Windows of all bags, those that cannot be used included, in order of time.
+    counts
+        Service life that was counted, in order of time.
+    truths
+        True faults by test cycle, in order of time, where the bags record them.
+    remarks
+        What is wrong with a bag, or was passed over.
+    bags
+        The bag of each window, by the window's last stamp.
+    flown
+        Duty up to the end of each window, by stamp [ns], in order of time.
+    """
+
+    description: ActuatorDescription
+    windows: list[RecordedWindow]
+    counts: list[Count]
+    truths: list[StampedFaults]
+    remarks: list[str]
+    bags: dict[int, Path] = field(default_factory=dict)
+    flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
+
+    def as_known_at(self, hours: float) -> Self:
+        """Return what was known of the unit at a service hour [h]."""
+        later = min((one.stamp_ns for one in self.counts if one.hours > hours), default=math.inf)
+        windows = [window for window in self.windows if window.end_ns < later]
+        if not self.counts or not windows:
+            raise ValueError(
+                f"--at {hours:g}: the bags have no test whose count of hours is so small"
+            )
+        counts = [count for count in self.counts if count.stamp_ns < later]
+        return replace(self, windows=windows, counts=counts)
+
+
+def find_bags(paths: Iterable[Path]) -> list[Path]:
+    """Return the bags that paths name, each once."""
+    found: dict[Path, Path] = {}
+    for path in paths:
+        bags = _bags_in(path)
+        if not bags:
+            inside = [str(one) for one in sorted(path.iterdir()) if one.is_dir() and _bags_in(one)]
+            named = ", ".join(inside[:_NAMED])
+            if more := len(inside[_NAMED:]):
+                named += f" and {more} more"
+            hint = f"; bags of a unit may be in {named}: give one of these" if inside else ""
+            raise ValueError(
+                f"{path}: this folder holds no bag, neither *.mcap nor a folder with "
+                f"{METADATA_FILE}{hint}"
+            )
+        for bag in bags:
+            found.setdefault(bag.resolve(), bag)
+    return list(found.values())
+
+
+def read_unit(
+    paths: Iterable[Path], source: Source, *, skips_unreadable: bool = False
+) -> UnitRecord:
+    """Read the tests of one unit from bags."""
+    read: list[tuple[Path, BagWindows]] = []
+    counts: list[Count] = []
+    remarks: list[str] = []
+    for path in find_bags(paths):
+        try:
+            bag = Bag(path)
+            present = described_actuators(bag)
+        except (ValueError, OSError) as error:
+            if not skips_unreadable or not path.exists():
+                raise
+            words = " ".join(str(error).split())
+            remarks.append(words if str(path) in words else f"{path}: {words}")
+            continue
+        if source.actuator_id is not None and present and source.actuator_id not in present:
+            others = ", ".join(sorted(present))
+            remarks.append(f"{path}: passed over, it is of actuator {others}")
+            continue
+        found = read_windows(path, source, bag=bag, with_duty=True)
+        read.append((path, found))
+        damage = bag.damage
+        for one in (*(item.description for item in found.windows), found.description):
+            _require_same_unit((read[0][0], read[0][1].description), (path, one))
+        remarks += [f"{path}: {remark}" for remark in found.remarks]
+        if not found.windows:
+            remarks.append(why_no_window(path, found, source))
+        counted, wrong = read_counts(bag, found.description)
+        counts += counted
+        remarks += [f"{path}: {remark}" for remark in wrong]
+        if bag.damage != damage:  # found in what was counted
+            remarks.append(f"{path}: {bag.damage}")
+    if not read:
+        what = "no bag can be read"
+        if source.actuator_id is not None:
+            what = f"no bag of actuator {source.actuator_id!r}"
+        raise ValueError(f"{what}: {'; '.join(remarks)}")
+    tests = [(path, item) for path, found in read for item in found.windows]
+    if not tests:
+        raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
+    tests.sort(key=lambda test: test[1].end_ns)
+    # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
+    stamped = (StampedTest(one.start_ns, one.end_ns, str(path), path) for path, one in tests)
+    if reasons := unordered(stamped):
+        raise ValueError(next(iter(reasons.values())))
+    return UnitRecord(
+        tests[-1][1].description,
+        [item for _, item in tests],
+        sorted(counts, key=lambda count: count.stamp_ns),
+        sorted((one for _, found in read for one in found.truths), key=lambda one: one.stamp_ns),
+        remarks,
+        {item.end_ns: path for path, item in tests},
+        sorted((one for _, found in read for one in found.flown), key=lambda one: one[0]),
+    )
+
+
+def _calibration_beside(bags: Iterable[Path]) -> Path | None:
+    """Return the calibration that lies beside bags; None where none does."""
+    folders = {bag.parent.resolve(): bag.parent for bag in bags}
+    files = [path for folder in folders.values() if (path := folder / CALIBRATION_FILE).is_file()]
+    if len(files) > 1:
+        raise ValueError(
+            f"{files[0]} and {files[1]} both lie beside the bags: choose one with --calibration"
+        )
+    return files[0] if files else None
+
+
+def _bags_in(path: Path) -> list[Path]:
+    if not path.is_dir() or (path / METADATA_FILE).exists():
+        return [path]
+    folders = (item.parent for item in path.glob(f"*/{METADATA_FILE}"))
+    return sorted([*path.glob("*.mcap"), *path.glob("*.db3"), *folders])
+
+
+def _require_same_unit(
+    unit: tuple[Path, ActuatorDescription], other: tuple[Path, ActuatorDescription]
+) -> None:
+    (path, first), (other_path, second) = unit, other
+    for what, one, another, remedy in (
+        ("actuator", first.actuator_id, second.actuator_id, "choose one with --actuator-id"),
+        ("serial number", first.serial_number, second.serial_number, _ONE_UNIT),
+    ):
+        if one != another:
+            raise ValueError(
+                f"{path} is of {what} {one!r} and {other_path} of {another!r}: {remedy}"
+            )
 
 
 class Step(NamedTuple):
@@ -100,7 +263,8 @@ def diagnose_unit(
     if given.at_hours is not None:
         record = record.as_known_at(given.at_hours)
     # The bags first: those of two units are refused, whatever lies beside them.
-    given = with_calibration_beside(given, paths)
+    if given.calibration_file is None:
+        given = replace(given, calibration_file=_calibration_beside(find_bags(paths)))
     calibration = given.calibration()
     for remark in record.remarks:
         click.echo(remark, err=True)
@@ -132,10 +296,9 @@ def follow(
 
 def true_faults(course: Course) -> NDArray[np.float64]:
     """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded."""
-    rows = []
-    for step in course.valid:
-        truth = truth_at(course.record.truths, step.estimate.start_ns)
-        rows.append(np.full(N_FAULTS, np.nan) if truth is None else truth.faults)
+    truths = (truth_at(course.record.truths, one.estimate.start_ns) for one in course.valid)
+    unknown = np.full(N_FAULTS, np.nan)
+    rows = [unknown if truth is None else truth.faults for truth in truths]
     return np.reshape(rows, (-1, N_FAULTS))
 
 

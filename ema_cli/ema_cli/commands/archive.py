@@ -3,8 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
@@ -26,15 +25,14 @@ from ema_cli.bags.predicting import (
     with_growth,
 )
 from ema_cli.bags.source import Source
-from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
+from ema_cli.options import REFUSED
+from ema_cli.output import REPLACE_OPTION, output_option, require_free
 from ema_cli.parameters import Command, Parameters, settings_options
 from ema_cli.show.prognosis_table import as_values
 from ema_cli.show.progress import progress_bar
-from ema_core.tasks import ClusterLostError
 from ema_core.wording import counted
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.windows.trigger import TEST_CYCLE
 
@@ -69,13 +67,12 @@ class GivenSettings:
     )
 
     parameters: Parameters
-    calibration: str | None
 
     @classmethod
     def of(cls, parameters: Parameters, calibration: str | None, **growth: Any) -> Self:
         """Return what options and parameters say."""
-        path = calibration or parameters.values.get("calibration_file") or None
-        return cls(with_growth(parameters, **growth), path)
+        parameters = parameters.with_options(calibration_file=calibration or None)
+        return cls(with_growth(parameters, **growth))
 
     def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
         """Return settings with those given; ValueError when one is unknown or out of its range."""
@@ -83,7 +80,7 @@ class GivenSettings:
         prognosis = prognosis_over(settings.prognosis, given)
         return replace(
             settings,
-            calibration=settings.calibration if self.calibration is None else self.calibration,
+            calibration=given.values.get("calibration_file") or settings.calibration,
             measured_max_age_s=given.over(source).measured_max_age_s,
             # An archive is of test cycles, and what a bag says follows from it alone.
             trigger=replace(given.over(settings.trigger), windows=TEST_CYCLE),
@@ -112,7 +109,7 @@ def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
     The archive remembers its sources and its settings: later scans need none. Options that are
     given hold from now on; what follows from the others is not done again.
     """
-    with one_clear_line(), Manifest(folder, is_new=True) as manifest:
+    with Manifest(folder, is_new=True) as manifest:
         manifest.settings = given.applied_to(manifest.settings)
         if not sources and not manifest.sources:
             raise click.UsageError(f"{folder} has no bags yet: give a SOURCE of them")
@@ -136,10 +133,10 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     """Do what is to be done: bags to estimates, then units to health and life.
 
     Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
-    with their reason. Exit code 3 says that there were such, that two bags of a unit have different
-    tests at the same time, or that no window is valid.
+    with their reason. Exit code 3 says that there were such, that a unit has different tests
+    at the same time, or that no window is valid.
     """
-    with _clear_of_clusters(), one_clear_line(), Manifest(folder) as manifest:
+    with Manifest(folder) as manifest:
         with progress_bar() as progress:
             task = progress.add_task("starting", total=None)
             shown, began_s = "", time.monotonic()
@@ -157,19 +154,14 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
                     state += f", {failures} failed"
                 progress.update(task, completed=done, state=state)
 
-            try:
-                with executor.open() as workers:
-                    tally = run(manifest, workers, follow)
-            except KeyboardInterrupt:
-                left = manifest.find_due(manifest.settings)
-                raise click.ClickException(
-                    f"stopped: {counted(left, 'bag')} of {folder} left; the same command resumes"
-                ) from None
-            finally:
-                limit_threads(None)
+            def stopped() -> str:
+                left = counted(manifest.find_due(manifest.settings), "bag")
+                return f"stopped: {left} of {folder} left; the same command resumes"
+
+            kept = "what was done is kept, the same command resumes"
+            with executor.open(stopped, kept) as workers:
+                tally = run(manifest, workers, follow)
         status = manifest.status(manifest.settings)
-        unordered = _unordered(folder, status)
-        status = replace(status, valid=status.valid - unordered)
     click.echo(
         f"{counted(tally.bags, 'bag')} done, {counted(tally.units, 'unit')} followed; "
         f"{tally.damaged} damaged, {tally.failed} could not be read"
@@ -183,7 +175,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     if tally.damaged or tally.failed:
         click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
     is_useless = bool(status.windows) and not status.valid
-    if tally.damaged or tally.failed or tally.not_followed or unordered or is_useless:
+    if tally.damaged or tally.failed or tally.not_followed or status.unordered or is_useless:
         sys.exit(REFUSED)
 
 
@@ -192,10 +184,9 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def status_(folder: Path, as_json: bool) -> None:
     """Count the bags and units, and list what is out of date, and why."""
-    with one_clear_line(), Manifest(folder, writes=False) as manifest:
+    with Manifest(folder, writes=False) as manifest:
         settings = manifest.settings
         status, sources = manifest.status(settings), manifest.sources
-        status = replace(status, valid=status.valid - _unordered(folder, status))
     if as_json:
         values = asdict(status) | {"sources": sources, "settings": settings.as_mapping()}
         click.echo(json.dumps(values, indent=2))
@@ -212,8 +203,7 @@ def status_(folder: Path, as_json: bool) -> None:
     ):
         if count:
             click.echo(f"{counted(count, 'bag')} {what}")
-    with one_clear_line():
-        click.echo(_refused_in_words(folder, status), nl=False)
+    click.echo(_refused_in_words(folder, status), nl=False)
     click.echo(_due_in_words(status))
 
 
@@ -227,7 +217,7 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
     Without SQL the tables and views are listed with their columns. The query reads the tables of
     the archive alone, and changes nothing.
     """
-    with one_clear_line(), Manifest(folder, writes=False):
+    with Manifest(folder, writes=False):
         if question is None:
             for name, columns in columns_of(folder).items():
                 click.echo(f"{name}: {', '.join(f'{column} {kind}' for column, kind in columns)}")
@@ -243,39 +233,14 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
 @archive.command("export")
 @_ARCHIVE
 @click.argument("what", metavar="TABLE|SQL")
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    help=f"File to write: {' or '.join(FORMATS)}.",
-)
-@click.option("--replace", "overwrite", is_flag=True, help="Replace a file that is there.")
+@output_option(f"File to write: {' or '.join(FORMATS)}", dir_okay=False)
+@REPLACE_OPTION
 def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
     """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
-    with one_clear_line(), Manifest(folder, writes=False):
-        if output.exists() and not overwrite:
-            raise ValueError(f"{output} is there already: --replace replaces it")
+    with Manifest(folder, writes=False):
+        require_free(output, [], overwrite=overwrite)
         rows = export(folder, what, output)
     click.echo(f"{output}: {counted(rows, 'row')}")
-
-
-@contextmanager
-def _clear_of_clusters() -> Iterator[None]:
-    try:
-        yield
-    except ClusterLostError as error:
-        raise click.ClickException(
-            f"{error}; what was done is kept, the same command resumes"
-        ) from error
-
-
-def _unordered(folder: Path, status: Status) -> int:
-    """Return how many valid windows are refused as other ones have their time."""
-    if status.damaged_files:
-        return 0
-    _, [(count,)] = answer(folder, "SELECT count(*) FROM unordered")
-    return count
 
 
 def _refused_in_words(folder: Path, status: Status) -> str:

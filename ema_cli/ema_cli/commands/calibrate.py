@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from ema_bags.windows import WindowsOnDemand
-from ema_cli.bags.output_path import require_free
-from ema_cli.bags.source import MEASURED_OPTION, REPLACE_OPTION, Source, identifiable_windows
-from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.bags.source import MEASURED_OPTION, Source, identifiable_windows
+from ema_cli.options import REFUSED
+from ema_cli.output import REPLACE_OPTION, output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -30,13 +30,7 @@ _ENOUGH_WINDOWS = 5
 )
 @settings_options(Source, more=[MEASURED_OPTION])
 @REPLACE_OPTION
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Calibration file to write.",
-)
+@output_option("Calibration file to write", dir_okay=False)
 def calibrate(
     bags: tuple[Path, ...], form: str | None, given: Source, overwrite: bool, output: Path
 ) -> None:
@@ -47,28 +41,32 @@ def calibrate(
 
     Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """
-    with one_clear_line():
-        read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
-        require_free(output, read, overwrite=overwrite)
-        descriptions, windows = [], []
-        for bag in bags:
-            found = identifiable_windows(bag, given)
-            for item in found.windows:
-                if isinstance(item.place, Refusal):
-                    click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
-            windows += found.windows
-            descriptions.append(found.description)
-            if found.description != descriptions[0]:
-                raise ValueError(
-                    f"{bag} is of another actuator ({found.description.serial_number}) than "
-                    f"{bags[0]} ({descriptions[0].serial_number}), or described otherwise"
-                )
-            if found.simulated_faults:
-                _require_accepted(bag, given)
-        with progress_bar() as progress:
-            progress.add_task("calibrating", total=None)
-            calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
-        calibration.save(output)
+    read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
+    require_free(output, read, overwrite=overwrite)
+    descriptions, windows = [], []
+    for bag in bags:
+        found = identifiable_windows(bag, given)
+        for item in found.windows:
+            if isinstance(item.place, Refusal):
+                click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
+        windows += found.windows
+        descriptions.append(found.description)
+        if found.description != descriptions[0]:
+            raise ValueError(
+                f"{bag} is of another actuator ({found.description.serial_number}) than "
+                f"{bags[0]} ({descriptions[0].serial_number}), or described otherwise"
+            )
+        if found.simulated_faults:
+            words = f"{bag} records simulated faults: the unit is not healthy"
+            if not given.accept_defects:
+                accept = "--accept-defects calibrates with it all the same"
+                click.echo(f"Error: {words}; {accept}", err=True)
+                sys.exit(REFUSED)
+            click.echo(f"warning: {words}", err=True)
+    with progress_bar() as progress:
+        progress.add_task("calibrating", total=None)
+        calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
+    calibration.save(output)
     used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
     if known := taken_for_known(used):
         click.echo(f"taken for known: {known}")
@@ -80,12 +78,3 @@ def calibrate(
             err=True,
         )
     click.echo(f"{output}: {calibration}")
-
-
-def _require_accepted(bag: Path, given: Source) -> None:
-    """Refuse a bag of a faulty unit, unless the options accept it."""
-    words = f"{bag} records simulated faults: the unit is not healthy"
-    if not given.accept_defects:
-        click.echo(f"Error: {words}; --accept-defects calibrates with it all the same", err=True)
-        sys.exit(REFUSED)
-    click.echo(f"warning: {words}", err=True)

@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 
 from ema_cli.bench import COMMAND_OPTION, Bench
-from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.options import REFUSED, assignments_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.rehearsal import CALIBRATION_OPTION, Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
-from ema_core.wording import as_identifier, unknown_name
+from ema_core.wording import unknown_name
 from ema_monitor.design.certificate import CERTIFIED_WINDOWS
 from ema_monitor.design.certificate import certify as certify_test
 
@@ -29,18 +29,16 @@ from ema_monitor.design.certificate import certify as certify_test
     help="Simulate and identify so many tests with several faults each, and print what they give "
     "beside what was predicted.",
 )
-@click.option(
+@assignments_option(
     "--require",
-    "required",
-    type=Assignments(as_identifier),
-    multiple=True,
-    help="Largest sigma of a fault, e.g. friction=0.01; exit code 3 where it is not reached.",
+    "wanted",
+    "Largest sigma of a fault, e.g. friction=0.01; exit code 3 where it is not reached.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def certify(
     given: Bench,
     repetitions: int,
-    required: tuple[list[tuple[str, float]], ...],
+    wanted: dict[str, float],
     calibration_file: Path | None,
     as_json: bool,
 ) -> None:
@@ -49,8 +47,7 @@ def certify(
     No telemetry is needed: tests of the described actuator are simulated with the given sensors,
     and their estimates judged. A fault is judged half-way to its limit, alone and among others.
     """
-    with one_clear_line(), progress_bar() as progress, deferred_signals() as stop:
-        wanted = merged(required, "--require")
+    with progress_bar() as progress, deferred_signals() as stop:
         for name, sigma in wanted.items():
             if name not in COMPONENTS:
                 raise ValueError(unknown_name("fault", name, COMPONENTS))

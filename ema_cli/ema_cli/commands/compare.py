@@ -2,22 +2,25 @@
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.table import Table
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import Identifying, as_object
 from ema_cli.bags.source import identifiable_windows
-from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
-from ema_cli.errors import REFUSED, NameChoice, one_clear_line
+from ema_cli.comparison import AlgorithmComparison, ComparedRun, choose_window, compare_algorithms
 from ema_cli.figures.comparison import draw_comparison
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
+from ema_cli.options import REFUSED, NameChoice
 from ema_cli.parameters import settings_options
-from ema_cli.show.compare_table import table_of_faults, table_of_runs
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS
 from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
 
@@ -69,20 +72,20 @@ def compare(
     is where the algorithm itself ended; the estimate then drops what is not significant and fits
     the rest once more.
     """
-    with one_clear_line():
-        if given.any_motion:
-            raise ValueError(
-                "--any-motion: algorithms are compared on one test cycle, and a stretch of "
-                "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
-                "one makes of the stretches combined"
-            )
-        picture = output or _beside(bag)
-        require_drawable(picture)
-        calibration = given.calibration_of_model()
-        found = identifiable_windows(bag, given)
-        chosen = choose_window(found, number)
-        truth = found.true_faults(chosen.start_ns)
-        comparison = compare_algorithms(chosen, algorithms, calibration, given, truth)
+    if given.any_motion:
+        raise ValueError(
+            "--any-motion: algorithms are compared on one test cycle, and a stretch of "
+            "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
+            "one makes of the stretches combined"
+        )
+    named = bag if bag.stem.strip(".") else bag.resolve()
+    picture = output or named.with_name(f"{named.stem}-compare.png")
+    require_drawable(picture)
+    calibration = given.calibration_of_model()
+    found = identifiable_windows(bag, given)
+    chosen = choose_window(found, number)
+    truth = found.true_faults(chosen.start_ns)
+    comparison = compare_algorithms(chosen, algorithms, calibration, given, truth)
     start, end = found.seconds(chosen.start_ns), found.seconds(chosen.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
     if as_json:
@@ -92,17 +95,11 @@ def compare(
         _print(comparison, title)
     if comparison.best is not None:
         unit = found.description
-        with one_clear_line():
-            name = f"{unit.actuator_id} ({unit.serial_number}), {title}"
-            save_picture(draw_comparison(comparison, name), picture, dpi=150)
+        name = f"{unit.actuator_id} ({unit.serial_number}), {title}"
+        save_picture(draw_comparison(comparison, name), picture, dpi=150)
         click.echo(f"{picture}", err=as_json)
     if not all(run.estimate.valid for run in comparison.runs):
         sys.exit(REFUSED)
-
-
-def _beside(bag: Path) -> Path:
-    named = bag if bag.stem.strip(".") else bag.resolve()
-    return named.with_name(f"{named.stem}-compare.png")
 
 
 def _as_object(comparison: AlgorithmComparison, found: BagWindows) -> dict[str, Any]:
@@ -145,3 +142,84 @@ def _print(comparison: AlgorithmComparison, title: str) -> None:
             reasons.setdefault(valid + run.estimate.reason, []).append(run.estimate.algorithm)
     for reason, names in reasons.items():
         click.echo(f"{', '.join(names)}: {reason}")
+
+
+def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
+    """Return how each algorithm fared; the best valid one of each column has a star."""
+    runs = comparison.runs
+    columns = {
+        "algorithm": [run.estimate.algorithm for run in runs],
+        "search\nfitness": _starred(runs, lambda run: run.search_fitness, ".5f"),
+        "fitness\n[A^2.s]": _starred(runs, lambda run: run.estimate.fitness, ".5f"),
+        "goodness\nof fit": _starred(runs, lambda run: run.estimate.goodness_of_fit, ".2f"),
+        "valid": ["yes" if run.estimate.valid else "[red]no[/]" for run in runs],
+        "eval-\nuations": _starred(runs, lambda run: run.estimate.evaluations, "d"),
+        "gener-\nations": [str(len(run.costs)) for run in runs],
+        "time\n[s]": _starred(runs, lambda run: run.estimate.computing_time_s, ".2f"),
+    }
+    if comparison.truth is not None:
+        columns["error\n[%]"] = _starred(runs, comparison.error_percent, ".2f")
+    elif comparison.best is not None:
+        columns["differs most\nfrom fittest in"] = [
+            _largest_difference(run, comparison.best) for run in runs
+        ]
+    return _table(title, columns, left=("algorithm", "valid"))
+
+
+def table_of_faults(comparison: AlgorithmComparison) -> Table:
+    """Return the fault vectors below the true one, and the sigma of the fittest."""
+    rows = {} if comparison.truth is None else {"truth": comparison.truth}
+    rows |= {run.estimate.algorithm: run.estimate.faults for run in comparison.runs}
+    title = "fault vectors"
+    if comparison.best is not None:
+        rows["sigma"] = comparison.best.estimate.sigma
+        title += f", and sigma of {comparison.best.estimate.algorithm}"
+    columns = {"": list(rows)}
+    for i, fault in enumerate(FAULTS):
+        heading = fault.label.replace(" ", "\n").replace("eccen", "eccen-\n")
+        columns[heading] = [_figure(row[i], ".4f") for row in rows.values()]
+    return _table(title, columns, left=("",))
+
+
+def _table(title: str, columns: dict[str, list[str]], left: tuple[str, ...]) -> Table:
+    """Return a table narrow enough for a terminal of 80 columns."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    for heading in columns:
+        justify = "left" if heading in left else "right"
+        table.add_column(heading, justify=justify, vertical="bottom", no_wrap=heading in left)
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*row)
+    return table
+
+
+def _starred(
+    runs: list[ComparedRun], value_of: Callable[[ComparedRun], float], form: str
+) -> list[str]:
+    shown = {run: _figure(value_of(run), form) for run in runs}
+    judged = {run: text for run, text in shown.items() if run.estimate.valid}
+    if len(set(judged.values())) < 2:
+        return list(shown.values())
+    # What reads the same is equally good.
+    best = shown[min(judged, key=value_of)]
+    return [
+        f"[bold green]{text}*[/]" if run in judged and text == best else f"{text} "
+        for run, text in shown.items()
+    ]
+
+
+def _figure(value: float, form: str) -> str:
+    return format(value, form) if np.isfinite(value) else "-"
+
+
+def _largest_difference(run: ComparedRun, best: ComparedRun) -> str:
+    faults, others = (np.array(one.estimate.faults) for one in (run, best))
+    if run is best:
+        return "fittest"
+    if not np.all(np.isfinite(faults)):
+        return "-"
+    difference = faults - others
+    # The phase counts by the eccentricity, wrapped to half a turn, as in the error of an estimate.
+    turn = difference[ECCENTRICITY_PHASE]
+    difference[ECCENTRICITY_PHASE] = faults[ECCENTRICITY] * (turn - np.round(turn))
+    i = int(np.argmax(np.abs(difference)))
+    return f"{FAULTS[i].label} {difference[i]:+.4f}"

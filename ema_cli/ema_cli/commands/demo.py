@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 
-from ema_cli.errors import one_clear_line
-from ema_cli.network_option import network_option
+from ema_cli.options import network_option
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 
 
@@ -33,7 +32,7 @@ def demo(duration_s: float, output: Path | None, network: bool) -> None:
 
     ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
     """
-    with deferred_signals(*ENDING) as stop, one_clear_line():
+    with deferred_signals(*ENDING) as stop:
         # Here, since the signals have to be noted before anything that takes time.
         from ema_cli.processes.demo_run import run_demo
 

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import click
 
-from ema_cli.bags.output_path import require_free
 from ema_cli.bench import Bench, save_command
-from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.options import REFUSED, Assignments, assignments_option
+from ema_cli.output import REPLACE_OPTION, output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.rehearsal import CALIBRATION_OPTION, Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
-from ema_core.wording import as_identifier
 from ema_monitor.design.certificate import certificate_of
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import UNITS, MotionLimits
@@ -47,23 +46,18 @@ class WantedSigmas(Assignments):
 @click.option("--current", type=float, help=f"Largest current; {_OWN} [A].")
 @click.option("--speed", type=float, help=f"Largest speed of the motor shaft; {_OWN} [rad/s].")
 @click.option("--longest", default=0.5, help="Longest duration of the command [s].")
-@click.option(
+@assignments_option(
     "--sigma",
     "wanted",
-    type=WantedSigmas(as_identifier),
-    multiple=True,
-    help="Wanted standard deviation, of all faults (0.01) or of some (friction=0.005,gain=0.002); "
+    "Wanted standard deviation, of all faults (0.01) or of some (friction=0.005,gain=0.002); "
     "without it what the thesis's chirp reaches.",
+    WantedSigmas(),
 )
 @CALIBRATION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
-@click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there.")
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="YAML file to write: parameters of actuator and monitor, for --params.",
+@REPLACE_OPTION
+@output_option(
+    "YAML file to write: parameters of actuator and monitor, for --params", dir_okay=False
 )
 def design(
     given: Bench,
@@ -72,7 +66,7 @@ def design(
     current: float | None,
     speed: float | None,
     longest: float,
-    wanted: tuple[list[tuple[str, float]], ...],
+    wanted: dict[str, float],
     calibration_file: Path | None,
     as_json: bool,
     overwrite: bool,
@@ -84,7 +78,7 @@ def design(
     faults; the ripple of the inverter comes on top. Exit code 3 when the wishes cannot be met:
     nothing is written then.
     """
-    with one_clear_line(), progress_bar() as progress, deferred_signals() as stop:
+    with progress_bar() as progress, deferred_signals() as stop:
         if output.suffix not in (".yaml", ".yml"):
             raise ValueError(f"{output}: expected a name that ends in .yaml")
         require_free(output, filter(None, [given.actuator_file]), overwrite=overwrite)
@@ -108,12 +102,13 @@ def design(
             progress.update(task, state=words)
 
         record = Rehearsal(given, follow, calibration_file)
-        sigmas = merged(wanted, "--sigma")
-        found = design_command(record, description, limits, sigmas or None, on_progress=say)
+        found = design_command(record, description, limits, wanted or None, on_progress=say)
         say("judging hidden causes")
         certificate = certificate_of(found.rehearsed, record, found.command, description)
         if found.reached:
-            save_command(output, found.command, _heading(found))
+            sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in found.sigma.items())
+            heading = "A test command of `ema design`. Standard deviations to expect:"
+            save_command(output, found.command, f"{heading}\n{sigmas}")
     if as_json:
         click.echo(json.dumps(_record(found) | {"certificate": certificate.record()}, indent=2))
     else:
@@ -155,11 +150,6 @@ def _in_words(found: Design) -> str:
         f"{command.duration:.4g} s{beside}: {found.verdict}\n"
         f"It demands: {demands}"
     )
-
-
-def _heading(found: Design) -> str:
-    sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in found.sigma.items())
-    return f"A test command of `ema design`. Standard deviations to expect:\n{sigmas}"
 
 
 def _next_steps(output: Path, given: Bench) -> str:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import click
 import numpy as np
@@ -17,15 +17,12 @@ from rich.table import Column, Table
 from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying, as_object
 from ema_cli.bags.source import CONDITION_OPTION, identifiable_windows
-from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.options import REFUSED
 from ema_cli.parameters import settings_options
-from ema_core.faults import FAULTS
+from ema_core.faults import FAULTS, INDICES
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import FAILED, SKIPPED, VERDICTS, Estimate
 from ema_monitor.windows.window import MIN_TRAVEL
-
-if TYPE_CHECKING:
-    from ema_monitor.normal.unit_normal import Checked
 
 _NOTHING: Final = "no significant fault"
 _REASON_WIDTH: Final = 90
@@ -58,18 +55,17 @@ def estimate(
     wanted: there is a line for each combination, with the faults that the motion does not show.
     With --normal, exit code 3 also means a departure that no fault explains.
     """
-    with one_clear_line():
-        calibration = given.calibration()
-        found = identifiable_windows(bag, given)
-        estimates = given.estimate(found.windows, calibration)
-        checked, more = None, {}
-        if normal_file is not None:
-            from ema_cli.bags.named_tests import as_mapping, read_test
-            from ema_monitor.normal.unit_normal import UnitNormal
+    calibration = given.calibration()
+    found = identifiable_windows(bag, given)
+    estimates = given.estimate(found.windows, calibration)
+    checked, more = None, {}
+    if normal_file is not None:
+        from ema_cli.bags.named_tests import as_mapping, read_test
+        from ema_monitor.normal.unit_normal import UnitNormal
 
-            test = read_test(bag, given.actuator_id, "", condition)
-            checked = UnitNormal.load(normal_file).check(test)
-            more = {"normal": as_mapping(checked)}
+        test = read_test(bag, given.actuator_id, "", condition)
+        checked = UnitNormal.load(normal_file).check(test)
+        more = {"normal": as_mapping(checked)}
     if as_json:
         click.echo(json.dumps([as_object(e, found) | more for e in estimates], indent=2))
     else:
@@ -85,35 +81,13 @@ def estimate(
             click.echo("no estimate: the motion shows no fault as well as wanted")
     explained = any(one.valid and _significant(one) for one in estimates)
     if checked is not None and not as_json:
-        click.echo(f"normal: {_with_explanation(checked, explained)}")
+        words = "the faults above explain it" if explained else "no fault explains it"
+        click.echo(f"normal: {checked}{f'; {words}' if checked.departed else ''}")
     is_normal = checked is None or explained or (checked.departure and not checked.departed)
-    if not _is_complete(estimates) or not is_normal:
+    # A recording of a live system ends anywhere: that its last window is cut off is no failure.
+    looked_at = [one.valid for one in estimates if one.verdict != SKIPPED]
+    if not looked_at or not all(looked_at) or not is_normal:
         sys.exit(REFUSED)
-
-
-def _with_explanation(checked: "Checked", explained: bool) -> str:
-    """Return what the unit's own normal says, and whether a fault explains it."""
-    if not checked.departed:
-        return str(checked)
-    return f"{checked}; {'the faults above explain it' if explained else 'no fault explains it'}"
-
-
-def _is_complete(estimates: Sequence[Estimate]) -> bool:
-    """Return whether there is an estimate, and one of each window that the bag holds whole.
-
-    A recording of a live system ends anywhere: that its last window is cut off is no failure.
-    """
-    looked_at = [one for one in estimates if one.verdict != SKIPPED]
-    return bool(looked_at) and all(one.valid for one in looked_at)
-
-
-def found_in_words(one: Estimate) -> str:
-    """Return the significant faults of a valid estimate, the largest first."""
-    words = [
-        f"{FAULTS[i].label} {one.faults[i]:.3f} ({FAULTS[i].physical(one.faults[i])})"
-        for i in _significant(one)
-    ]
-    return "; ".join(words) or _NOTHING
 
 
 def _distance(one: Estimate, i: int) -> float:
@@ -121,14 +95,9 @@ def _distance(one: Estimate, i: int) -> float:
     return abs(one.faults[i] - FAULTS[i].healthy)
 
 
-def _assessed() -> list[int]:
-    """Return which components are faults by themselves."""
-    return [i for i, fault in enumerate(FAULTS) if fault.limit is not None]
-
-
 def _significant(one: Estimate) -> list[int]:
     """Return which faults are significant, the largest first."""
-    return sorted(filter(lambda i: one.found[i], _assessed()), key=lambda i: -_distance(one, i))
+    return sorted(filter(lambda i: one.found[i], INDICES), key=lambda i: -_distance(one, i))
 
 
 def _line(number: int, one: Estimate, found: BagWindows) -> str:
@@ -146,7 +115,7 @@ def _line(number: int, one: Estimate, found: BagWindows) -> str:
     if one.measured:
         measured = map(str, one.measured)
         words += f"; measured: {', '.join(measured)}"
-    unknown = [FAULTS[i].label for i in _assessed() if one.unobservable[i]]
+    unknown = [FAULTS[i].label for i in INDICES if one.unobservable[i]]
     if one.stretches and unknown:
         words += f"; not shown: {', '.join(unknown)}"
     return f"{place}  {one.verdict:8s} {words}"
@@ -179,10 +148,6 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     return lines
 
 
-def _figure(value: float) -> str:
-    return f"{value:.2f}" if np.isfinite(value) else "unknown"
-
-
 def _print(number: int, one: Estimate, found: BagWindows) -> None:
     start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
     what = counted(one.stretches, "stretch") if one.stretches else f"window {number}"
@@ -198,11 +163,16 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
         table.add_row(fault.label, f"{value:.4f}", known, meaning)
     Console().print(table)
-    click.echo(f"found: {found_in_words(one)}")
+    found_faults = [
+        f"{FAULTS[i].label} {one.faults[i]:.3f} ({FAULTS[i].physical(one.faults[i])})"
+        for i in _significant(one)
+    ]
+    click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
     if one.measured:
         click.echo(f"measured: {'; '.join(map(str, one.measured))}")
+    goodness = f"{one.goodness_of_fit:.2f}" if np.isfinite(one.goodness_of_fit) else "unknown"
     click.echo(
-        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)} "
+        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {goodness} "
         f"(limit {one.goodness_limit:.2f}), {one.verdict}; command travels "
         f"{1e3 * one.excitation:.1f} mrad (limit {1e3 * MIN_TRAVEL:g} mrad)"
     )

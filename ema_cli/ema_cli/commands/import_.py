@@ -10,8 +10,7 @@ from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported, import_series
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
-from ema_cli.bags.output_path import require_free
-from ema_cli.errors import one_clear_line
+from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, new_bag, output_option, require_free
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_ros.actuator_file import load_description
@@ -40,23 +39,13 @@ _PAUSE_NS: Final = 1_000_000_000
     type=click.Path(path_type=Path),
     help="YAML file with the description of the actuator; default: the built-in one.",
 )
-@click.option(
-    "--replace",
-    "overwrite",
-    is_flag=True,
-    help="Replace an existing bag.",
-)
+@REPLACE_OPTION
 @click.option(
     "--accept-defects",
     is_flag=True,
     help="Write the bag whatever is wrong with the data.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="Bag to write: one file if it ends in .mcap, else a folder.",
-)
+@output_option(BAG_TO_WRITE, required=False)
 def import_(
     files: tuple[Path, ...],
     mapping_file: Path | None,
@@ -78,25 +67,24 @@ def import_(
         raise click.UsageError(
             f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and save"
         )
-    with one_clear_line():
-        description = load_description(actuator_file) if actuator_file else ActuatorDescription()
-        mapping = load_mapping(mapping_file) if mapping_file else None
-        if output is None:
-            for file in files:
-                _preview(file, mapping, description)
-            return
-        assert mapping is not None
-        inputs = [*files, mapping_file, *([actuator_file] if actuator_file else [])]
-        require_free(output, [item for item in inputs if item], overwrite=overwrite)
-        found = [_read(file, mapping, description, accepts=accept_defects) for file in files]
-        for file, one in zip(files, found, strict=True):
-            if one.description != found[0].description:
-                raise ValueError(
-                    f"{file} has {1.0 / one.rate.period:g} samples a second, {files[0]} has "
-                    f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
-                    "mapping fixes it"
-                )
-        _write(output, found, overwrite=overwrite)
+    description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+    mapping = load_mapping(mapping_file) if mapping_file else None
+    if output is None:
+        for file in files:
+            _preview(file, mapping, description)
+        return
+    assert mapping is not None
+    inputs = [*files, mapping_file, *([actuator_file] if actuator_file else [])]
+    require_free(output, [item for item in inputs if item], overwrite=overwrite)
+    found = [_read(file, mapping, description, accepts=accept_defects) for file in files]
+    for file, one in zip(files, found, strict=True):
+        if one.description != found[0].description:
+            raise ValueError(
+                f"{file} has {1.0 / one.rate.period:g} samples a second, {files[0]} has "
+                f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
+                "mapping fixes it"
+            )
+    _write(output, found, overwrite=overwrite)
     samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
     h = found[0].description.sample_period
     click.echo(
@@ -168,9 +156,10 @@ def _facts(imported: Imported) -> list[str]:
     lines = [
         f"{counted(losses.samples, 'sample')}, {1.0 / rate.measured_period:.6g} Hz by {by}, "
         f"taken as {1.0 / rate.period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}",
-        f"lost {losses.lost} in {counted(losses.gaps, 'gap')}, {counted(losses.pauses, 'pause')}, "
-        f"{counted(losses.jumps, 'jump')} of the clock, {losses.repeated} repeated, "
-        f"{losses.missing} not finite, {counted(imported.rebuilt, 'stamp')} rebuilt",
+        f"lost {losses.lost} in {counted(losses.gaps, 'gap')} beside {losses.filled} filled in, "
+        f"{counted(losses.pauses, 'pause')}, {counted(losses.jumps, 'jump')} of the clock, "
+        f"{losses.repeated} repeated, {losses.missing} not finite, "
+        f"{counted(imported.rebuilt, 'stamp')} rebuilt",
     ]
     units: dict[str, Any] = {"command": "rad", "position": "rad", "speed": "rad/s", "current": "A"}
     for name, unit in units.items():
@@ -185,7 +174,6 @@ def _facts(imported: Imported) -> list[str]:
 
 def _write(path: Path, found: list[Imported], *, overwrite: bool) -> None:
     """Write description and telemetry, one file after the other."""
-    from ema_cli.new_bag import new_bag
     from ema_ros import topics
     from ema_ros.messages import description_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message

@@ -9,7 +9,6 @@ from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators
 from ema_bags.windows import BagWindows
 from ema_cli.bags.source import Source, read_windows
-from ema_cli.errors import one_clear_line
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
@@ -20,38 +19,29 @@ from ema_monitor.windows.trigger import Refusal
 @settings_options(Source)
 def info(bag: Path, given: Source) -> None:
     """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
-    with one_clear_line():
-        contents = Bag(bag)
-        counts = contents.readable_counts()
-        rows = [
-            (name, topic.type_name, str(counts[name])) for name, topic in contents.topics.items()
-        ]
-        click.echo(text_table(("topic", "type", "messages"), rows))
-        if contents.writers:
-            click.echo(f"written by {', '.join(contents.writers)}")
-        # What is wrong with the bag is said once, also where an actuator cannot be read.
-        remarks: dict[str, None] = {}
-        chosen = _of_each(contents, given)
-        for one in chosen:
-            try:
-                found = read_windows(bag, one, bag=contents)
-            except ValueError as error:
-                if len(chosen) == 1:
-                    raise
-                remarks[f"actuator {one.actuator_id}: {error}"] = None
-                continue
-            _show(found)
-            remarks |= dict.fromkeys(found.remarks)
-        for remark in remarks | dict.fromkeys(contents.remarks):
-            click.echo(f"warning: {remark}")
-
-
-def _of_each(bag: Bag, given: Source) -> list[Source]:
-    """Return what to look at of each actuator of a bag, unless one is chosen."""
-    present = described_actuators(bag)
-    if given.actuator_id is not None or len(present) < 2:
-        return [given]
-    return [replace(given, actuator_id=name) for name in present]
+    contents = Bag(bag)
+    counts = contents.readable_counts()
+    rows = [(name, topic.type_name, str(counts[name])) for name, topic in contents.topics.items()]
+    click.echo(text_table(("topic", "type", "messages"), rows))
+    if contents.writers:
+        click.echo(f"written by {', '.join(contents.writers)}")
+    # What is wrong with the bag is said once, also where an actuator cannot be read.
+    remarks: dict[str, None] = {}
+    present, chosen = described_actuators(contents), [given]
+    if given.actuator_id is None and len(present) > 1:
+        chosen = [replace(given, actuator_id=name) for name in present]
+    for one in chosen:
+        try:
+            found = read_windows(bag, one, bag=contents)
+        except ValueError as error:
+            if len(chosen) == 1:
+                raise
+            remarks[f"actuator {one.actuator_id}: {error}"] = None
+            continue
+        _show(found)
+        remarks |= dict.fromkeys(found.remarks)
+    for remark in remarks | dict.fromkeys(contents.remarks):
+        click.echo(f"warning: {remark}")
 
 
 def _show(found: BagWindows) -> None:

@@ -6,9 +6,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ema_cli.bags.output_path import require_free
 from ema_cli.bags.predicting import LIMIT_OPTION, with_growth
-from ema_cli.errors import one_clear_line
+from ema_cli.output import REPLACE_OPTION, output_option, require_free
 from ema_cli.parameters import Parameters
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -27,21 +26,15 @@ from ema_monitor.prognosis.sentences import label_of
     required=True,
     type=click.Path(path_type=Path, exists=True),
 )
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help=f"File to write; its name ends in {SUFFIX}.",
-)
+@output_option(f"File to write; its name ends in {SUFFIX}")
 @click.option("--name", default="", help='What the fleet is called, as in "A320 flaps".')
 @LIMIT_OPTION
-@click.option("--replace", "overwrite", is_flag=True, help="Replace an existing file.")
+@REPLACE_OPTION
 def learn(
     histories: tuple[Path, ...],
     output: Path,
     name: str,
-    limits: tuple[list[tuple[str, float]], ...],
+    limits: dict[str, float],
     overwrite: bool,
 ) -> None:
     """Learn how the units of a fleet grow, from the HISTORY of each.
@@ -50,23 +43,26 @@ def learn(
     wrote at another site: it holds no test and no serial number, and a unit that is in two of them
     counts once. `ema prognose --fleet` and the monitor's parameter fleet_file use the result.
     """
-    with one_clear_line():
-        if output.suffix != SUFFIX:
-            raise ValueError(f"{output}: expected a name that ends in {SUFFIX}")
-        require_free(output, histories, overwrite=overwrite)
-        chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
-        fleet = Fleet(grid_digest(chosen))
-        files = [file for path in histories for file in _files(path)]
-        with progress_bar() as progress:
-            for file in progress.track(files, description="reading"):
-                if file.suffix == SUFFIX:
-                    fleet = fleet.together(Fleet.read(file))
-                else:
-                    fleet = fleet.together(fleet_of([read_history(file)], chosen))
-        if name:
-            fleet = Fleet(fleet.grid, fleet.units, frozenset([name]))
-        prior = fleet.prior(chosen)
-        fleet.write(output)
+    if output.suffix != SUFFIX:
+        raise ValueError(f"{output}: expected a name that ends in {SUFFIX}")
+    require_free(output, histories, overwrite=overwrite)
+    chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
+    fleet = Fleet(grid_digest(chosen))
+    files = []
+    for path in histories:
+        found = sorted(path.glob("*+*.sqlite")) if path.is_dir() else [path]
+        if not found:
+            raise ValueError(f"{path}: no file ACTUATOR+SERIAL.sqlite in the folder")
+        files += found
+    with progress_bar() as progress:
+        for file in progress.track(files, description="reading"):
+            is_fleet = file.suffix == SUFFIX
+            other = Fleet.read(file) if is_fleet else fleet_of([read_history(file)], chosen)
+            fleet = fleet.together(other)
+    if name:
+        fleet = Fleet(fleet.grid, fleet.units, frozenset([name]))
+    prior = fleet.prior(chosen)
+    fleet.write(output)
     table = Table("fault", "units that show its growth")
     for kind, count in sorted(prior.counts.items()):
         table.add_row(label_of(kind), str(count))
@@ -74,13 +70,3 @@ def learn(
         Console().print(table)
     grown = f"{prior.units} of them with a fault that grows"
     click.echo(f"{output}: {counted(len(fleet.units), 'unit')}, {grown}")
-
-
-def _files(path: Path) -> list[Path]:
-    """Return a file, or the histories of a folder."""
-    if not path.is_dir():
-        return [path]
-    found = sorted(path.glob("*+*.sqlite"))
-    if not found:
-        raise ValueError(f"{path}: no file ACTUATOR+SERIAL.sqlite in the folder")
-    return found

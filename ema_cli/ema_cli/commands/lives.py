@@ -6,14 +6,12 @@ from typing import Final
 import click
 import pandas as pd
 
-from ema_cli.errors import NameChoice, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
-from ema_cli.new_bag import START_OPTION
+from ema_cli.options import NameChoice
+from ema_cli.output import START_OPTION
 from ema_cli.show.progress import progress_bar
 from ema_cli.simulated_lives import LifeJob, make_life, remove_parts
 from ema_core.faults import TYPICAL
-from ema_core.tasks import ClusterLostError, WorkerLostError
-from ema_monitor.model.threads import limit_threads
 
 INDEX: Final = "lives.csv"
 """File with a line about each life."""
@@ -45,9 +43,8 @@ INDEX: Final = "lives.csv"
     "form",
     default="bags",
     type=click.Choice(["bags", "estimates"]),
-    help="bags: a folder a life, with a bag a test and the unit's calibration, for ema prognose. "
-    "estimates: a file a life, with a line of JSON a test, the truth and what the monitor "
-    "estimates, to develop or score other methods of prognosis; docs/prognosis.md lists its keys.",
+    help="bags: a folder a life, with a bag a test and the calibration. estimates: a file a life, "
+    "with truth and estimate of each test as JSON (docs/prognosis.md lists the keys).",
 )
 @click.option("--constant", "is_constant", is_flag=True, help="Lives in which no fault grows.")
 @click.option(
@@ -74,28 +71,25 @@ def lives(
     """
     if is_constant and (fault or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
-    with one_clear_line():
-        if folder.exists():
-            raise ValueError(f"{folder} is there already: give a folder that is not")
-        folder.mkdir(parents=True)
-        jobs = [
-            LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair, start_ns)
-            for number in range(count)
-        ]
-        index: dict[int, dict[str, object]] = {}
-        try:
-            with progress_bar() as progress, executor.open() as workers:
-                task = progress.add_task("simulating", total=count)
-                for outcome in workers.run(make_life, jobs):
-                    index[outcome.item.number] = outcome.result()
-                    lines = [index[number] for number in sorted(index)]
-                    pd.DataFrame(lines).to_csv(folder / INDEX, index=False)
-                    progress.advance(task)
-        except (ClusterLostError, WorkerLostError) as error:
-            raise ValueError(f"{error}; the lives so far are in {folder}") from error
-        except KeyboardInterrupt:
-            remove_parts(folder)
-            raise ValueError(f"stopped: {len(index)} of {count} lives are in {folder}") from None
-        finally:
-            limit_threads(None)
+    if folder.exists():
+        raise ValueError(f"{folder} is there already: give a folder that is not")
+    folder.mkdir(parents=True)
+    jobs = [
+        LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair, start_ns)
+        for number in range(count)
+    ]
+    index: dict[int, dict[str, object]] = {}
+
+    def stopped() -> str:
+        remove_parts(folder)
+        return f"stopped: {len(index)} of {count} lives are in {folder}"
+
+    kept = f"the lives so far are in {folder}"
+    with executor.open(stopped, kept) as workers, progress_bar() as progress:
+        task = progress.add_task("simulating", total=count)
+        for outcome in workers.run(make_life, jobs):
+            index[outcome.item.number] = outcome.result()
+            lines = [index[number] for number in sorted(index)]
+            pd.DataFrame(lines).to_csv(folder / INDEX, index=False)
+            progress.advance(task)
     click.echo(f"{folder}: {count} {'life' if count == 1 else 'lives'}, the truth in {INDEX}")

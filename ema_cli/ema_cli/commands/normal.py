@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
@@ -10,7 +9,7 @@ from rich.table import Table
 
 from ema_cli.bags.named_tests import as_mapping, read_test
 from ema_cli.bags.source import CONDITION_OPTION
-from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.options import REFUSED
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.normal.moves import MoveSeries, MoveVerdict
@@ -46,12 +45,11 @@ def learn(
     Healthy tests on several days show what is usual between days. A bag that is there already takes
     its new state.
     """
-    with one_clear_line():
-        known = UnitNormal.load(file) if file.exists() else UnitNormal()
-        with progress_bar() as progress:
-            for bag in progress.track(bags, description="reading"):
-                known.add(read_test(bag, actuator_id, state, condition))
-        known.save(file)
+    known = UnitNormal.load(file) if file.exists() else UnitNormal()
+    with progress_bar() as progress:
+        for bag in progress.track(bags, description="reading"):
+            known.add(read_test(bag, actuator_id, state, condition))
+    known.save(file)
     states: dict[str, int] = {}
     for test in known.tests:
         states[test.state] = states.get(test.state, 0) + 1
@@ -71,14 +69,13 @@ def check(
 
     Exit code 3 where one departs, or cannot be judged.
     """
-    with one_clear_line():
-        known = UnitNormal.load(file)
-        with progress_bar() as progress:
-            tests = [
-                read_test(bag, actuator_id, "", condition)
-                for bag in progress.track(bags, description="reading")
-            ]
-        found = [known.check(test) for test in tests]
+    known = UnitNormal.load(file)
+    with progress_bar() as progress:
+        tests = [
+            read_test(bag, actuator_id, "", condition)
+            for bag in progress.track(bags, description="reading")
+        ]
+    found = [known.check(test) for test in tests]
     if as_json:
         click.echo(
             json.dumps(
@@ -113,17 +110,24 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
     """
     from ema_bags.inputs.moves import load_moves_mapping, read_moves
 
-    with one_clear_line():
-        units = read_moves(table, load_moves_mapping(mapping_file))
-        told = {}
-        for unit, series in units.items():
-            follow = MoveSeries(limit=limit, reference=reference)
-            told[unit] = [(one, follow.add(one)) for one in series]
+    units = read_moves(table, load_moves_mapping(mapping_file))
+    told = {}
+    for unit, series in units.items():
+        follow = MoveSeries(limit=limit, reference=reference)
+        told[unit] = [(one, follow.add(one)) for one in series]
     if as_json:
         rows = [
-            {"unit": unit, "stamp_ns": move.stamp_ns, **_move_json(verdict)}
+            {
+                "unit": unit,
+                "stamp_ns": move.stamp_ns,
+                "ratio": one.ratio,
+                "level": one.level,
+                "probability": one.probability,
+                "life_days": None if one.life_days is None else list(one.life_days),
+                "reason": one.reason,
+            }
             for unit, series in told.items()
-            for move, verdict in series
+            for move, one in series
         ]
         click.echo(json.dumps(rows))
     else:
@@ -143,13 +147,3 @@ def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
         time = f"{pd.Timestamp(stamp_ns):%Y-%m-%d %H:%M}"
         table.add_row(time, f"{one.ratio:.2f}", one.level, life, one.reason)
     Console().print(table)
-
-
-def _move_json(one: MoveVerdict) -> dict[str, Any]:
-    return {
-        "ratio": one.ratio,
-        "level": one.level,
-        "probability": one.probability,
-        "life_days": None if one.life_days is None else list(one.life_days),
-        "reason": one.reason,
-    }

@@ -1,18 +1,12 @@
 """``ema play``: a bag to the running system."""
 
-import sys
 from pathlib import Path
 
 import click
 
-from ema_cli.errors import one_clear_line
-from ema_cli.network_option import network_option
-from ema_cli.processes.bringup import (
-    assignments_of,
-    node_parameters_option,
-    ros_arguments,
-)
-from ema_cli.processes.reach import set_reach
+from ema_cli.options import network_option
+from ema_cli.processes.bringup import node_parameters_option
+from ema_cli.processes.reach import run_node
 
 
 @click.command()
@@ -59,9 +53,4 @@ def play(
         "actuator_only": only_actuator or None,
         **{name: value or None for name, value in flags.items()},
     }
-    with one_clear_line():
-        set_reach(network)
-        arguments = ros_arguments("player", assignments=[*assignments_of(parameters), *assignments])
-    from ema_bags.player_node import main
-
-    sys.exit(main(arguments))
+    run_node("player", parameters, assignments, network=network)

@@ -6,16 +6,14 @@ import click
 from matplotlib.figure import Figure
 
 from ema_bags.windows import BagWindows
-from ema_cli.bags.diagnoses import read_history
+from ema_cli.bags.diagnoses import DiagnosisLog, read_history
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
-from ema_cli.bags.outline import Outline
 from ema_cli.bags.source import read_windows
 from ema_cli.comparison import choose_window
-from ema_cli.errors import one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.history import draw_history
-from ema_cli.figures.telemetry import draw_telemetry
+from ema_cli.figures.telemetry import Outline, draw_telemetry
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.windows.trigger import Refusal
@@ -48,25 +46,22 @@ def plot(
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
     if as_history and number is not None:
         raise click.UsageError("--history and --window exclude each other")
-    with one_clear_line():
-        output = output or bag.with_suffix(".png")
-        require_drawable(output)
-        if as_history:
-            history = read_history(bag, given.actuator_id)
-            for remark in history.remarks:
-                click.echo(f"{bag}: {remark}", err=True)
-            save_picture(draw_history(history), output)
-            click.echo(f"{output}")
-            return
-        outline = Outline()
+    output = output or bag.with_suffix(".png")
+    require_drawable(output)
+    outline = Outline()
+    if as_history:
+        found = read_history(bag, given.actuator_id)
+    else:
         found = read_windows(bag, given, outline.add)
-        for remark in found.remarks:
-            click.echo(f"{bag}: {remark}", err=True)
-        if number is None:
-            figure = draw_telemetry(found, outline)
-        else:
-            figure = _draw_estimate(found, number, given)
-        save_picture(figure, output)
+    for remark in found.remarks:
+        click.echo(f"{bag}: {remark}", err=True)
+    if isinstance(found, DiagnosisLog):
+        figure = draw_history(found)
+    elif number is None:
+        figure = draw_telemetry(found, outline)
+    else:
+        figure = _draw_estimate(found, number, given)
+    save_picture(figure, output)
     click.echo(f"{output}")
 
 

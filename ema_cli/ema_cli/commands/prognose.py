@@ -10,12 +10,12 @@ from rich.console import Console
 
 from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.unit_course import diagnose_unit
-from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.figures.prognosis import draw_course
+from ema_cli.options import REFUSED
 from ema_cli.parameters import settings_options
-from ema_cli.show.advice import advice_in_words
 from ema_cli.show.prognosis_table import (
+    advice_in_words,
     as_values,
     course_as_values,
     summary,
@@ -49,26 +49,25 @@ def prognose(
     """
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
-    with one_clear_line():
-        if output is not None:
-            require_drawable(output)
-        course = diagnose_unit(bags, given)
-        record, tests = course.record, counted(len(course.steps), "test")
-        report = health_report(course.now, record.description)
-        if not course.outlooks:
-            why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.failure else ""
-            click.echo(
-                f"no prognosis: none of {counted(len(course.steps), 'window')} can be used{why}",
-                err=True,
-            )
-            sys.exit(REFUSED)
-        if math.isnan(report.flight_hours) and not record.counts:
-            click.echo(
-                "service hours are unknown, so is the remaining life: the bags hold no usage; give "
-                "--hours-per-cycle",
-                err=True,
-            )
-        scenarios = [scenario_report(*one) for one in course.scenarios]
+    if output is not None:
+        require_drawable(output)
+    course = diagnose_unit(bags, given)
+    record, tests = course.record, counted(len(course.steps), "test")
+    report = health_report(course.now, record.description)
+    if not course.outlooks:
+        why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.failure else ""
+        click.echo(
+            f"no prognosis: none of {counted(len(course.steps), 'window')} can be used{why}",
+            err=True,
+        )
+        sys.exit(REFUSED)
+    if math.isnan(report.flight_hours) and not record.counts:
+        click.echo(
+            "service hours are unknown, so is the remaining life: the bags hold no usage; give "
+            "--hours-per-cycle",
+            err=True,
+        )
+    scenarios = [scenario_report(*one) for one in course.scenarios]
     if as_json:
         values = as_values(report) | {"tests": course_as_values(course)}
         if scenarios:
@@ -93,8 +92,7 @@ def prognose(
             Console().print(table_of_scenarios(scenarios))
     if output is not None:
         # After the figures: they stand, even if the disk is full.
-        with one_clear_line():
-            save_picture(draw_course(course), output)
+        save_picture(draw_course(course), output)
         if not as_json:
             click.echo(f"{output}")
     if course.now.failure:

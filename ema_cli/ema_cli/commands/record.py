@@ -1,28 +1,17 @@
 """``ema record``: the running system to a bag."""
 
-import sys
 from pathlib import Path
 
 import click
 
-from ema_cli.errors import one_clear_line
-from ema_cli.network_option import network_option
-from ema_cli.processes.bringup import (
-    assignments_of,
-    node_parameters_option,
-    ros_arguments,
-)
-from ema_cli.processes.reach import set_reach
+from ema_cli.options import network_option
+from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, output_option
+from ema_cli.processes.bringup import node_parameters_option
+from ema_cli.processes.reach import run_node
 
 
 @click.command()
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="Bag to write: one file if it ends in .mcap, else a folder; by default a folder named by "
-    "date and time.",
-)
+@output_option(f"{BAG_TO_WRITE}; by default a folder named by date and time", required=False)
 @click.option(
     "--topic",
     "topics",
@@ -30,7 +19,7 @@ from ema_cli.processes.reach import set_reach
     help="Topic to record, full name or relative to /ema; by default all of /ema, /diagnostics and "
     "/clock.",
 )
-@click.option("--replace", "overwrite", is_flag=True, help="Replace an existing bag.")
+@REPLACE_OPTION
 @node_parameters_option
 @network_option
 def record(
@@ -52,11 +41,4 @@ def record(
         "topics": list(topics) or None,
         "overwrite": overwrite or None,
     }
-    with one_clear_line():
-        set_reach(network)
-        arguments = ros_arguments(
-            "recorder", assignments=[*assignments_of(parameters), *assignments]
-        )
-    from ema_bags.recorder_node import main
-
-    sys.exit(main(arguments))
+    run_node("recorder", parameters, assignments, network=network)

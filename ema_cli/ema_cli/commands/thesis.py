@@ -10,16 +10,14 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from ema_cli.errors import one_clear_line
-from ema_cli.executor_options import ExecutorOptions, executor_options
+from ema_cli.executor_options import ExecutorOptions, executor_options, stops_in_a_line
 from ema_cli.show.progress import progress_bar
 from ema_core import __version__
-from ema_core.tasks import ClusterLostError, WorkerLostError
 from ema_core.wording import counted
 from ema_monitor.model.threads import available_cpus
 from ema_study.execution import execute, time_executors
 from ema_study.models import MODELS
-from ema_study.plan import RUNS, Job, plan
+from ema_study.plan import RUNS, plan
 from ema_study.report import write_report
 from ema_study.run import as_frame
 from ema_study.sources import single_fault_runs
@@ -72,23 +70,27 @@ def thesis(
     runs = runs or (QUICK_RUNS if quick else RUNS)
     models = tuple(dict.fromkeys(models))
     jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
-    with one_clear_line(), RunStore(folder) as store:
+    with RunStore(folder) as store:
         missing = store.missing(jobs)
         if done := len(jobs) - len(missing):
             click.echo(f"{folder}: {done} of {len(jobs)} runs are already done")
         started = time.perf_counter()
-        try:
-            _run(missing, store, executor)
+
+        def stopped() -> str:
+            done = f"{len(jobs) - len(store.missing(jobs))} of {len(jobs)} runs"
+            return f"stopped with {done} in {folder}; the same command resumes"
+
+        kept = f"the runs so far are in {folder}, the same command resumes"
+        with stops_in_a_line(stopped, kept):
+            if missing:
+                with executor.open(stopped, kept) as workers, progress_bar() as progress:
+                    task = progress.add_task("study", total=len(missing), state="starting")
+                    for result in execute(missing, workers):
+                        store.add(result)
+                        job, error = result.job, result.error_percent
+                        state = f"{job.model}: {job.algorithm}, {job.case}, run {job.run}"
+                        progress.update(task, advance=1, state=f"{state}: {error:.2f} %")
             timing = _timing(folder, models)
-        except KeyboardInterrupt:
-            done = len(jobs) - len(store.missing(jobs))
-            raise click.ClickException(
-                f"stopped with {done} of {len(jobs)} runs in {folder}; the same command resumes"
-            ) from None
-        except (WorkerLostError, ClusterLostError) as error:
-            raise click.ClickException(
-                f"{error}; the runs so far are in {folder}, the same command resumes"
-            ) from error
         minutes = (time.perf_counter() - started) / 60.0
         click.echo("writing tables, figures and report")
         store.export()
@@ -109,18 +111,6 @@ def thesis(
         )
     _print_summary(frame)
     click.echo(f"{counted(len(missing), 'run')} in {minutes:.1f} min; report: {report}")
-
-
-def _run(jobs: Sequence[Job], store: RunStore, executor: ExecutorOptions) -> None:
-    if not jobs:
-        return
-    with progress_bar() as progress, executor.open() as workers:
-        task = progress.add_task("study", total=len(jobs), state="starting")
-        for result in execute(jobs, workers):
-            store.add(result)
-            job, error = result.job, result.error_percent
-            state = f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {error:.2f} %"
-            progress.update(task, advance=1, state=state)
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:

@@ -7,8 +7,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from ema_cli.errors import UNUSABLE, one_clear_line
-from ema_cli.network_option import network_option
+from ema_cli.options import UNUSABLE, network_option
 from ema_cli.processes.bringup import (
     NODES,
     node_parameters_option,
@@ -67,9 +66,8 @@ def up(
     """
     with (
         deferred_signals(*ENDING) as stop,
-        one_clear_line(),
         TemporaryDirectory(prefix="ema_up_") as folder,
-        Supervisor(_report, "recorder") as processes,
+        Supervisor(lambda line: click.echo(f"ema up: {line}", err=True), "recorder") as processes,
     ):
         set_reach(network)
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
@@ -95,7 +93,3 @@ def up(
             processes.check()
     if processes.failed:
         sys.exit(UNUSABLE)
-
-
-def _report(line: str) -> None:
-    click.echo(f"ema up: {line}", err=True)

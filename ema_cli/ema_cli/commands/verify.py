@@ -4,9 +4,9 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Self
 
 import click
 import numpy as np
@@ -20,7 +20,7 @@ from ema_archive.tables import estimate_from
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry
 from ema_bags.windows import RecordedWindow, find_recorded_windows
-from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.options import REFUSED
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
@@ -49,7 +49,7 @@ class Verified:
 
     actuator_id: str
     window: int | None
-    state: str
+    state: str = CANNOT
     difference: float = 0.0
     reason: str = ""
     bag: str = ""
@@ -61,6 +61,19 @@ class Verified:
         if self.state in (ROUNDED, DIFFERENT) and self.difference:
             words += f", by {self.difference:.2g} at most"
         return f"{words} ({self.reason})" if self.reason else words
+
+    def compared(self, recorded: Any, again: Estimate, by: str = "") -> Self:
+        """Return what becomes of a recorded estimate that was made again, ``by`` what."""
+        if again.verdict != recorded.verdict:
+            words = f"the verdict was {recorded.verdict} and is {again.verdict}"
+            return replace(self, state=DIFFERENT, reason=words)
+        if np.array_equal(recorded.faults, again.faults, equal_nan=True):
+            return replace(self, state=SAME)
+        if np.any(np.isnan(recorded.faults) != np.isnan(again.faults)):
+            return replace(self, state=DIFFERENT, reason="other faults are unobservable")
+        difference = float(np.nanmax(np.abs(np.subtract(recorded.faults, again.faults))))
+        state = ROUNDED if difference <= _ROUNDING else DIFFERENT
+        return replace(self, state=state, reason=by, difference=difference)
 
 
 class _Recorded(NamedTuple):
@@ -124,21 +137,18 @@ def verify(
     altered. Exit code 3: an estimate is different, a history was altered, or nothing can be made
     again.
     """
-    with one_clear_line():
-        known = [load_calibration(file) for file in calibration_files]
-        by_id = {one.calibration_id: one for one in known or [Calibration.builtin()]}
-        if (recorded / ARCHIVE_FILE).exists():
-            found = _of_archive(recorded)
-        elif recorded.suffix == ".sqlite":
-            found = _of_history(recorded, bags, by_id)
-        else:
-            found = _of_bag(Bag(recorded), by_id)
-        with progress_bar() as progress:
-            found = list(progress.track(found, description="making again"))
-        if not found:
-            raise ValueError(
-                f"{recorded} holds no estimates: expected a bag of a monitor's recorder"
-            )
+    known = [load_calibration(file) for file in calibration_files]
+    by_id = {one.calibration_id: one for one in known or [Calibration.builtin()]}
+    if (recorded / ARCHIVE_FILE).exists():
+        found = _of_archive(recorded)
+    elif recorded.suffix == ".sqlite":
+        found = _of_history(recorded, bags, by_id)
+    else:
+        found = _of_bag(Bag(recorded), by_id)
+    with progress_bar() as progress:
+        found = list(progress.track(found, description="making again"))
+    if not found:
+        raise ValueError(f"{recorded} holds no estimates: expected a bag of a monitor's recorder")
     if as_json:
         click.echo(json.dumps([asdict(one) for one in found]))
     else:
@@ -186,38 +196,16 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
             elif again.sha256 != sha256:
                 made, why = {}, "the bag has changed since"
             for row in manifest.estimates_of(task.url):
-                told = _Teller(row["actuator_id"], row["number"], task.url)
+                told = Verified(row["actuator_id"], row["number"], bag=task.url)
                 one = made.get((row["actuator_id"], row["end_ns"]))
                 if one is None:
-                    yield told(CANNOT, why)
+                    yield replace(told, reason=why)
                 elif row["calibration_id"] != one.calibration_id:
-                    yield told(
-                        CANNOT, f"calibration {row['calibration_id']!r} is not there any more"
-                    )
+                    words = f"calibration {row['calibration_id']!r} is not there any more"
+                    yield replace(told, reason=words)
                 else:
                     by = "" if software == estimation_software() else "by other software"
                     yield told.compared(estimate_from(row), one, by)
-
-
-class _Teller(NamedTuple):
-    """Tells what becomes of one estimate."""
-
-    actuator_id: str
-    number: int
-    bag: str = ""
-
-    def __call__(self, state: str, reason: str = "", difference: float = 0.0) -> Verified:
-        return Verified(self.actuator_id, self.number, state, difference, reason, self.bag)
-
-    def compared(self, recorded: Any, again: Estimate, by: str = "") -> Verified:
-        if again.verdict != recorded.verdict:
-            return self(DIFFERENT, f"the verdict was {recorded.verdict} and is {again.verdict}")
-        if np.array_equal(recorded.faults, again.faults, equal_nan=True):
-            return self(SAME)
-        if np.any(np.isnan(recorded.faults) != np.isnan(again.faults)):
-            return self(DIFFERENT, "other faults are unobservable")
-        difference = float(np.nanmax(np.abs(np.subtract(recorded.faults, again.faults))))
-        return self(ROUNDED if difference <= _ROUNDING else DIFFERENT, by, difference)
 
 
 def _windows(bag: Bag, actuator_id: str) -> dict[tuple[int, int], RecordedWindow]:
@@ -235,21 +223,22 @@ def _made_again(
     """Make estimates of an actuator again in their order, each from its window."""
     previous: _Recorded | None = None
     for one in tests:
-        told, before = _Teller(actuator_id, one.number), previous
+        told, before = Verified(actuator_id, one.number), previous
         previous = one if one.verdict in ("valid", "degraded") else previous
         window = windows.get((one.start_ns, one.end_ns))
         calibration = calibrations.get(one.calibration_id)
         is_there = before is not None and before.calibration_id == one.calibration_id
         if one.stretches:
-            yield told(CANNOT, "it combines stretches of ordinary motion")
+            yield replace(told, reason="it combines stretches of ordinary motion")
         elif one.verdict == SKIPPED:
-            yield told(CANNOT, "its window was cut off, or dropped")
+            yield replace(told, reason="its window was cut off, or dropped")
         elif window is None:
-            yield told(CANNOT, "its window is in no bag that was given")
+            yield replace(told, reason="its window is in no bag that was given")
         elif calibration is None:
-            yield told(CANNOT, f"calibration {one.calibration_id or 'unknown'} is not given")
+            words = f"calibration {one.calibration_id or 'unknown'} is not given"
+            yield replace(told, reason=words)
         elif one.warm_start and not is_there:
-            yield told(CANNOT, "its search began at an estimate that is not there")
+            yield replace(told, reason="its search began at an estimate that is not there")
         else:
             start = np.array(before.faults) if one.warm_start and before is not None else None
             description = window.description

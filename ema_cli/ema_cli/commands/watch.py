@@ -4,6 +4,7 @@ import os
 import re
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any, Final
 
 import click
@@ -13,14 +14,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.validate_namespace import validate_namespace
 from rosgraph_msgs.msg import Clock
 
-from ema_cli.completion import Completion
-from ema_cli.errors import one_clear_line
-from ema_cli.fleet import HeardFleet, Row
-from ema_cli.network_option import network_option
+from ema_cli.fleet import FleetTable, HeardFleet, Row
+from ema_cli.options import network_option
 from ema_cli.processes.listener import Listener
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
-from ema_cli.show.fleet_table import FleetTable
 from ema_interfaces.msg import FaultEstimate, Health, PlaybackState
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
@@ -36,6 +34,7 @@ _DIAGNOSTICS: Final = "/diagnostics"
 _CLOCK: Final = "/clock"
 _BEST_EFFORT: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _MONITOR: Final = re.compile(r"monitor(_\d+)?")
+_COUNTS: Final = ("blocks", "windows", "estimates valid", "estimates invalid")
 _REFRESH_S: Final = 0.25
 _DISCOVERY_S: Final = 3.0
 
@@ -60,38 +59,34 @@ def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> Non
     On a terminal it is a table that is renewed; else there is a line for each change. An actuator
     whose monitor is silent is STALE. ROS_DOMAIN_ID says in which domain to listen.
     """
-    with one_clear_line():
-        set_reach(network)
-        places = list(dict.fromkeys(_normalised(namespace) for namespace in namespaces))
-    hearing = _Hearing(places)
+    set_reach(network)
+    places = list(dict.fromkeys(_normalised(namespace) for namespace in namespaces))
     with (
         deferred_signals(*ENDING) as stop,
         FleetTable(f"on {', '.join(places)} in {_domain()}") as table,
-        Listener("watch", hearing.topics, hearing.take) as listener,
+        _Hearing(places) as hearing,
     ):
         began_s = time.monotonic()
         player_seen = False
         while not stop and not (until_played and hearing.completion.is_complete):
             if until_played:
-                is_there = any(listener.sees("player", place) for place in places)
+                is_there = any(hearing.sees("player", place) for place in places)
                 if player_seen and not is_there:
                     hearing.completion.end()
                 player_seen |= is_there
             rows = hearing.rows()
             waits = time.monotonic() - began_s < _DISCOVERY_S
-            table.show(rows, "" if rows or waits else _nothing_heard(places, listener))
+            table.show(rows, "" if rows or waits else _nothing_heard(places, hearing))
             hearing.changed.wait(_REFRESH_S)
             hearing.changed.clear()
         table.show(hearing.rows(), "")
 
 
-class _Hearing:
-    """What is heard on some namespaces.
+class _Hearing(Listener):
+    """What is heard on some namespaces; to be used under ``with``.
 
     Attributes
     ----------
-    topics
-        What to listen to.
     changed
         Set when there is something new.
     completion
@@ -99,28 +94,29 @@ class _Hearing:
     """
 
     def __init__(self, places: list[str]) -> None:
-        self.topics: dict[str, tuple[type, QoSProfile]] = {
+        topics: dict[str, tuple[type, QoSProfile]] = {
             _DIAGNOSTICS: (DiagnosticArray, STREAM),
             _CLOCK: (Clock, _BEST_EFFORT),
         }
         self._places: dict[str, str] = {}
         self.completion = Completion()
         for place in places:
-            self.topics[f"{place.rstrip('/')}/{PLAYBACK_STATE}"] = PlaybackState, LATCHED_BY_MANY
+            topics[f"{place.rstrip('/')}/{PLAYBACK_STATE}"] = PlaybackState, LATCHED_BY_MANY
             for name, kind, qos in (
                 (HEALTH, Health, LATCHED_BY_MANY),
                 (FAULT_ESTIMATE, FaultEstimate, STREAM),
             ):
                 topic = f"{place.rstrip('/')}/{name}"
-                self.topics[topic] = kind, qos
+                topics[topic] = kind, qos
                 self._places[topic] = place
         self.changed = threading.Event()
         self._lock = threading.Lock()
         self._fleet = HeardFleet()
         self._simulated_ns: int | None = None
+        super().__init__("watch", topics, self._note)
 
-    def take(self, topic: str, message: Any) -> None:
-        """Take in a message."""
+    def _note(self, topic: str, message: Any) -> None:
+        """Note a message."""
         now_s = time.monotonic()
         with self._lock:
             if topic == _CLOCK:
@@ -145,11 +141,13 @@ class _Hearing:
     def _note_counts(self, message: DiagnosticArray) -> None:
         """Note how many windows the monitor whose report this is has identified."""
         places = set(self._places.values())
-        telemetry = {
-            status.name: {pair.key: pair.value for pair in status.values}
-            for status in message.status
-            if _place_of_monitor(status.name) in places and status.name.endswith(" telemetry")
-        }
+        telemetry = {}
+        for status in message.status:
+            # Where monitors share the actuators they are ``monitor_0`` and on.
+            place, _, name = status.name.partition(": ")[0].rpartition("/")
+            is_there = _MONITOR.fullmatch(name) and (place or "/") in places
+            if is_there and status.name.endswith(" telemetry"):
+                telemetry[status.name] = {pair.key: pair.value for pair in status.values}
         if telemetry:
             self.completion.add_report(telemetry)
 
@@ -158,15 +156,6 @@ class _Hearing:
         with self._lock:
             clock_ns = time.time_ns() if self._simulated_ns is None else self._simulated_ns
             return self._fleet.rows(time.monotonic(), clock_ns)
-
-
-def _place_of_monitor(status_name: str) -> str | None:
-    """Return the namespace of the monitor that a status is of; None when it is of none.
-
-    Where monitors share the actuators they are ``monitor_0`` and on.
-    """
-    place, _, name = status_name.partition(": ")[0].rpartition("/")
-    return (place or "/") if _MONITOR.fullmatch(name) else None
 
 
 def _normalised(namespace: str) -> str:
@@ -202,3 +191,46 @@ def _nothing_heard(places: list[str], listener: Listener) -> str:
         f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another, "
         "--network listens to other machines"
     )
+
+
+class Completion:
+    """Whether a player has ended, and the monitor has identified what it played.
+
+    Reports come once a second and on change, of one monitor or of several that share the actuators:
+    two of the same counts in a row after the end, with an estimate for each window, say of each
+    actuator that nothing is on its way.
+
+    Attributes
+    ----------
+    is_complete
+        Whether that is so.
+    """
+
+    def __init__(self) -> None:
+        self.is_complete = False
+        self._has_ended = False
+        self._last: dict[str, tuple[str, ...]] = {}
+        # Actuators that were reported, and those of them of which nothing is on its way.
+        self._known: set[str] = set()
+        self._settled: set[str] = set()
+
+    def end(self) -> None:
+        """Record that the player has ended."""
+        if not self._has_ended:
+            self._has_ended = True
+            self._last.clear()
+
+    def add_report(self, telemetry: Mapping[str, Mapping[str, str]]) -> None:
+        """Add a report of a monitor."""
+        self._known.update(telemetry)
+        if not self._has_ended or not telemetry:
+            return
+        for name, values in telemetry.items():
+            counts = tuple(values.get(key, "") for key in _COUNTS)
+            is_still, self._last[name] = counts == self._last.get(name), counts
+            _, windows, valid, invalid = counts
+            if is_still and int(windows) == int(valid) + int(invalid):
+                self._settled.add(name)
+            else:
+                self._settled.discard(name)
+        self.is_complete |= self._settled >= self._known

@@ -3,22 +3,19 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import click
 from matplotlib import rc_context
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
+from ema_cli.output import output_option
 from ema_cli.parameters import Command
 from ema_core.files import complete_file
 
 
 def picture_option(default: str = "") -> Callable[[Command], Command]:
     """Return the option ``output``, a picture; ``default`` describes its place by default."""
-    return click.option(
-        "-o",
-        "--output",
-        type=click.Path(path_type=Path, dir_okay=False),
-        help=f"Picture to write (.png, .svg, .pdf){default}.",
+    return output_option(
+        f"Picture to write (.png, .svg, .pdf){default}", required=False, dir_okay=False
     )
 
 

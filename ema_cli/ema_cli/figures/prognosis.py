@@ -67,9 +67,15 @@ def draw_course(course: Course) -> Figure:
     )
     heights = [2.4] + [1.7] * (len(shown) + bool(performance))
     figure, panels = stacked_panels(heights, 1.15)
-    end = _last_hour(course, place)
+    # Behind the likely end of life, if that is not far away.
+    first, newest = np.nanmin(place), float(np.nanmax(place))
+    end = newest + hours_ahead(last.rul, newest - float(first))
     _draw_lives(panels[0], course, place, true_remaining_life(course))
-    fan = _fan(course, end) if in_hours else None
+    fan, tracker = None, course.growth.tracker
+    # From the tracker's own hours: those of the last test may be refused.
+    if in_hours and tracker.updates and (ahead := end - tracker.hours) > 0.0:
+        times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
+        fan = tracker.fan(times, _FAN_LEVELS, last.future)
     for axes, i in zip(panels[1:], shown, strict=False):
         _draw_fault(axes, course, place, truth, i, fan)
     if performance:
@@ -79,17 +85,15 @@ def draw_course(course: Course) -> Figure:
     panels[-1].set_xlabel(
         "service hours [h]" if in_hours else "test cycle (no service hours known)"
     )
-    panels[-1].set_xlim(min(place[np.isfinite(place)].min(), end), end)
-    panels[0].set_title(_title(course), loc="left", fontsize="medium")
+    panels[-1].set_xlim(min(first, end), end)
+    unit = course.record.description
+    name = f"{unit.actuator_id} ({unit.serial_number})"
+    title = f"{name}, {counted(len(course.outlooks), 'valid test')}"
+    title += f"\n{fill(removal_in_words(course.now), _TITLE_WIDTH)}"
+    panels[0].set_title(title, loc="left", fontsize="medium")
     figure.align_ylabels(panels)
     draw_legend(figure, panels, _BANDS)
     return figure
-
-
-def _title(course: Course) -> str:
-    unit, tests = course.record.description, counted(len(course.outlooks), "valid test")
-    name = f"{unit.actuator_id} ({unit.serial_number}), {tests}"
-    return f"{name}\n{fill(removal_in_words(course.now), _TITLE_WIDTH)}"
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
@@ -103,23 +107,6 @@ def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
     moved = np.abs(truth[:, i] - FAULTS[i].healthy) > _MOVES * limit
     warns = _of(last.health.faults, name).level in (WARN, ERROR)
     return bool(name == worst or ends_life or warns or moved.any())
-
-
-def _last_hour(course: Course, place: NDArray[np.float64]) -> float:
-    """Return where the axis ends: behind the likely end of life, if that is not far away."""
-    known = place[np.isfinite(place)]
-    life = course.outlooks[-1].rul
-    return float(known.max()) + hours_ahead(life, float(known.max() - known.min()))
-
-
-def _fan(course: Course, end: float) -> Fan | None:
-    tracker = course.growth.tracker
-    # From the tracker's own hours: those of the last test may be refused.
-    ahead = end - tracker.hours
-    if not tracker.updates or not ahead > 0.0:
-        return None
-    times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
-    return tracker.fan(times, _FAN_LEVELS, course.outlooks[-1].future)
 
 
 def _draw_lives(
@@ -137,8 +124,9 @@ def _draw_lives(
         )
         cone.set_label(_CONE_NAME)
         axes.plot(place, truth, **TRUTH)
-    # Early bands may reach to infinity, and would hide all else.
-    top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else 1.5 * median[known])])
+    # Early bands may reach to infinity, and the first medians are the prior's: both hide the rest.
+    high_median = np.quantile(median[known], 0.9) if known.any() else 0.0
+    top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else [1.5 * high_median])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
     if known.any():
         band = axes.fill_between(
@@ -181,7 +169,8 @@ def _draw_fault(
     for end in ends:
         axes.axhline(end, **LIMIT)
     nearest = min(ends, key=lambda end: abs(end - tracked[-1]))
-    _mark_life(axes, last.hours, last.lives[fault.name], nearest)
+    crossed = _crossing(place, np.array(tracked), nearest, last.hours)
+    _mark_life(axes, last.hours, last.lives[fault.name], nearest, crossed)
     least, most = min(*value, *tracked, *ends), max(*value, *tracked, *ends)
     least = min(least, fault.healthy)
     axes.set_ylim(least - 0.06 * (most - least), most + 0.12 * (most - least))
@@ -204,16 +193,30 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
         va="top" if name in BELOW else "bottom",
         fontsize="small",
     )
-    _mark_life(axes, last.hours, last.lives[name], limit)
+    crossed = _crossing(place, value, limit, last.hours)
+    _mark_life(axes, last.hours, last.lives[name], limit, crossed)
     axes.margins(y=0.15)
     axes.set_ylabel(label_of(name) + (f"\n[{unit}]" if unit else ""))
 
 
-def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float) -> None:
-    """Draw when a limit is reached, 5 % to 95 %, on the limit."""
+def _crossing(
+    place: NDArray[np.float64], value: NDArray[np.float64], level: float, now: float
+) -> float:
+    """Return where values crossed a level last, between two tests; now where they did not."""
+    left = (level - value) * np.sign(level - value[0])
+    before = np.flatnonzero(left > 0.0)
+    if not before.size or (k := before[-1]) + 1 == left.size:
+        return now
+    return float(np.interp(0.0, [left[k + 1], left[k]], [place[k + 1], place[k]]))
+
+
+def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float, crossed: float) -> None:
+    """Draw when a limit is reached, 5 % to 95 %, on the limit; when it was, if it has been."""
     if not life.known:
         return
     ends = now + np.array([life.hours_05, life.hours_50, life.hours_95])
+    if life.hours_95 <= 0.0:
+        ends[:] = crossed
     axes.plot(ends[[0, 2]], [level, level], "-", color=INK, lw=3.0, solid_capstyle="butt", zorder=5)
     axes.plot(ends[1], level, "D", color=INK, ms=5, label="end of life, 5 / 50 / 95 %", zorder=6)
 

@@ -16,30 +16,25 @@ from ament_index_python.packages import (
 from ema_ros import topics
 from ema_ros.managed_node import ManagedNode
 
+MODULES: Final = {
+    "actuator": "ema_sim.actuator_node",
+    "bridge": "ema_bags.inputs.bridge_node",
+    "monitor": "ema_monitor.node.monitor_node",
+    "recorder": "ema_bags.recorder_node",
+    "player": "ema_bags.player_node",
+    "dashboard": "ema_dashboard.dashboard_node",
+}
+"""Module of each node."""
+
 NODES: Final = {
-    "actuator": ("ema_sim", "actuator_node"),
-    "bridge": ("ema_bags", "bridge_node"),
-    "monitor": ("ema_monitor", "monitor_node"),
-    "recorder": ("ema_bags", "recorder_node"),
-    "player": ("ema_bags", "player_node"),
-    "dashboard": ("ema_dashboard", "dashboard_node"),
+    name: (module.partition(".")[0], f"{name}_node") for name, module in MODULES.items()
 }
 """Package and executable of each node, as for ``ros2 run``."""
-
-_CLASSES: Final = {
-    "actuator": ("ema_sim.actuator_node", "ActuatorNode"),
-    "bridge": ("ema_bags.inputs.bridge_node", "BridgeNode"),
-    "monitor": ("ema_monitor.node.monitor_node", "MonitorNode"),
-    "recorder": ("ema_bags.recorder_node", "RecorderNode"),
-    "player": ("ema_bags.player_node", "PlayerNode"),
-    "dashboard": ("ema_dashboard.dashboard_node", "DashboardNode"),
-}
 
 
 def node_class(node: str) -> Callable[..., ManagedNode]:
     """Return the class of one of ``NODES``; its module is imported now."""
-    module, name = _CLASSES[node]
-    return getattr(import_module(module), name)
+    return getattr(import_module(MODULES[node]), f"{node.title()}Node")
 
 
 def parameter_file(name: str) -> Path:

@@ -1,12 +1,13 @@
 """What a demo does: its domain, its folder, its nodes, its end."""
 
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from shutil import which
-from typing import Final
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -38,7 +39,8 @@ def run_demo(
 ) -> None:
     """Run the demo until its end or until it is asked to stop."""
     set_reach(network)
-    _choose_domain()
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
     files = [parameter_file("simulated"), parameter_file("demo")]
     commands = {
         node: [str(program(node)), *ros_arguments(node, parameter_files=files)] for node in _NODES
@@ -46,7 +48,10 @@ def run_demo(
     _refuse_if_occupied(stop)
     if stop:
         return
-    folder = _make_folder(output)
+    folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
+    if folder.exists() and any(folder.iterdir()):
+        raise ValueError(f"{folder} is there already and not empty")
+    folder.mkdir(parents=True, exist_ok=True)
     bag, picture = folder / "bag", folder / "history.png"
     for node, name, path in (
         ("recorder", "output", bag),
@@ -54,7 +59,13 @@ def run_demo(
     ):
         commands[node] += ["-p", *assignments_of({name: str(path)})]
     with LiveTable(SHOWN) as table, Supervisor(table.report, "recorder") as processes:
-        _announce(table.report, folder)
+        names = [name for name in ("ROS_DOMAIN_ID", RANGE) if name in os.environ]
+        environment = " ".join(f"{name}={os.environ[name]}" for name in names)
+        look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
+        table.report(
+            f"simulator, monitor, dashboard and recorder start; their logs are in {folder}"
+        )
+        table.report(f"to watch from another shell: {environment} {look_on}")
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command, folder / f"{node}.log")
@@ -65,16 +76,14 @@ def run_demo(
             processes.stop_all()
             table.show(observer.diagnoses(), "finished", final=True)
         if processes.failed:
-            raise ValueError(_failure(processes.failed[0], folder))
+            node = processes.failed[0]
+            log = folder / f"{node}.log"
+            lines = filter(str.strip, reversed(log.read_text(errors="replace").split("\n")))
+            raise ValueError(f"{node} failed: {next(lines, 'it wrote nothing')}; see {log}")
     if stop:
         click.echo(f"interrupted; bag {bag}" if bag.exists() else "interrupted")
         return
     _conclude(bag, picture, folder)
-
-
-def _choose_domain() -> None:
-    if "ROS_DOMAIN_ID" not in os.environ:
-        os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
 
 
 def _refuse_if_occupied(stop: StopRequest) -> None:
@@ -95,36 +104,41 @@ class Technician:
     def __init__(self) -> None:
         demo = load_yaml(parameter_file("demo"))["/**/actuator"]["ros__parameters"]
         self._growth = demo["growth"]
-        self._waits = False
+        self._due = 0.0  # the window from which on a failure is repaired
+        self._answer: Any = None
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
         """Repair after a failure that was not seen before; return what was done, in words."""
         last = next((one for one in reversed(diagnoses) if one.level in (OK, WARN, ERROR)), None)
-        if last is None or last.level != ERROR or self._waits:
-            self._waits = self._waits and last is not None and last.level == ERROR
+        if last is None:
             return ""
-        self._waits = True
-        observer.begin_life(self._growth)
+        answer = self._answer
+        if answer and (answer.done() or answer.cancelled()):
+            self._answer = None
+            if refusal := _refusal(answer):
+                self._due = last.window + 1  # the next test that shows the failure asks again
+                return f"the actuator refused the repair: {refusal}"
+        if last.level != ERROR:
+            self._due = 0.0
+        if last.level != ERROR or last.window < self._due:
+            return ""
+        self._due = math.inf
+        self._answer = observer.begin_life(self._growth)
         return (
             f"failed in cycle {last.cycle}: {last.cause}; a technician removes and repairs the "
             "unit, and its wear begins again"
         )
 
 
-def _make_folder(output: Path | None) -> Path:
-    folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
-    if folder.exists() and any(folder.iterdir()):
-        raise ValueError(f"{folder} is there already and not empty")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def _announce(report: Callable[[str], None], folder: Path) -> None:
-    names = ("ROS_DOMAIN_ID", RANGE)
-    environment = " ".join(f"{name}={os.environ[name]}" for name in names if name in os.environ)
-    report(f"simulator, monitor, dashboard and recorder start; their logs are in {folder}")
-    look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
-    report(f"to watch from another shell: {environment} {look_on}")
+def _refusal(answer: Any) -> str:
+    """Return why a repair was not done; empty if it was."""
+    try:
+        response = answer.result()
+    except Exception as error:
+        return f"the call failed: {error!r}"
+    if response is None:
+        return "the call was cancelled"
+    return "" if response.success else response.message or "no reason given"
 
 
 def _watch(
@@ -179,13 +193,6 @@ def _await(
     while time.monotonic() < deadline and not (stop or processes.failed or is_reached()):
         time.sleep(POLL_S)
         processes.check()
-
-
-def _failure(node: str, folder: Path) -> str:
-    log = folder / f"{node}.log"
-    lines = log.read_text(errors="replace").split("\n")
-    last = next((line for line in reversed(lines) if line.strip()), "it wrote nothing")
-    return f"{node} failed: {last}; see {log}"
 
 
 def _conclude(bag: Path, picture: Path, folder: Path) -> None:

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import rclpy
 from rclpy.context import Context
@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from ema_bags.message_type import type_name
+from ema_ros.topics import NAMESPACE
 
 
 class Listener:
@@ -29,7 +30,7 @@ class Listener:
         self._take = take
         self._ending = threading.Event()
 
-    def __enter__(self) -> "Listener":
+    def __enter__(self) -> Self:
         self._context = Context()
         rclpy.init(
             args=["--ros-args", "--enclave", f"/{self._name}/{self._name}"],
@@ -49,7 +50,7 @@ class Listener:
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def sees(self, node_name: str, namespace: str) -> bool:
+    def sees(self, node_name: str, namespace: str = NAMESPACE) -> bool:
         """Return whether a node is in the graph."""
         return node_name in self.nodes_in(namespace)
 
@@ -67,9 +68,9 @@ class Listener:
             if wanted in types and self._node.count_publishers(topic)
         )
 
-    def call(self, service_class: type, name: str, request: Any) -> None:
-        """Call a service and do not wait for the answer."""
-        self._node.create_client(service_class, name).call_async(request)
+    def call(self, service_class: type, name: str, request: Any) -> Any:
+        """Call a service and return what will have the answer."""
+        return self._node.create_client(service_class, name).call_async(request)
 
     def _spin(self) -> None:
         executor = SingleThreadedExecutor(context=self._context)

@@ -39,7 +39,7 @@ _TOPICS: Final = {
 }
 
 
-class Observer:
+class Observer(Listener):
     """Takes in what is true and what is found, in a thread of its own; to be used under ``with``.
 
     Attributes
@@ -49,22 +49,11 @@ class Observer:
     """
 
     def __init__(self, name: str) -> None:
-        self._listener = Listener(name, _TOPICS, self._take)
+        super().__init__(name, _TOPICS, self._note)
         self._history = DiagnosisLog()
         self._telemetry_ns = 0
         self.dashboard_address = ""
         self._lock = threading.Lock()
-
-    def __enter__(self) -> "Observer":
-        self._listener.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._listener.__exit__(*error)
-
-    def sees(self, node_name: str) -> bool:
-        """Return whether a node of the health monitor is in the graph."""
-        return self._listener.sees(node_name, NAMESPACE)
 
     def diagnoses(self) -> list[DiagnosedWindow]:
         """Return the diagnoses so far."""
@@ -93,28 +82,25 @@ class Observer:
         """Return whether there is a diagnosis of a test cycle."""
         return any(one.cycle == cycle for one in self.diagnoses())
 
-    def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> None:
-        """Have the actuator be healthy and wear again, from the next test cycle on.
+    def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> Any:
+        """Ask the actuator to be healthy and wear again, from the next test cycle on.
 
-        ``growth`` has the parameters of growth by fault.
+        ``growth`` has the parameters of growth by fault. Returns what will have the answer.
         """
         request = SetSimulatedFaults.Request(
             faults=faults_to_message(healthy_faults()),
             growth=[FaultGrowth(fault=name, **law) for name, law in growth.items()],
         )
-        self._listener.call(SetSimulatedFaults, _SET_FAULTS, request)
+        return self.call(SetSimulatedFaults, _SET_FAULTS, request)
 
-    def _take(self, topic: str, message: Any) -> None:
+    def _note(self, topic: str, message: Any) -> None:
         with self._lock:
             if topic == _STATUS:
-                self._take_status(message)
+                for status in message.status:
+                    if status.name == f"{NAMESPACE}/dashboard: dashboard":
+                        values = {item.key: item.value for item in status.values}
+                        self.dashboard_address = values["address"]
             elif topic == _TELEMETRY:
                 self._telemetry_ns = stamp_from_message(message.header.stamp)
             else:
                 self._history.add(type_name(type(message)), message, time.time_ns())
-
-    def _take_status(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name == f"{NAMESPACE}/dashboard: dashboard":
-                values = {item.key: item.value for item in status.values}
-                self.dashboard_address = values["address"]

@@ -7,13 +7,15 @@ are left out, and a profile of Fast DDS keeps it to loopback and shared memory.
 """
 
 import os
-from collections.abc import MutableMapping
+import sys
+from collections.abc import Mapping, MutableMapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NoReturn
 
 import click
 
-from ema_cli.processes.bringup import localhost_profile
+from ema_cli.processes.bringup import MODULES, assignments_of, localhost_profile, ros_arguments
 
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -25,9 +27,9 @@ _OWN_PROFILE: Final = 'profile_name="quick_discovery"'
 
 
 def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set how far nodes are heard that this process and its children make from now on.
+    """Open the nodes of this process and its children to the network, or close them to it.
 
-    What the environment asks for and is not done is told on stderr.
+    Settings of the environment that are not followed are reported on stderr.
     """
     if network:
         keeping = [name for name in (RANGE,) if environment.get(name) in _NEAR]
@@ -50,6 +52,15 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
         environment[RANGE] = "LOCALHOST"
     if _is_own(environment.get(PROFILE)):
         environment[PROFILE] = str(localhost_profile())
+
+
+def run_node(
+    node: str, parameters: Mapping[str, Any], assignments: Sequence[str], *, network: bool
+) -> NoReturn:
+    """Run a node in this process, which ends with it: ``assignments`` override ``parameters``."""
+    set_reach(network)
+    arguments = ros_arguments(node, assignments=[*assignments_of(parameters), *assignments])
+    sys.exit(import_module(MODULES[node]).main(arguments))
 
 
 def _is_own(profile: str | None) -> bool:

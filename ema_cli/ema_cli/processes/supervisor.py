@@ -6,6 +6,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -71,7 +72,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 stdout=output,
                 stderr=subprocess.STDOUT if output else None,
                 start_new_session=True,
-                preexec_fn=self._end_with_the_supervisor,
+                preexec_fn=partial(self._prctl, _PR_SET_PDEATHSIG, int(signal.SIGTERM)),
             )
         finally:
             if output:
@@ -88,7 +89,10 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 self._report(f"{name} has ended")
                 continue
             self.failed.append(name)
-            how = f"was ended by {_signal_name(-code)}" if code < 0 else f"failed, exit code {code}"
+            how = f"failed, exit code {code}"
+            if code < 0:
+                known = -code in set(signal.Signals)
+                how = f"was ended by {signal.Signals(-code).name if known else f'signal {-code}'}"
             self._report(f"{name} {how}")
 
     def stop(self, name: str) -> None:
@@ -124,19 +128,9 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
         with suppress(OSError):
             self._output(line)
 
-    def _end_with_the_supervisor(self) -> None:
-        self._prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
-
 
 def _wait(children: Iterable["subprocess.Popen[bytes]"], longest_s: float) -> None:
     deadline = time.monotonic() + longest_s
     for child in children:
         with suppress(subprocess.TimeoutExpired):
             child.wait(max(0.0, deadline - time.monotonic()))
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"

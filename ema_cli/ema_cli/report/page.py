@@ -1,8 +1,10 @@
 """Reports as one page that needs nothing beside it: of a unit, or of the fleet of an archive."""
 
 import hashlib
+import io
 import math
 import platform
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -10,34 +12,54 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
+from xml.sax.saxutils import escape
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from ema_archive.fleet import FleetSummary
-from ema_cli.bags.unit_course import Course
-from ema_cli.bags.unit_record import find_bags
+from ema_cli.bags.unit_course import Course, find_bags
 from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.prognosis import draw_course
-from ema_cli.figures.survival import draw_survival
-from ema_cli.figures.svg import inline_svg
-from ema_cli.report.evidence import confusions, hidden_causes, limited, moment, tests_of
-from ema_cli.report.verdict import UnitVerdict
-from ema_cli.show.levels import SHAPES
+from ema_cli.report.verdict import UnitVerdict, confusions, hidden_causes, limited, moment, tests_of
+from ema_cli.show.terminal import SHAPES
 from ema_core import __version__
 from ema_core.faults import FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
 from ema_monitor.current_balance.unit import UnknownDriveUnit
+from ema_monitor.plot.style import BLUE, INK, stacked_panels, tidy
 from ema_monitor.prognosis.sentences import label_of
 
 _PACKAGES: Final = ("numpy", "numba", "mcap", "rosbags", "pyyaml", "matplotlib", "jinja2")
+_SETTINGS: Final[dict[Any, Any]] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "ema",
+    # Half a dot of a screen: a window of 5,000 samples has ten of them on each.
+    "path.simplify_threshold": 0.5,
+}
+_DECIMALS: Final = 1
+"""A figure is 756 points wide, so that a tenth of one is not seen."""
+
+_NUMBER: Final = re.compile(r"-?\d+\.\d+")
+_PATH: Final = re.compile(r'(?<= d=")[^"]+')
+_PLACE: Final = re.compile(r'(?<= (?:x|y)=")-?\d+\.\d+|(?<=translate\()[^)]+')
+_FONT: Final = re.compile(r"(font(?:-family)?: [^;\"]*?)'[^;\"]*sans-serif")
+# It would hold for all of the page.
+_STYLE: Final = re.compile(r"<defs><style[^>]*>.*?</style></defs>", re.DOTALL)
+_NAME: Final = re.compile(r'( id="|href="#|url\(#)')
+# Black is that of words and frames.
+_INKS: Final = re.compile(rf"#000000|{INK}", re.IGNORECASE)
 
 
 def report_page(paths: Sequence[Path], course: Course, verdict: UnitVerdict, command: str) -> str:
     """Return a report as HTML that refers to nothing outside of itself."""
     outlooks, unit = course.outlooks, course.record.description
     faults, requirements, unknown = limited(outlooks[-1]) if outlooks else ([], [], "")
+    calibration = course.calibration
+    missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
     return _page(
         "report.html.j2",
         command,
@@ -54,7 +76,14 @@ def report_page(paths: Sequence[Path], course: Course, verdict: UnitVerdict, com
         remarks=course.record.remarks,
         pictures=list(_pictures(course)),
         files=list(_files_read(paths, course)),
-        calibration=_calibration_of(course),
+        calibration={
+            "identity": calibration.calibration_id,
+            "from": course.given.calibration_source,
+            "unit": f"{calibration.actuator_id} ({calibration.serial_number})",
+            "healthy windows": str(calibration.windows),
+            "residual of a healthy window": calibration.residual_in_words,
+            "not learned of the unit": missed or "nothing",
+        },
         search=course.given.search,
         parameters=fields(unit.parameters),
     )
@@ -87,9 +116,15 @@ def _page(name: str, command: str, **content: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"figure": _figure}
+    versions = {"ema": __version__, "Python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed as a package"
     return environment.get_template(name).render(
         shapes={LEVEL_NAMES[level]: shape for level, shape in SHAPES.items()},
-        versions=_versions(),
+        versions=versions,
         command=command,
         made=f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
         **content,
@@ -168,26 +203,51 @@ def _file(path: Path, role: str) -> tuple[str, str, int, str]:
     return str(path), role, path.stat().st_size, digest
 
 
-def _calibration_of(course: Course) -> dict[str, str]:
-    """Return what identifies the calibration, by what it is."""
-    one = course.calibration
-    missed = ", ".join(name.replace("_", " ") for name in one.not_learned)
-    return {
-        "identity": one.calibration_id,
-        "from": course.given.calibration_source,
-        "unit": f"{one.actuator_id} ({one.serial_number})",
-        "healthy windows": str(one.windows),
-        "residual of a healthy window": one.residual_in_words,
-        "not learned of the unit": missed or "nothing",
-    }
+def draw_survival(fleet: FleetSummary) -> Figure:
+    """Return the curve of a fleet with its 90 % interval."""
+    figure, [axes] = stacked_panels([1.0], 3.2)
+    steps = [{"age": 0.0, "share": 1.0, "lower": 1.0, "upper": 1.0}, *fleet.survival]
+    if fleet.longest_age > steps[-1]["age"]:
+        steps.append({**steps[-1], "age": fleet.longest_age})
+    ages = [step["age"] for step in steps]
+    low, high = (
+        [math.nan if step[name] is None else step[name] for step in steps]
+        for name in ("lower", "upper")
+    )
+    axes.fill_between(ages, low, high, step="post", color=BLUE, alpha=0.2, lw=0, label="90 %")
+    axes.step(ages, [step["share"] for step in steps], where="post", color=BLUE, label="share")
+    axes.set_ylim(0.0, 1.02)
+    axes.set_xlim(0.0, max(fleet.longest_age, 1.0))
+    axes.set_xlabel("service hours since new or repaired [h]")
+    axes.set_ylabel("share without failure")
+    axes.legend(loc="lower left", frameon=False)
+    tidy(axes)
+    return figure
 
 
-def _versions() -> dict[str, str]:
-    """Return the versions of what made the report, by name."""
-    found = {"ema": __version__, "Python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed as a package"
-    return found
+def inline_svg(figure: Figure, name: str, title: str, description: str) -> str:
+    """Return a figure as an ``svg`` element that needs nothing beside it."""
+    file = io.StringIO()
+    with rc_context(_SETTINGS):
+        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+    text = file.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = _PATH.sub(lambda found: _rounded(found[0].replace("\n", "")), text)
+    text = _PLACE.sub(lambda found: _rounded(found[0]), text)
+    text = _FONT.sub(r"\1sans-serif", text)
+    text = _INKS.sub("currentColor", text)
+    text = _NAME.sub(rf"\g<1>{name}-", text.replace("xlink:href", "href"))
+    text = _STYLE.sub("", re.sub(r">\s+<", "><", text)).strip()
+    width, height = (round(72.0 * inches) for inches in figure.get_size_inches())
+    told = (
+        f'<svg viewBox="0 0 {width} {height}" fill="currentColor" stroke-linejoin="round" '
+        f'role="img" aria-labelledby="{name}-title {name}-description">'
+        f'<title id="{name}-title">{escape(title)}</title>'
+        f'<desc id="{name}-description">{escape(description)}</desc>'
+    )
+    return re.sub(r"<svg[^>]*>", lambda _: told, text, count=1)
+
+
+def _rounded(numbers: str) -> str:
+    return _NUMBER.sub(lambda found: f"{round(float(found[0]), _DECIMALS):g}", numbers)

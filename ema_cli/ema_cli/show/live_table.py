@@ -6,14 +6,12 @@ from typing import Final
 
 import click
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ema_cli.bags.diagnoses import DiagnosedWindow
-from ema_cli.show.levels import COLOURS
-from ema_cli.show.terminal_display import TerminalDisplay
+from ema_cli.show.terminal import COLOURS, TerminalDisplay
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import LEVEL_NAMES
 
@@ -40,7 +38,7 @@ class LiveTable(TerminalDisplay):
     ) -> None:
         """Show the diagnoses so far."""
         if self._console.is_terminal:
-            self._live.update(self._table(diagnoses, state), refresh=True)
+            self._live.update(self._diagnosed(diagnoses, state), refresh=True)
             return
         while self._written < len(diagnoses):
             one = diagnoses[self._written]
@@ -51,17 +49,13 @@ class LiveTable(TerminalDisplay):
             click.echo(self._line(one))
             self._written += 1
 
-    def _table(self, diagnoses: Sequence[DiagnosedWindow], state: str) -> Table:
-        cause = _since(diagnoses) if diagnoses and diagnoses[-1].cause else ""
-        table = Table(
-            title="normalised faults: true→estimated±sigma",
-            title_justify="left",
-            caption="\n".join(filter(None, (cause, state))),
-            caption_justify="left",
-            box=SIMPLE_HEAD,
-            show_edge=False,
-            padding=(0, 1, 0, 0),
-        )
+    def _diagnosed(self, diagnoses: Sequence[DiagnosedWindow], state: str) -> Table:
+        cause = ""
+        if diagnoses and (last := diagnoses[-1]).cause:
+            # Why the latest level is what it is, and since when it is.
+            *_, first = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
+            cause = f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
+        table = self._table("normalised faults: true→estimated±sigma", cause, state)
         table.add_column("cycle", justify="right")
         for i in self._faults:
             table.add_column(FAULTS[i].label, justify="center", overflow="fold")
@@ -77,14 +71,6 @@ class LiveTable(TerminalDisplay):
         faults = [f"{FAULTS[i].label} {_figures(one, i)}" for i in self._faults]
         parts = [f"cycle {_cycle(one):>3}", *faults, f"{_level(one):5}", f"{one.latency_s:.2f} s"]
         return "   ".join(filter(None, (*parts, one.cause if one.valid else one.reason)))
-
-
-def _since(diagnoses: Sequence[DiagnosedWindow]) -> str:
-    """Return why the latest level is what it is, and since when it is."""
-    last = diagnoses[-1]
-    same = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
-    *_, first = same
-    return f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
 
 
 def _cycle(one: DiagnosedWindow) -> str:

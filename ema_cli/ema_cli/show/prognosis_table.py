@@ -1,4 +1,4 @@
-"""A prognosis as tables, and as plain values."""
+"""A prognosis as tables, in sentences, and as plain values."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,15 @@ from ema_monitor.prognosis.history_entry import GAP
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
 
-_WIDENED: Final = 1.05
+_ACTIONS: Final = {
+    "continue": "Go on, and decide anew after the next test",
+    "inspect": "Inspect",
+    "remove": "Remove",
+    "unknown": "No advice",
+}
+
+WIDENED: Final = 1.05
+"""Widening of predictions from which on it is said."""
 
 
 def as_values(report: Any) -> Any:
@@ -109,10 +117,13 @@ def summary(course: Course, report: HealthReport) -> list[str]:
         # The sentence for the planner already gives the reason of the whole report.
         repeats = not life.known and life.reason in report.reason
         lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
+    level = LEVEL_NAMES[report.level]
+    if report.level != report.last_level:
+        level += f" (last {LEVEL_NAMES[report.last_level]})"
     first = label_of(report.dominant_fault)
     first = f"; first to end life: {first}" if first else ""
     lines.append(
-        f"health index {report.health_index:.2f}, level {_level(report)}, severity "
+        f"health index {report.health_index:.2f}, level {level}, severity "
         f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
     )
     lines += _checked(report.faults)
@@ -132,14 +143,6 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     return lines
 
 
-def _level(report: HealthReport) -> str:
-    """Return the level of a unit; where it is STALE, with the one before."""
-    words = LEVEL_NAMES[report.level]
-    if report.level == report.last_level:
-        return words
-    return f"{words} (last {LEVEL_NAMES[report.last_level]})"
-
-
 def _life(life: LifeReport) -> str:
     if not life.known:
         return f"[dim]{life.reason or 'unknown'}[/]"
@@ -156,7 +159,7 @@ def _checked(faults: Sequence[ItemReport]) -> list[str]:
     said = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
         f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
-        + (f", widened by {item.widening:.2f}" if item.widening > _WIDENED else "")
+        + (f", widened by {item.widening:.2f}" if item.widening > WIDENED else "")
         for item in faults
         if item.rul.known and math.isfinite(item.calibration)
     ]
@@ -185,3 +188,24 @@ def _hours(value: float) -> str:
 
 def _figure(value: float, sign: str = "") -> str:
     return f"{value:{sign}.4f}" if math.isfinite(value) else "-"
+
+
+def advice_in_words(course: Course) -> str:
+    """Return what to do, when, at what cost and why, in a sentence; empty without costs."""
+    advice, costs = course.advice, course.given.costs
+    if advice is None or costs is None:
+        return ""
+    words = _ACTIONS[advice.action]
+    if math.isfinite(advice.hours):
+        joined = ", at" if advice.action == "continue" else " by"
+        words += f"{joined} {advice.hours:,.0f} service hours (in {advice.from_now:,.0f} h)"
+    parts = [f"{words}: {advice.reason}"]
+    if math.isfinite(advice.rate):
+        unit = f"{costs.unit}/h".lstrip("/") if costs.unit else "an hour"
+        parts.append(
+            f"expected cost over the life {advice.rate:.3g} {unit}, {advice.rate_at_once:.3g} "
+            "if it is removed as early as possible"
+        )
+    if math.isfinite(advice.probability):
+        parts.append(f"risk of failure until then {100.0 * advice.probability:.2g} %")
+    return "; ".join(parts)

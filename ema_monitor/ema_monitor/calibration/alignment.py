@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.windows.band import rms
 
 COMMAND_TOLERANCE: Final = 5e-3
@@ -24,9 +24,7 @@ _LEAST_SAMPLES: Final = 2
 _SAME: Final = 1e-6
 
 
-def shift_between(
-    command: NDArray[np.float64], reference: NDArray[np.float64], sample_period: float
-) -> int:
+def shift_between(command: Array, reference: Array, sample_period: float) -> int:
     """Return how many samples later than a reference a window begins.
 
     Parameters
@@ -47,9 +45,7 @@ def shift_between(
     return int(shifts[np.argmin(np.mean((counterparts - middle) ** 2, axis=1))])
 
 
-def difference_at(
-    command: NDArray[np.float64], reference: NDArray[np.float64], shift: int
-) -> float:
+def difference_at(command: Array, reference: Array, shift: int) -> float:
     """Return the rms difference of two commands where they overlap [rad].
 
     Parameters
@@ -64,9 +60,7 @@ def difference_at(
     return rms(command[: len(command) - shift] - reference[shift:])
 
 
-def shift_if_same(
-    command: NDArray[np.float64], reference: NDArray[np.float64], sample_period: float
-) -> int | None:
+def shift_if_same(command: Array, reference: Array, sample_period: float) -> int | None:
     """Return how many samples later than a reference a window of the same command begins.
 
     None where the two commands, one laid over the other, do not count as the same.
@@ -85,7 +79,7 @@ def shift_if_same(
     return shift if is_same else None
 
 
-def moved(row: NDArray[np.float64], shift: int) -> NDArray[np.float64]:
+def moved(row: Array, shift: int) -> Array:
     """Return a row as seen from ``shift`` samples later, ``(n,)``; its ends are held."""
     n = len(row)
     return row[np.clip(np.arange(n) + shift, 0, n - 1)]

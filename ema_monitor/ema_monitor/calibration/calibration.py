@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_core.acquisition import USUAL, Acquisition
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
 from ema_core.quantity import is_finite_number
@@ -118,11 +118,11 @@ class Calibration(StoredCalibration):
     form: str
     dt: float
     sample_period: float
-    command: NDArray[np.float64] = field(repr=False)
+    command: Array = field(repr=False)
     unit: Deviations
-    unit_covariance: NDArray[np.float64] = field(repr=False)
-    correction: NDArray[np.float64] = field(repr=False)
-    speed_correction: NDArray[np.float64] = field(repr=False)
+    unit_covariance: Array = field(repr=False)
+    correction: Array = field(repr=False)
+    speed_correction: Array = field(repr=False)
     healthy_rms: float
     healthy_speed_rms: float
     model_rms: float

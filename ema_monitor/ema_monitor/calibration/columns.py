@@ -4,8 +4,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
@@ -45,9 +45,7 @@ def column_defect(window: Window, expected: Response) -> str:
     return ""
 
 
-def _difference(
-    row: NDArray[np.float64], model: NDArray[np.float64], factors: dict[float, str]
-) -> str:
+def _difference(row: Array, model: Array, factors: dict[float, str]) -> str:
     """Return how a row differs from what it should be about; empty when it does not."""
     size = float(np.linalg.norm(row) * np.linalg.norm(model))
     correlation = float(row @ model) / size if size > 0.0 else 0.0

@@ -6,8 +6,8 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
@@ -43,8 +43,8 @@ _MATTERS = 0.1
 class UnitFit(NamedTuple):
     """Deviations of a unit, ``(25,)``, and their covariance, ``(25, 25)``."""
 
-    deviations: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    deviations: Array
+    covariance: Array
 
 
 def calibrate_model(
@@ -86,11 +86,11 @@ def calibrate_model(
     h = first.sample_period
     groups: list[list[int]] = []
     for number, window in enumerate(windows):
-        if reason := (
-            acquisition.contradiction(window.telemetry.missing)
-            or window.excitation_defect()
-            or _unlike(window, first)
-        ):
+        missing, period = window.telemetry.missing, window.sample_period
+        reason = acquisition.contradiction(missing) or window.excitation_defect()
+        if not reason and period != h:
+            reason = f"it has samples of {period:g} s, the first of {h:g} s"
+        if reason:
             raise ValueError(f"window {number}: {reason}")
         for group in groups:
             if shift_if_same(window.command, windows[group[0]].command, h) is not None:
@@ -167,8 +167,8 @@ class _Group(Sequence[Window]):
 
 
 def _missed(
-    windows: Sequence[Window], model: MonitorModel, weights: NDArray[np.float64] | float = 1.0
-) -> Iterator[NDArray[np.float64]]:
+    windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
+) -> Iterator[Array]:
     """Yield what a healthy model misses of current and speed, ``(2, n)`` [A, rad/s] a window.
 
     All windows are laid over the first. What is missed is multiplied by ``weights``, ``(n,)``.
@@ -182,13 +182,13 @@ def _missed(
 
 
 def _mean_missed(
-    windows: Sequence[Window], model: MonitorModel, weights: NDArray[np.float64] | float = 1.0
-) -> NDArray[np.float64]:
+    windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
+) -> Array:
     """Return the mean over windows of what a healthy model misses, ``(2, n)``."""
     return reduce(np.add, _missed(windows, model, weights)) / len(windows)
 
 
-def _weights(groups: Sequence[Sequence[Window]]) -> list[NDArray[np.float64] | float]:
+def _weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
     """Return what a sample counts in the fit of a unit, ``(n,)`` for each command.
 
     Ordinary motion is slow or stands still for much of its time, where the model of the mean
@@ -258,19 +258,19 @@ class _UnitProblem:
         # A difference of a fraction of the prior, and enough to be seen through the friction.
         self._steps = _STEPS * np.minimum(20.0 * self.sigma, self.highest)
 
-    def deviations(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def deviations(self, x: Array) -> Array:
         """Return all deviations, ``(..., 25)``, of ``x``, ``(..., d)``."""
         values = np.zeros((*x.shape[:-1], N_DEVIATIONS))
         values[..., self._columns] = x
         return values
 
-    def covariance(self, known: NDArray[np.float64]) -> NDArray[np.float64]:
+    def covariance(self, known: Array) -> Array:
         """Return that of all deviations, ``(25, 25)``, from that of ``x``, ``(d, d)``."""
         covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
         covariance[np.ix_(self._columns, self._columns)] = known
         return covariance
 
-    def missed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def missed(self, x: Array) -> Array:
         """Return what the model misses, ``(r,)`` [A]."""
         model = self._model(x)
         return np.concatenate(
@@ -280,7 +280,7 @@ class _UnitProblem:
             ]
         )
 
-    def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(self, x: Array) -> Array:
         """Return the derivatives of the model's response, ``(r, d)``."""
         up = np.minimum(self._steps, self.highest - x)
         down = np.minimum(self._steps, x - self.lowest)
@@ -288,7 +288,7 @@ class _UnitProblem:
         sides = np.pad(sides, ((0, 0), (0, len(COLUMNS) - N_DEVIATIONS)))
         return self._differences(x, [sides] * len(self._groups)) / (up + down)
 
-    def effects_of_measured(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def effects_of_measured(self, x: Array) -> Array:
         """Return what one sigma of each measured cause changes the response by, ``(r, k)`` [A].
 
         A sensor is as wrong in all windows as in one.
@@ -306,9 +306,7 @@ class _UnitProblem:
             return np.zeros((len(self.missed(x)), 0))
         return self._differences(x, sides) / 2.0
 
-    def _differences(
-        self, x: NDArray[np.float64], sides: Sequence[NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def _differences(self, x: Array, sides: Sequence[Array]) -> Array:
         """Return how the response to deviations differs from that to others, ``(r, k)`` [A].
 
         Parameters
@@ -332,13 +330,7 @@ class _UnitProblem:
             columns.append((above - below).T)
         return np.concatenate(columns)
 
-    def lowest_within(
-        self,
-        normal: NDArray[np.float64],
-        gradient: NDArray[np.float64],
-        x: NDArray[np.float64],
-        active: NDArray[np.bool_],
-    ) -> NDArray[np.float64]:
+    def lowest_within(self, normal: Array, gradient: Array, x: Array, active: Flags) -> Array:
         """Return where a quadratic about ``x`` is lowest within the bounds of the active ones."""
         span = (self.highest - self.lowest)[active]
         place = x.copy()
@@ -349,10 +341,10 @@ class _UnitProblem:
         )
         return place
 
-    def _model(self, x: NDArray[np.float64]) -> MonitorModel:
+    def _model(self, x: Array) -> MonitorModel:
         return self._nominal.of_unit(Deviations.of(self.deviations(x)))
 
-    def _in_band(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _in_band(self, rows: Array) -> Array:
         """Return current and speed, ``(2, n)``, in their band as one row [A]."""
         current, speed = band_limited(rows, self._h)
         return np.concatenate([self._current_weight * current, self._stiffness * speed])
@@ -404,7 +396,7 @@ def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> Unit
             )
     # What was left out may still be there, as far as the windows and the priors let it.
     left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))
-    known: NDArray[np.float64] = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
+    known: Array = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
     # What was measured was taken for known in all of it.
     shifts = np.linalg.solve(normal, slopes.T @ problem.effects_of_measured(x) / noise**2)
     return UnitFit(problem.deviations(x), problem.covariance(known + shifts @ shifts.T))
@@ -418,10 +410,7 @@ class _Addition(NamedTuple):
 
 
 def _most_explaining(
-    normal: NDArray[np.float64],
-    gradient: NDArray[np.float64],
-    active: NDArray[np.bool_],
-    least: NDArray[np.float64],
+    normal: Array, gradient: Array, active: Flags, least: Array
 ) -> _Addition | None:
     """Return which deviation, besides those that are fitted, explains most.
 
@@ -444,7 +433,7 @@ def _play(window: Window) -> float:
 
 
 def _scatter(
-    windows: Sequence[Window], model: MonitorModel, mean: NDArray[np.float64], h: float
+    windows: Sequence[Window], model: MonitorModel, mean: Array, h: float
 ) -> tuple[float, float]:
     """Return the rms in current and speed that another window has in its band after correction."""
     m = len(windows)
@@ -467,7 +456,7 @@ def _uncorrected(
     return _known(_rms_in_band(rows, h))
 
 
-def _rms_in_band(rows: Iterable[NDArray[np.float64]], h: float) -> NDArray[np.float64]:
+def _rms_in_band(rows: Iterable[Array], h: float) -> Array:
     """Return the rms of current and speed in their band over the rows of windows, ``(2, n)``."""
     squares, count = np.zeros(2), 0
     for row in rows:
@@ -477,16 +466,7 @@ def _rms_in_band(rows: Iterable[NDArray[np.float64]], h: float) -> NDArray[np.fl
     return np.sqrt(squares / count)
 
 
-def _known(scatters: NDArray[np.float64]) -> tuple[float, float]:
+def _known(scatters: Array) -> tuple[float, float]:
     """Return two scatters, NaN for one so small that it is unknown."""
     current, speed = np.where(scatters > LEAST_SCATTER, scatters, np.nan).tolist()
     return current, speed
-
-
-def _unlike(window: Window, first: Window) -> str:
-    """Return in what the samples of a window are not like those of the first; empty if alike."""
-    if window.sample_period != first.sample_period:
-        return (
-            f"it has samples of {window.sample_period:g} s, the first of {first.sample_period:g} s"
-        )
-    return ""

@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
@@ -129,7 +129,7 @@ class StoredCalibration(ABC):
         """Return the calibration of the entries of a file, which may be changed."""
 
 
-def numbers(name: str, values: Any) -> NDArray[np.float64]:
+def numbers(name: str, values: Any) -> Array:
     """Return the array of an entry of a file; ValueError when it is not made of numbers."""
     try:
         return np.array(values, dtype=np.float64)

@@ -5,8 +5,8 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.current_balance.motion import MotorMotion, Play, free_play, runs_of
@@ -96,10 +96,10 @@ class Balance:
         Largest speed of the motor [rad/s].
     """
 
-    current: NDArray[np.float64]
-    design: NDArray[np.float64]
-    nuisance: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    current: Array
+    design: Array
+    nuisance: Array
+    weight: Array
     step_s: float
     play: Play | None
     travel: float
@@ -177,26 +177,26 @@ class Balance:
 class _Average:
     """Weighted means over some steps, each begun ``every`` steps after the one before."""
 
-    def __init__(self, weights: NDArray[np.float64], every: int) -> None:
+    def __init__(self, weights: Array, every: int) -> None:
         self._weights = weights
         self._every = every
 
-    def __call__(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, steps: Array) -> Array:
         if len(steps) < len(self._weights):
             return np.zeros(0)
         return np.convolve(steps, self._weights[::-1], mode="valid")[:: self._every]
 
-    def of_ends(self, values: NDArray[np.float64], apart: int) -> NDArray[np.float64]:
+    def of_ends(self, values: Array, apart: int) -> Array:
         """Return by how much values rise from one to that ``apart`` places later."""
         return (values[apart:] - values[:-apart])[:: self._every]
 
-    def least(self, values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    def least(self, values: Array, n: int) -> Array:
         """Return the least of each ``n`` values."""
         if len(values) < n:
             return np.zeros(0)
         return np.min(sliding_window_view(values, n)[:: self._every], axis=1)
 
-    def common(self, ways: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    def common(self, ways: Array, n: int) -> Array:
         """Return the direction that ``n`` values have in common, 0 where they differ."""
         if len(ways) < n:
             return np.zeros(0)

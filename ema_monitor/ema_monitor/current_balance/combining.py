@@ -1,6 +1,7 @@
 """Stretches of ordinary motion of a unit whose drive is unknown, fitted together (M46)."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -9,16 +10,14 @@ from ema_monitor.current_balance.identifying import defect_of, identify_unknown
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.tally import CombinationSettings, Tally
-from ema_monitor.windows.trigger import Refusal
+from ema_monitor.identification.tally import CombinationSettings, Combining
 from ema_monitor.windows.window import Window
 
-_REFUSED_IN_A_ROW: Final = 3
 _EACH_UP_TO: Final = 5
 _EVERY: Final = 5
 
 
-class CurrentCombination:
+class CurrentCombination(Combining):
     """Combines stretches of one actuator's motion, as `Combination` does for a known drive.
 
     Parameters
@@ -29,11 +28,6 @@ class CurrentCombination:
         The limit of the goodness of fit, and until when stretches are combined.
     force
         Make an estimate although the calibration is of another unit.
-
-    Attributes
-    ----------
-    tally
-        How many stretches there were.
     """
 
     def __init__(
@@ -45,48 +39,34 @@ class CurrentCombination:
         *,
         force: bool = False,
     ) -> None:
+        super().__init__(settings)
         self._description, self._unit = description, unit
-        self._search, self._settings = search, settings
-        self.tally = Tally()
+        self._search = search
         mismatch = unit.unit_mismatch(description)
         self._caveats = [f"forced although {mismatch}"] if mismatch and force else []
         self._mismatch = "" if force else mismatch
         self._windows: list[Window] = []
-        self._refused_in_a_row = 0
-        self._pause_ns = (0, 0)
 
-    def add(self, stretch: Window | Refusal) -> list[Estimate]:
-        """Process the next stretch; return the estimates that it completes."""
-        self._count(stretches=1)
-        if isinstance(stretch, Refusal):
-            self._count(**{"dropped" if stretch.is_dropped else "refused": 1})
-            self.tally = self.tally._replace(reason=stretch.reason)
-            return []
+    def _take(self, stretch: Window) -> Iterator[Estimate]:
         if defect := defect_of(stretch, self._description, self._unit, self._mismatch):
-            # Several in a row are said once.
-            self._count(refused=1)
-            self.tally = self.tally._replace(reason=defect.reason)
-            self._refused_in_a_row += 1
-            if self._refused_in_a_row != _REFUSED_IN_A_ROW:
-                return []
             reason, is_failure = defect
             refused = refusal(stretch, self._unit, self._search, reason, is_failure=is_failure)
-            return [replace(refused, stretches=1)]
-        estimates = self.finish() if self._is_complete(stretch) else []
-        begin_ns, end_ns = self._pause_ns
-        if begin_ns <= stretch.start_ns < end_ns:
-            self._count(skipped=1)
-            return estimates
+            yield from self._count_refused(refused)
+            return
+        if self._is_complete(stretch):
+            yield from self.finish()
+        if self._is_paused(stretch):
+            self.tally = self.tally.plus(skipped=1)
+            return
         self._refused_in_a_row = 0
         self._windows.append(stretch)
-        self._count(combined=1)
+        self.tally = self.tally.plus(combined=1)
         number = len(self._windows)
         if number > _EACH_UP_TO and number % _EVERY and number < self._settings.most_stretches:
-            return estimates
+            return
         found = self._identified()
         if isinstance(found, Estimate) and self._is_enough(found):
-            return [*estimates, *self._conclude(found)]
-        return estimates
+            yield from self._conclude(found)
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of what was combined so far, if there is one."""
@@ -105,26 +85,14 @@ class CurrentCombination:
         return len(sigmas) > 2 and all(one <= self._settings.wanted_sigma for one in sigmas)
 
     def _is_complete(self, stretch: Window) -> bool:
-        if not self._windows:
-            return False
-        if stretch.start_ns < self._windows[-1].start_ns:
-            return True
-        age_s = (stretch.end_ns - self._windows[0].start_ns) * 1e-9
-        is_full = len(self._windows) >= self._settings.most_stretches
-        return is_full or age_s > self._settings.longest_s
+        windows = self._windows
+        return bool(windows) and self._reaches_limit(
+            stretch, len(windows), windows[0].start_ns, windows[-1].start_ns
+        )
 
     def _conclude(self, found: Estimate | str) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
-        windows, self._windows = self._windows, []
+        number, self._windows = len(self._windows), []
         if isinstance(found, str):
-            self._count(fruitless=1)
-            self.tally = self.tally._replace(reason=found)
-            return []
-        pause_ns = round(self._settings.pause_s * 1e9)
-        self._pause_ns = (found.end_ns, found.end_ns + pause_ns)
-        self.tally = self.tally._replace(reason="")
-        return [replace(found, stretches=len(windows))]
-
-    def _count(self, **more: int) -> None:
-        counts = {name: getattr(self.tally, name) + number for name, number in more.items()}
-        self.tally = self.tally._replace(**counts)
+            return self._concluded(None, found)
+        return self._concluded(replace(found, stretches=number))

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.current_balance.balance import BASIC, Balance, Ripple
 from ema_monitor.windows.window import Window
@@ -34,10 +35,10 @@ class BalancePrior:
         Mean and sigma of load [A] and stiffness [A/rad] for each balance, ``(balances, 2)``.
     """
 
-    mean: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    loads: NDArray[np.float64]
-    load_sigmas: NDArray[np.float64]
+    mean: Array
+    sigma: Array
+    loads: Array
+    load_sigmas: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +57,16 @@ class Fit:
         Sum of the weighted squares of what is left, times the time of a row [A^2.s].
     """
 
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    loads: NDArray[np.float64]
-    load_covariances: NDArray[np.float64]
+    values: Array
+    covariance: Array
+    loads: Array
+    load_covariances: Array
     rms: float
     rms_before: float
     cost: float
 
     @property
-    def sigma(self) -> NDArray[np.float64]:
+    def sigma(self) -> Array:
         """Standard deviations of the terms."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
@@ -75,7 +76,7 @@ def loads_before(
     balances: Sequence[Balance],
     parameters: ActuatorParameters,
     healthy: tuple[float, float] = (0.0, 0.0),
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return what is known of load [A] and stiffness [A/rad] before: means and sigmas.
 
     A fifth of the largest current is usual beside those of the healthy unit. What was measured
@@ -96,14 +97,12 @@ def loads_before(
     return np.array(means), np.array(sigmas)
 
 
-def basic_terms(prior: BalancePrior) -> NDArray[np.bool_]:
+def basic_terms(prior: BalancePrior) -> Flags:
     """Return which terms are basic ones, ``(terms,)``."""
     return np.arange(len(prior.mean)) < len(BASIC)
 
 
-def fit(
-    balances: Sequence[Balance], prior: BalancePrior, fitted: NDArray[np.bool_], noise: float
-) -> Fit:
+def fit(balances: Sequence[Balance], prior: BalancePrior, fitted: Flags, noise: float) -> Fit:
     """Fit terms to balances; load and stiffness of each balance are fitted too.
 
     Parameters
@@ -120,7 +119,7 @@ def fit(
     chosen = np.flatnonzero(fitted)
     scale = max(noise, 1e-9)
 
-    def solved(robust: list[NDArray[np.float64]]) -> tuple[Any, ...]:
+    def solved(robust: list[Array]) -> tuple[Any, ...]:
         """Return the optimum with some weights: parts, inverse, step and what it leaves."""
         parts = [
             _Part(one, prior, number, chosen, weight, scale)
@@ -206,7 +205,7 @@ class _Part:
         prior: BalancePrior,
         number: int,
         chosen: NDArray[np.int64],
-        robust: NDArray[np.float64],
+        robust: Array,
         scale: float,
     ) -> None:
         weight = balance.weight * np.sqrt(robust)
@@ -224,15 +223,13 @@ class _Part:
         self.design = rows - nuisance @ self._of_rows
         self.left = left - nuisance @ self._of_left
 
-    def loads_after(
-        self, step: NDArray[np.float64], covariance: NDArray[np.float64], scale: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def loads_after(self, step: Array, covariance: Array, scale: float) -> tuple[Array, Array]:
         """Return load and stiffness with their covariance."""
         mean = self._mean + self._of_left - self._of_rows @ step
         return mean, scale**2 * self._inverse + self._of_rows @ covariance @ self._of_rows.T
 
 
-def _long_run(scores: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
+def _long_run(scores: Array, step_s: float) -> Array:
     """Return the long-run covariance of the sum of scores, ``(n, d)``, after Newey and West."""
     lags = max(_FEWEST_LAGS, round(_LAG_S / step_s))
     total = scores.T @ scores

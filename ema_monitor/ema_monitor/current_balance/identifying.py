@@ -26,6 +26,7 @@ from ema_monitor.health import USUAL_TORQUE_CHANGE
 from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate, refusal
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, UNOBSERVABLE_SIGMA
+from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 NOT_SEEN: Final = (
@@ -55,7 +56,7 @@ _WAVES: Final = 0.96
 
 
 def identify_by_current(
-    window: Window,
+    window: Window | Refusal,
     description: ActuatorDescription,
     unit: UnknownDriveUnit,
     settings: SearchSettings,
@@ -67,10 +68,12 @@ def identify_by_current(
     Parameters
     ----------
     window, description, unit, settings
-        The window, its actuator and calibration, and how to identify.
+        The window or why there is none, its actuator and calibration, and how to identify.
     force
         Make an estimate although the calibration is of another unit.
     """
+    if isinstance(window, Refusal):
+        return refusal(window, unit, settings, window.reason)
     mismatch = unit.unit_mismatch(description)
     defect = defect_of(window, description, unit, "" if force else mismatch)
     if defect is None:
@@ -248,6 +251,7 @@ class _Conclusion:
     def conclude(self, widening: float) -> None:
         """Enter faults, causes and reasons, with standard deviations so much wider."""
         self._widening = widening
+        self._compare_drag()
         self._set(FRICTION, *self._friction())
         if self.unobservable[FRICTION]:
             self.reasons.append(
@@ -265,6 +269,27 @@ class _Conclusion:
         seen = np.flatnonzero(~self.unobservable)
         variances = np.diag(self.covariance)[seen]
         self.covariance[np.ix_(seen, seen)] = np.diag(variances)
+
+    def _compare_drag(self) -> None:
+        """Say what has become of friction and the current that makes no torque, together.
+
+        At one speed their sum alone is well known; in one direction not even that.
+        """
+        unit, found = self._unit, self.found
+        both = [1, 3]
+        healthy, now = (float(np.sum(terms[both])) for terms in (unit.terms, found.values))
+        rise = now / healthy - 1.0
+        floor, share = _FRICTION_MISMATCH if unit.speed_measured else _FRICTION_WITHOUT_SPEED
+        variance = float(np.sum((found.covariance + unit.covariance)[np.ix_(both, both)]))
+        sigma = self._widening * math.hypot(
+            math.sqrt(variance) / healthy, 2.0 * floor, share * rise
+        )
+        if sigma > UNOBSERVABLE_SIGMA:
+            return
+        self.reasons.append(
+            f"current that follows the direction {now:.3g} ± {sigma * healthy:.2g} A, "
+            f"{100.0 * rise:+.1f} ± {100.0 * sigma:.1f} % of healthy"
+        )
 
     def _set(self, number: int, value: float, sigma: float) -> None:
         """Enter a component, healthy where it is not significant."""

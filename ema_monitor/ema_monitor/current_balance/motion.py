@@ -5,8 +5,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 
@@ -49,11 +49,11 @@ class MotorMotion:
 
     step_s: float
     span: int
-    current: NDArray[np.float64]
-    turned: NDArray[np.float64]
-    speed: NDArray[np.float64] | None
-    shaft: NDArray[np.float64]
-    error: NDArray[np.float64]
+    current: Array
+    turned: Array
+    speed: Array | None
+    shaft: Array
+    error: Array
 
     @classmethod
     def of(cls, telemetry: Telemetry, description: ActuatorDescription) -> Self:
@@ -85,7 +85,7 @@ def has_speed(telemetry: Telemetry, description: ActuatorDescription) -> bool:
     return description.acquisition.speed and bool(len(speed)) and bool(np.all(np.isfinite(speed)))
 
 
-def _integral(speed: NDArray[np.float64], h: float) -> NDArray[np.float64]:
+def _integral(speed: Array, h: float) -> Array:
     """Return the integral of a speed from 0, ``(n,)``: trapezia, corrected for its curvature."""
     trapezia = np.concatenate([[0.0], np.cumsum(h * (speed[1:] + speed[:-1]) / 2.0)])
     if len(speed) < 3:
@@ -120,7 +120,7 @@ class Play(NamedTuple):
     reversals: int
 
 
-def runs_of(shaft: NDArray[np.float64], step_s: float) -> list[OneWay]:
+def runs_of(shaft: Array, step_s: float) -> list[OneWay]:
     """Return the runs one way of a shaft [rad], at the ends of which motor and shaft touch."""
     steps = np.diff(shaft)
     moving = np.abs(steps)[steps != 0.0]
@@ -150,7 +150,7 @@ def free_play(motion: MotorMotion) -> Play | None:
     """
     h, shaft = motion.step_s, motion.shaft
     runs = runs_of(shaft, h)
-    time: NDArray[np.float64] = h * np.arange(float(len(shaft)))
+    time: Array = h * np.arange(float(len(shaft)))
     if motion.speed is not None:
         bases = np.stack([motion.turned, time], axis=1)
     else:
@@ -183,9 +183,7 @@ def free_play(motion: MotorMotion) -> Play | None:
     return Play(width, sigma, middle, len(widths))
 
 
-def _within_runs(
-    shaft: NDArray[np.float64], bases: NDArray[np.float64], runs: list[OneWay]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _within_runs(shaft: Array, bases: Array, runs: list[OneWay]) -> tuple[Array, Array] | None:
     """Return by which slopes the bases explain the shaft within its runs, and their covariance."""
     parts = [run.samples for run in runs if run.last - run.first >= 2]
     if not parts:
@@ -205,7 +203,7 @@ def _within_runs(
     return slopes / scales, variance * inverse / np.outer(scales, scales)
 
 
-def _robust_mean(values: NDArray[np.float64]) -> tuple[float, float]:
+def _robust_mean(values: Array) -> tuple[float, float]:
     """Return the mean of values with few outliers, and its standard deviation."""
     centre, weights = float(np.median(values)), np.ones(len(values))
     scale = _spread(values, centre)
@@ -217,5 +215,5 @@ def _robust_mean(values: NDArray[np.float64]) -> tuple[float, float]:
     return centre, max(spread, scale / 2.0) / np.sqrt(max(1, len(values) - 1))
 
 
-def _spread(values: NDArray[np.float64], centre: float) -> float:
+def _spread(values: Array, centre: float) -> float:
     return 1.4826 * float(np.median(np.abs(values - centre))) + _TINY

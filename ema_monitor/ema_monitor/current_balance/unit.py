@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
@@ -74,8 +74,8 @@ class UnknownDriveUnit(StoredCalibration):
     sample_period: float
     speed_measured: bool
     windows: int
-    terms: NDArray[np.float64] = field(repr=False)
-    covariance: NDArray[np.float64] = field(repr=False)
+    terms: Array = field(repr=False)
+    covariance: Array = field(repr=False)
     load: float
     stiffness: float
     knee: float

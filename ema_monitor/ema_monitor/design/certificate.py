@@ -28,7 +28,7 @@ from ema_monitor.design.rehearsal import (
     rehearse,
 )
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.estimate import Estimate, plain_number
+from ema_monitor.identification.estimate import Estimate, plain
 from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
 
@@ -109,13 +109,7 @@ class Certificate:
         return next(one.sigma for one in self.faults if one.name == name)
 
     def unmet(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return in words which wanted standard deviations are not reached.
-
-        Parameters
-        ----------
-        wanted
-            Largest standard deviations by fault [-].
-        """
+        """Return in words which of the largest standard deviations wanted, by fault, are passed."""
         words = []
         for name, sigma in wanted.items():
             reached = self.sigma(name)
@@ -129,16 +123,12 @@ class Certificate:
     def record(self) -> dict[str, Any]:
         """Return all fields as plain values; what is not a number is None."""
         rows = {
-            name: [
-                {key: plain_number(value) for key, value in one._asdict().items()}
-                for one in getattr(self, name)
-            ]
+            name: [one._asdict() for one in getattr(self, name)]
             for name in ("faults", "causes", "repeated")
         }
         for row, one in zip(rows["faults"], self.faults, strict=True):
-            row["half_width"] = plain_number(HALF_WIDTH * one.sigma)
-            row["smallest_means"] = one.meaning
-        return {name: plain_number(value) for name, value in asdict(self).items()} | rows
+            row |= {"half_width": HALF_WIDTH * one.sigma, "smallest_means": one.meaning}
+        return plain(asdict(self) | rows)
 
     def __str__(self) -> str:
         title = (

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
@@ -260,14 +260,14 @@ class _Search:
         self._corrections = np.nan_to_num(errors, nan=0.0)
         self._wanted = _MARGIN * np.array(list(wanted.values()))
 
-    def run(self, start: NDArray[np.float64]):
+    def run(self, start: Array):
         """Yield the best point, ``(5,)``, and its cost after each generation."""
         rng = np.random.default_rng(self._seed)
         optimizer = DifferentialEvolution(start, rng, population=_POPULATION, F=0.6, CR=0.9)
         for progress in minimise(self._residuals, optimizer, _SEARCH):
             yield progress.point, math.sqrt(progress.cost)
 
-    def command(self, point: NDArray[np.float64]) -> Command:
+    def command(self, point: Array) -> Command:
         """Return the swing of a point of the unit box, ``(5,)``.
 
         It has a whole number of half periods, so that it ends at rest. It begins slowly: over a
@@ -295,11 +295,11 @@ class _Search:
             final_fraction=round(first + (last - first) * of_end, 3),
         )
 
-    def is_feasible(self, point: NDArray[np.float64]) -> bool:
+    def is_feasible(self, point: Array) -> bool:
         """Return whether the model predicts that a point reaches what is wanted."""
         return self._cost(point) <= 1.0
 
-    def words(self, point: NDArray[np.float64], cost: float) -> str:
+    def words(self, point: Array, cost: float) -> str:
         """Return what has been found, in words."""
         if cost <= 1.0:
             return f"{self.command(point).duration:.3f} s"
@@ -307,10 +307,10 @@ class _Search:
             return f"sigma {math.exp(cost - 1.0):.2f} times what is wanted"
         return "beyond the limits"
 
-    def _residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _residuals(self, points: Array) -> Array:
         return np.array([[self._cost(point)] for point in points])
 
-    def _cost(self, point: NDArray[np.float64]) -> float:
+    def _cost(self, point: Array) -> float:
         """Return the share of the longest duration; above 1, by how much a wish is missed."""
         command = self.command(point)
         windows = self._information.windows(command)

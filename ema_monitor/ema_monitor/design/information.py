@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.commands import Command
 from ema_core.faults import ECCENTRICITY_PHASE, eccentricity_angle, healthy_faults
 from ema_core.telemetry import Telemetry
@@ -18,8 +18,8 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_SIGMA,
     PLANE,
     SPANS,
-    covariance_of_effects,
     sandwich_covariance,
+    shifts_of,
     with_mismatch,
 )
 from ema_monitor.windows.window import Window
@@ -76,7 +76,7 @@ class Information:
             longest=first.sample_period * len(first),
         )
 
-    def sigma(self, windows: list[Window], *, noise: float = 1.0) -> NDArray[np.float64]:
+    def sigma(self, windows: list[Window], *, noise: float = 1.0) -> Array:
         """Return the standard deviation of each fault, the largest over actuators, ``(8,)``.
 
         ``noise`` is the share of the healthy scatter that counts; without any, what is left is the
@@ -98,7 +98,8 @@ class Information:
             effects = objective.unit_effects(at.point) / MISMATCH_FACTOR
             white = np.full(len(at.residuals), noise * np.sqrt(objective.noise))
             known = sandwich_covariance(at.jacobian, white, lags=0)
-            known += covariance_of_effects(at.jacobian, effects)
+            shifts = shifts_of(at.jacobian, effects)
+            known += shifts @ shifts.T
             known = with_mismatch(known * np.outer(SPANS, SPANS), MISMATCH_SIGMA)
             variance = np.diag(known).copy()
             # Of the eccentricity along its own direction; the direction is no fault.

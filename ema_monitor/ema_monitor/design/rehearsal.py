@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
@@ -48,11 +48,7 @@ class Recorder(Protocol):
     """Records windows of an actuator, a simulated one as a rule."""
 
     def __call__(
-        self,
-        command: Command,
-        faults: NDArray[np.float64],
-        cycles: int,
-        causes: Mapping[str, float],
+        self, command: Command, faults: Array, cycles: int, causes: Mapping[str, float]
     ) -> list[Window]:
         """Return a window from each of some test cycles.
 
@@ -75,7 +71,7 @@ class Recorder(Protocol):
         ...
 
 
-def single_faults() -> dict[str, NDArray[np.float64]]:
+def single_faults() -> dict[str, Array]:
     """Return an actuator with each fault alone, half-way to its limit, by the fault's name."""
     result = {}
     for i, fault in enumerate(FAULTS):
@@ -87,7 +83,7 @@ def single_faults() -> dict[str, NDArray[np.float64]]:
     return result
 
 
-def combined_faults(number: int) -> NDArray[np.float64]:
+def combined_faults(number: int) -> Array:
     """Return one of ``N_COMBINED`` actuators with several faults at once.
 
     They are a quarter to six tenths of their limits each. One phase is shorted: short circuits of
@@ -103,7 +99,7 @@ def combined_faults(number: int) -> NDArray[np.float64]:
     return k
 
 
-def present(faults: NDArray[np.float64]) -> NDArray[np.bool_]:
+def present(faults: Array) -> Flags:
     """Return which components differ from healthy, ``(8,)``; the direction with the amount."""
     differs = faults != healthy_faults()
     differs[ECCENTRICITY_PHASE] = differs[ECCENTRICITY]
@@ -113,17 +109,17 @@ def present(faults: NDArray[np.float64]) -> NDArray[np.bool_]:
 class Prospect(NamedTuple):
     """A fault vector, ``(8,)``, and the estimates of windows of an actuator that has it."""
 
-    faults: NDArray[np.float64]
+    faults: Array
     estimates: list[Estimate]
 
     @property
-    def sigma(self) -> NDArray[np.float64]:
+    def sigma(self) -> Array:
         """Standard deviation that the estimates state, rms, ``(8,)``; NaN where not shown."""
         with np.errstate(invalid="ignore"):
             return np.sqrt(np.mean([np.square(one.sigma) for one in self.estimates], axis=0))
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> Flags:
         """Components that every estimate gives as different from healthy, ``(8,)``."""
         return np.all([_claims(one) for one in self.estimates], axis=0)
 
@@ -238,11 +234,11 @@ def rehearse(
     healthy = record(command, healthy_faults(), _HEALTHY, {})
     known = calibration or calibrate_model(healthy, description)
 
-    def judged(windows: list[Window], faults: NDArray[np.float64]) -> Prospect:
+    def judged(windows: list[Window], faults: Array) -> Prospect:
         found = [identify(window, description, known, previous=faults) for window in windows]
         return Prospect(faults, found)
 
-    def of(faults: NDArray[np.float64], count: int) -> Prospect:
+    def of(faults: Array, count: int) -> Prospect:
         return judged(record(command, faults, count, {}), faults)
 
     return Rehearsed(
@@ -276,8 +272,8 @@ def claimed(estimate: Estimate) -> list[int]:
     return [int(i) for i in np.flatnonzero(_claims(estimate)) if FAULT_NAMES[i] in COMPONENTS]
 
 
-def _claims(estimate: Estimate) -> NDArray[np.bool_]:
-    return estimate.valid & ~estimate.insignificant & ~estimate.unobservable
+def _claims(estimate: Estimate) -> Flags:
+    return estimate.valid & estimate.found
 
 
 def _correlated(one: Prospect, i: int) -> list[int]:

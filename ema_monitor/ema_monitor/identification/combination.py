@@ -5,8 +5,9 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
@@ -20,9 +21,8 @@ from ema_monitor.identification.objective import PLAIN
 from ema_monitor.identification.preview import Preview, StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification, Search
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.tally import CombinationSettings, Tally
+from ema_monitor.identification.tally import CombinationSettings, Combining
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
-from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
@@ -33,11 +33,10 @@ MOST_SURPRISE: Final = 60.0
 
 _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
-_REFUSED_IN_A_ROW: Final = 3
 _REACHED: Final = 1.2
 
 
-class Combination:
+class Combination(Combining):
     """Combines stretches of one actuator's motion to estimates of its faults.
 
     What a stretch tells of the faults is a prior of the next one. An estimate is made when every
@@ -60,11 +59,6 @@ class Combination:
     force
         As of ``ModelIdentification``.
 
-    Attributes
-    ----------
-    tally
-        How many stretches there were.
-
     Raises
     ------
     ValueError
@@ -81,6 +75,7 @@ class Combination:
         previous: ArrayLike | None = None,
         force: bool = False,
     ) -> None:
+        super().__init__(settings or CombinationSettings())
         self._description = description
         self._calibration_id = "" if isinstance(calibration, str) else calibration.calibration_id
         self._calibration = (
@@ -92,33 +87,14 @@ class Combination:
                 f"fitness = {self._search.fitness!r}: stretches of motion are combined with "
                 f"{DEFAULT_FITNESS!r} only"
             )
-        self._settings = settings or CombinationSettings()
         self._previous = healthy_faults() if previous is None else fault_vector(previous)
         self._force = force
-        self.tally = Tally()
-        self._refused_in_a_row = 0
-        self._pause_ns = (0, 0)
         self._begin()
 
-    def add(self, stretch: Window | Refusal) -> Iterator[Generation | Estimate]:
-        """Yield the state after each generation of the search, and the estimates it completes.
-
-        Where it is not gone on with, what was combined before the stretch is left as it is.
-
-        Parameters
-        ----------
-        stretch
-            The next stretch, or why there is none.
-        """
-        self.tally = self.tally.plus(stretches=1)
-        if isinstance(stretch, Refusal):
-            self.tally = self.tally.plus_refusal(stretch)
-            return
+    def _take(self, stretch: Window) -> Iterator[Generation | Estimate]:
         if self._is_complete(stretch):
             yield from self._conclude("")
-        # A clock that has gone back must not lengthen the pause.
-        begin_ns, end_ns = self._pause_ns
-        if begin_ns <= stretch.start_ns < end_ns and not self._is_defective(stretch):
+        if self._is_paused(stretch) and not self._is_defective(stretch):
             self.tally = self.tally.plus(skipped=1)
             return
         self._looked_at += 1
@@ -134,7 +110,11 @@ class Combination:
                 preview = self._preview
                 yield from self._conclude("the motion that followed does not agree with it")
                 found, self._preview = alone, preview
-        yield from self._accept(found) if _is_valid(found) else self._refuse(found)
+        if _is_valid(found):
+            yield from self._accept(found)
+        else:
+            refused = self._signed(found.estimate)
+            yield from self._count_refused(refused, is_known=found.knowledge is not None)
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of what was combined so far, if there is one."""
@@ -148,16 +128,11 @@ class Combination:
         self._preview: Preview | None = None
 
     def _is_complete(self, stretch: Window) -> bool:
-        """Return whether the limit of number or time is reached before a stretch.
-
-        So it is where the clock has gone back: an estimate ends after it has started.
-        """
+        """Return whether the limit of number or time is reached before a stretch."""
         if not self._parts:
             return False
-        if stretch.start_ns < self._parts[-1].estimate.start_ns:
-            return True
-        age_s = (stretch.end_ns - self._parts[0].estimate.start_ns) * 1e-9
-        return self._looked_at >= self._settings.most_stretches or age_s > self._settings.longest_s
+        first_ns, last_ns = (one.estimate.start_ns for one in (self._parts[0], self._parts[-1]))
+        return self._reaches_limit(stretch, self._looked_at, first_ns, last_ns)
 
     def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
         """Return whether a stretch is worth a search.
@@ -181,7 +156,7 @@ class Combination:
         """Return whether drive or shaft has a defect that must be named."""
         return bool(drive_defect(stretch, self._description.parameters))
 
-    def _lowers(self, known: Knowledge, gained: NDArray[np.float64]) -> bool:
+    def _lowers(self, known: Knowledge, gained: Array) -> bool:
         """Return whether information lowers a standard deviation that is larger than wanted."""
         before = _RANGE + known.gained
         left = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
@@ -196,7 +171,7 @@ class Combination:
         return Knowledge.of_range(PLAIN.encode(self._previous))
 
     @property
-    def _start(self) -> NDArray[np.float64]:
+    def _start(self) -> Array:
         """Faults at which the next search begins, ``(8,)``."""
         return np.array(self._parts[-1].estimate.faults) if self._parts else self._previous
 
@@ -211,15 +186,6 @@ class Combination:
             known=known,
             load=self._preview.load if self._preview else None,
         ).run()
-
-    def _refuse(self, found: Finding) -> list[Estimate]:
-        """Count a stretch that is refused; several in a row without any estimate are said once."""
-        self.tally = self.tally.plus(found.estimate.reason, refused=1)
-        # One that has an estimate may be more than the model can follow: the status counts these.
-        self._refused_in_a_row += found.knowledge is None
-        if found.knowledge is not None or self._refused_in_a_row != _REFUSED_IN_A_ROW:
-            return []
-        return [self._signed(replace(found.estimate, stretches=1))]
 
     def _accept(self, found: Finding) -> list[Estimate]:
         known = found.knowledge or self._nothing
@@ -244,13 +210,7 @@ class Combination:
         if not parts:
             return []
         combined = combined_estimate(parts, known, self._settings.wanted_sigma, remark)
-        if combined is None:
-            self.tally = self.tally.plus(fruitless=1)
-            return []
-        self.tally = self.tally._replace(reason="")
-        pause_ns = round(self._settings.pause_s * 1e9)
-        self._pause_ns = (combined.end_ns, combined.end_ns + pause_ns)
-        return [self._signed(combined)]
+        return self._concluded(combined and self._signed(combined))
 
     def _signed(self, estimate: Estimate) -> Estimate:
         return replace(estimate, calibration_id=self._calibration_id)

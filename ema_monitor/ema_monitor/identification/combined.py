@@ -4,14 +4,15 @@ The last stretch has the faults, and what is known of them after all stretches. 
 an estimate is of one stretch alone, and is put together here.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
-from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS, healthy_faults
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.evidence import EQUAL_SHORTS
@@ -45,9 +46,11 @@ def combined_estimate(
     """
     last = parts[-1].estimate
     estimates = [part.estimate for part in parts]
-    misfit = Misfit.of_all(part.misfit for part in parts if part.misfit is not None)
+    # They are of about the same length.
+    misfit = Misfit(np.mean([one.misfit.powers for one in parts if one.misfit], axis=0))
     found = _most_significant([one.causes for one in estimates])
-    kept = ~last.insignificant
+    kept = np.array(last.faults) != healthy_faults()
+    kept[PLANE] = np.any(kept[PLANE])
     alternatives = _not_told_apart(estimates, kept)
     faults = np.array(last.faults)
     scale = widening(assumed_goodness(faults, misfit.goodness))
@@ -104,9 +107,7 @@ def combined_estimate(
         causes=found,
         measured=_most_significant([one.measured for one in estimates]),
         alternatives=alternatives,
-        valid=verdict.name != "refused",
-        verdict=verdict.name,
-        reason=verdict.reason,
+        **verdict,
     )
 
 
@@ -161,10 +162,7 @@ def _contradictions(parts: Sequence[Finding]) -> list[str]:
 
 def _counted(of_stretches: Sequence[Sequence[str]]) -> list[str]:
     """Return texts of stretches, each once, and of how many of them it is unless of all."""
-    numbers: dict[str, int] = {}
-    for texts in of_stretches:
-        for text in dict.fromkeys(texts):
-            numbers[text] = numbers.get(text, 0) + 1
+    numbers = Counter(text for texts in of_stretches for text in dict.fromkeys(texts))
     total = len(of_stretches)
     return [
         text if number == total else f"{text} ({_share(number, total)})"
@@ -172,9 +170,7 @@ def _counted(of_stretches: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def _not_told_apart(
-    estimates: Sequence[Estimate], kept: NDArray[np.bool_]
-) -> tuple[tuple[str, str], ...]:
+def _not_told_apart(estimates: Sequence[Estimate], kept: Flags) -> tuple[tuple[str, str], ...]:
     """Return the pairs that the stretches cannot be said to have told apart.
 
     A later stretch that names no alternative has not told them apart: what was known before it
@@ -209,10 +205,10 @@ def _faults_of(texts: Iterable[str]) -> list[int]:
 
 def _with_confusions(
     last: Estimate,
-    covariance: NDArray[np.float64],
+    covariance: Array,
     estimates: Iterable[Estimate],
     alternatives: Iterable[tuple[str, str]],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """Return a covariance that knows a fault no better than the stretches did one by one.
 
     That holds for those that they did not tell from something else: it does not average out. The

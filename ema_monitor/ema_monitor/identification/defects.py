@@ -1,15 +1,15 @@
-"""What no fault explains: a defect of drive or shaft, or a column in another unit than it is said.
+"""Findings that are no fault: a defect of drive or shaft, or a column in another unit than stated.
 
-The one is named, as no fault can be estimated beside it. The other is told by how the columns
-agree: a position follows its command, a speed is the change of the position, and a current moves
-the known inertia. Where one of these is off by a factor, no fault is the reason.
+Beside a defect no fault can be estimated, so the defect alone is named. A wrong unit shows in three
+relations: the position follows its command, the speed is the derivative of the position, and the
+current accelerates the known inertia. No fault changes one of these by a factor.
 """
 
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
@@ -166,18 +166,13 @@ def _is_off(factor: float, least: float) -> bool:
     return not 1.0 / least < factor < least
 
 
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
+def _slope(x: Array, y: Array) -> float | None:
     """Return how many times ``x`` is in ``y``; None where they are no multiples of each other."""
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
     return xy / xx if xy**2 > _ALIKE * xx * yy > 0.0 else None
 
 
-def _inertia_of(
-    speed: NDArray[np.float64],
-    current: NDArray[np.float64],
-    position: NDArray[np.float64],
-    h: float,
-) -> float | None:
+def _inertia_of(speed: Array, current: Array, position: Array, h: float) -> float | None:
     """Return the current that an acceleration takes [A.s^2]; None when that is not determined."""
     rows = np.stack(
         [np.gradient(speed, h), speed, np.tanh(speed / _KNEE), position, np.ones_like(speed)], 1

@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
-from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector, healthy_faults
+from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector, healthy_faults
 from ema_core.wording import text_table
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
@@ -39,6 +39,7 @@ VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped")
 
 VALID, DEGRADED, REFUSED, FAILED, SKIPPED = VERDICTS
 
+_UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
 
@@ -83,7 +84,8 @@ class Estimate:
     reason
         Why not, or reservations about it.
     insignificant
-        Components set to healthy because the window does not show that they differ, ``(8,)``.
+        Components that the window does not show to differ from healthy, ``(8,)``: set to healthy,
+        or faults within one standard deviation of it, which are added here.
     warm_start
         Whether the search began at the faults of an earlier window.
     calibration_windows
@@ -113,19 +115,19 @@ class Estimate:
     algorithm: str
     seed: int
     calibration_id: str
-    faults: FaultVector
-    covariance: NDArray[np.float64]
-    unobservable: NDArray[np.bool_]
-    play: float
-    fitness: float
-    goodness_of_fit: float
-    goodness_limit: float
-    excitation: float
-    evaluations: int
-    computing_time_s: float
-    valid: bool
-    reason: str
-    insignificant: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
+    faults: FaultVector = _UNKNOWN
+    covariance: Array = field(default_factory=lambda: np.full((N_FAULTS, N_FAULTS), math.nan))
+    unobservable: Flags = field(default_factory=lambda: np.ones(N_FAULTS, dtype=bool))
+    play: float = math.nan
+    fitness: float = math.nan
+    goodness_of_fit: float = math.nan
+    goodness_limit: float = math.nan
+    excitation: float = math.nan
+    evaluations: int = 0
+    computing_time_s: float = 0.0
+    valid: bool = False
+    reason: str = ""
+    insignificant: Flags = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
     warm_start: bool = False
     calibration_windows: int = 0
     verdict: str = VALID
@@ -135,18 +137,21 @@ class Estimate:
     stretches: int = 0
     measured: tuple[CauseEstimate, ...] = ()
 
+    def __post_init__(self) -> None:
+        is_within = np.abs(np.subtract(self.faults, healthy_faults())) <= np.asarray(self.sigma)
+        insignificant = self.insignificant.copy()
+        insignificant[INDICES] |= is_within[INDICES]
+        object.__setattr__(self, "insignificant", insignificant)
+
     @property
     def sigma(self) -> FaultVector:
         """Standard deviations; NaN where unobservable."""
         return FaultVector.of(np.sqrt(np.diag(self.covariance)))
 
     @property
-    def found(self) -> NDArray[np.bool_]:
-        """Which components differ from healthy, faults by more than their sigma, ``(8,)``."""
-        distance = np.abs(np.subtract(self.faults, healthy_faults()))
-        is_fault = np.array([fault.limit is not None for fault in FAULTS])
-        is_within = is_fault & (distance <= np.asarray(self.sigma))
-        return ~(self.insignificant | self.unobservable | is_within)
+    def found(self) -> Flags:
+        """Which components differ from healthy, ``(8,)``."""
+        return ~(self.insignificant | self.unobservable)
 
     @property
     def meanings(self) -> tuple[str, ...]:
@@ -204,7 +209,6 @@ def refusal(
 
     It has failed where the reason is a failure of drive or shaft.
     """
-    nan = math.nan
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
         verdict = SKIPPED
@@ -215,17 +219,8 @@ def refusal(
         settings.algorithm,
         settings.seed,
         calibration.calibration_id if is_calibrated else "",
-        faults=FaultVector.of(np.full(N_FAULTS, nan)),
-        covariance=np.full((N_FAULTS, N_FAULTS), nan),
-        unobservable=np.ones(N_FAULTS, dtype=bool),
-        play=nan,
-        fitness=nan,
-        goodness_of_fit=nan,
         goodness_limit=settings.goodness_limit,
-        excitation=window.excitation if isinstance(window, Window) else nan,
-        evaluations=0,
-        computing_time_s=0.0,
-        valid=False,
+        excitation=window.excitation if isinstance(window, Window) else math.nan,
         reason=reason,
         calibration_windows=calibration.windows if is_calibrated else 0,
         verdict=verdict,
@@ -256,10 +251,7 @@ def estimate_record(estimate: Estimate) -> dict[str, Any]:
 
     What is not a number is None; infinite values are text: JSON has neither.
     """
-    record = estimate_values(estimate)
-    record["faults"] = by_fault(estimate.faults)
-    record["covariance"] = [[plain_number(value) for value in row] for row in record["covariance"]]
-    return {name: plain_number(value) for name, value in record.items()}
+    return plain(estimate_values(estimate))
 
 
 def estimate_of(record: Mapping[str, Any]) -> Estimate:
@@ -290,11 +282,15 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
 
 def by_fault(values: Iterable[float]) -> dict[str, Any]:
     """Return the eight values of the faults by name; those that are not a number become None."""
-    return dict(zip(FAULT_NAMES, map(plain_number, values), strict=True))
+    return dict(zip(FAULT_NAMES, map(plain, values), strict=True))
 
 
-def plain_number(value: Any) -> Any:
-    """Return a number as JSON can hold it: None for NaN, text for an infinite one."""
+def plain(value: Any) -> Any:
+    """Return a value as JSON can hold it: None for NaN, text for an infinite number."""
+    if isinstance(value, dict):
+        return {name: plain(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [plain(one) for one in value]
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
@@ -302,5 +298,5 @@ def plain_number(value: Any) -> Any:
 
 
 def read_number(value: float | str | None) -> float:
-    """Return the number that ``plain_number`` wrote."""
+    """Return the number that ``plain`` wrote."""
     return math.nan if value is None else float(value)

@@ -5,8 +5,8 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
@@ -27,7 +27,7 @@ AMBIGUOUS_EVIDENCE: Final = 8.0
 EQUAL_SHORTS: Final = "equal short circuits of all phases"
 """What three of them are called, where they stand for something else."""
 
-Components = NDArray[np.bool_]
+Components = Flags
 """A set of components, ``(d,)``."""
 
 
@@ -50,7 +50,7 @@ class Evidence:
         self._objective = objective
         self._suspects = suspects
         # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
-        self._quadratic: tuple[Linearisation, NDArray[np.float64], NDArray[np.float64]] | None
+        self._quadratic: tuple[Linearisation, Array, Array] | None
         self._quadratic = None
 
     def against(self, one: Linearisation, other: Linearisation) -> float:
@@ -70,7 +70,7 @@ class Evidence:
         effective = self._objective.fitness.effective
         return self._value(at.cost, at.point) - effective * float(np.log(lowest))
 
-    def predicted(self, at: Linearisation, shown: Components) -> tuple[float, NDArray[np.float64]]:
+    def predicted(self, at: Linearisation, shown: Components) -> tuple[float, Array]:
         """Return cost and point of the linear model's optimum with only some components."""
         if self._quadratic is None or self._quadratic[0] is not at:
             normal = at.jacobian.T @ at.jacobian
@@ -131,7 +131,7 @@ class Evidence:
             others += [healthy] if len(healthy) > 1 else []
         return others
 
-    def _value(self, cost: float, point: NDArray[np.float64]) -> float:
+    def _value(self, cost: float, point: Array) -> float:
         objective = self._objective
         surprise = objective.surprise(point)
         of_window = max(cost - objective.noise * surprise, 1e-12 * cost)
@@ -164,11 +164,6 @@ def excluding(kept: Components, group: list[int]) -> Components:
     rest = kept.copy()
     rest[group] = False
     return rest
-
-
-def price(more: int) -> float:
-    """Return by how much an explanation with ``more`` components must be better to be chosen."""
-    return COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
 
 
 def components(kept: Components) -> int:

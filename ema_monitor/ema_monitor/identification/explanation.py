@@ -14,23 +14,24 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.evidence import (
     ADDED_EVIDENCE,
     AMBIGUOUS_EVIDENCE,
     COMPONENT_EVIDENCE,
+    REPLACED_EVIDENCE,
     Components,
     Evidence,
     components,
     excluding,
     including,
-    price,
 )
 from ema_monitor.identification.knowledge import FLOOR
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import Linearisation, refitted, significant_components
+from ema_monitor.model.readings import MOVES_START
 
 MOST_CAUSES: Final = 3
 """Largest number of hidden causes in an explanation."""
@@ -82,7 +83,7 @@ class Explanation:
     kept: Components
     confused: Components
     alternatives: list[tuple[str, str]]
-    spread: NDArray[np.float64]
+    spread: Array
 
 
 class Explainer:
@@ -121,14 +122,13 @@ class Explainer:
         self._tried = np.ones_like(always)
         self._seeds = seeds
 
-    def explain(self, point: NDArray[np.float64]) -> Explanation:
+    def explain(self, point: Array) -> Explanation:
         """Return what explains the window, from the optimum of the faults alone, ``(d,)``."""
         fitted = self._always
         at, kept = self._reduced(self._objective.linearise(point, fitted), fitted)
-        if self._causes:
-            # So far without their columns, which setting to healthy does not need.
-            self._tried = self._worth_trying(at)
-            at = self._objective.linearise(at.point, self._tried)
+        # So far with the columns of what is kept alone: setting to healthy needs no others.
+        self._tried = self._worth_trying(at)
+        at = self._objective.extended(at, kept, self._tried)
         at, kept = self._with_causes(at, kept)
         if self._is_doubtful(at, kept):
             for start, trial in self._elsewhere(at, kept):
@@ -174,7 +174,7 @@ class Explainer:
 
     def _weaker_motors(
         self, explanation: Explanation
-    ) -> Iterator[tuple[list[int], list[int], NDArray[np.float64]]]:
+    ) -> Iterator[tuple[list[int], list[int], Array]]:
         """Yield what may be replaced, by what, and where to begin, ``(m, d)``."""
         point, kept, confused = explanation.at.point, explanation.kept, explanation.confused
         shorts = point[SHORT_CIRCUITS]
@@ -201,9 +201,10 @@ class Explainer:
         A wrong position at the start leaves a window unexplained, or disagrees with the speed.
         """
         objective = self._objective
-        if at.cost > objective.fitness.good_cost or not objective.columns_agree:
+        if at.cost > objective.fitness.good_cost or not objective.relations.are_healthy:
             return np.ones_like(self._always)
-        return self._always | ~objective.moves_start
+        moves = [one.name in MOVES_START for one in objective.hidden_causes]
+        return self._always | ~np.array([False] * objective.first_cause + moves)
 
     def _with_causes(self, at: Linearisation, kept: Components) -> Fitted:
         """Return an explanation with further hidden causes, as far as they are worth it."""
@@ -236,9 +237,7 @@ class Explainer:
             return True
         return at.cost > self._objective.fitness.good_cost and at.cost > self._objective.fair_cost()
 
-    def _elsewhere(
-        self, at: Linearisation, kept: Components
-    ) -> list[tuple[NDArray[np.float64], Components]]:
+    def _elsewhere(self, at: Linearisation, kept: Components) -> list[tuple[Array, Components]]:
         """Return where else an explanation may be found: points, ``(d,)``, and their components.
 
         Each begins at a value of a cause that is not part of the explanation, with it or without
@@ -288,11 +287,7 @@ class Explainer:
         return at, kept
 
     def _better(
-        self,
-        starts: NDArray[np.float64],
-        trial: Components,
-        at: Linearisation,
-        kept: Components,
+        self, starts: Array, trial: Components, at: Linearisation, kept: Components
     ) -> Fitted | None:
         """Return the explanation with the components of a trial, None where that is no better."""
         point = self._descended(starts, trial)
@@ -301,9 +296,10 @@ class Explainer:
             return None  # two phases without turns: the model has no finite response
         found, shown = self._reduced(there, trial)
         more = components(shown) - components(kept)
-        if self._evidence.against(found, at) >= -price(more):
+        wanted = COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
+        if self._evidence.against(found, at) >= -wanted:
             return None
-        return self._objective.linearise(found.point, self._tried), shown
+        return self._objective.extended(found, shown, self._tried), shown
 
     def _promising(self, at: Linearisation, kept: Components) -> Components | None:
         """Return the components of the best explanation with another cause; None without any.
@@ -332,7 +328,7 @@ class Explainer:
                     best, chosen = gain, trial
         return chosen
 
-    def _descended(self, starts: NDArray[np.float64], free: Components) -> NDArray[np.float64]:
+    def _descended(self, starts: Array, free: Components) -> Array:
         """Return the optimum of some components, downhill from the lowest start, ``(m, d)``."""
         objective = self._objective
         cost, point, trials = np.inf, starts[0], starts
@@ -362,14 +358,14 @@ class Explainer:
         )
         if np.all(kept == fitted):
             return at, kept
-        optimum, at = at, self._objective.linearise(point, fitted)
+        optimum, at = at, self._objective.linearise(point, kept)
         loss = math.log(MOST_LOSS) * objective.fitness.effective
         if np.any(fitted[self._suspects]):
             loss = max(loss, COMPONENT_EVIDENCE * (components(fitted) - components(kept)))
         if self._evidence.against(at, optimum) > loss:
-            at = self._objective.linearise(self._descended(point[None], kept), fitted)
+            at = self._objective.linearise(self._descended(point[None], kept), kept)
         if self._evidence.against(at, optimum) > loss:
             return optimum, fitted
         point = refitted(at, objective.healthy, kept)
-        again = self._objective.linearise(point, fitted)
+        again = self._objective.linearise(point, kept)
         return (again if again.cost < at.cost else at), kept

@@ -7,10 +7,9 @@ and algorithms that want residuals.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ema_core.acquisition import Acquisition
-from ema_core.parameters import ActuatorParameters
+from ema_core.arrays import Array
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, band_samples, rms, speed_weight
 from ema_monitor.windows.window import Window
@@ -22,6 +21,8 @@ _UNKNOWN_SCATTER = 0.05
 _MEAN_SCATTER = 0.08
 _GOOD_COST = 3.0
 
+Scatter = tuple[float, float]
+
 
 class LeastSquares:
     """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period).
@@ -32,12 +33,10 @@ class LeastSquares:
     ----------
     window
         The window to be explained.
-    parameters
-        Of the actuator.
+    calibration
+        Of the actuator, and how its telemetry is acquired.
     scatter
         Rms of the residual of current and speed when healthy [A, rad/s]: they set the scale.
-    acquisition
-        How the telemetry is acquired.
 
     Attributes
     ----------
@@ -56,18 +55,12 @@ class LeastSquares:
     noise = 0.0
     effective = 0.0
 
-    def __init__(
-        self,
-        window: Window,
-        parameters: ActuatorParameters,
-        scatter: tuple[float, float],
-        acquisition: Acquisition,
-    ) -> None:
+    def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
         self.spacing = window.sample_period
         self._measured = window.current
         self.weights = np.full(len(window), np.sqrt(self.spacing))
 
-    def residuals(self, expected: Response) -> NDArray[np.float64]:
+    def residuals(self, expected: Response) -> Array:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
         return (self._measured - expected.current) * self.weights
 
@@ -80,14 +73,8 @@ class TotalLeastSquares(LeastSquares):
     Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
     """
 
-    def __init__(
-        self,
-        window: Window,
-        parameters: ActuatorParameters,
-        scatter: tuple[float, float],
-        acquisition: Acquisition,
-    ) -> None:
-        super().__init__(window, parameters, scatter, acquisition)
+    def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
+        super().__init__(window, calibration, scatter)
         h = self.spacing
         slope = np.gradient(self._measured, h)
         typical = rms(slope)
@@ -109,23 +96,18 @@ class BandLimited(LeastSquares):
     better, in the speed.
     """
 
-    def __init__(
-        self,
-        window: Window,
-        parameters: ActuatorParameters,
-        scatter: tuple[float, float],
-        acquisition: Acquisition,
-    ) -> None:
+    def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
+        parameters, sampling = calibration.parameters, calibration.acquisition.current
         self._h = h = window.sample_period
         of_current, of_speed = scatter
         stiffness = speed_weight(parameters)
         self._current_weight = 1.0
-        if acquisition.current == "none":
+        if sampling == "none":
             # Its row is 0. What the speed scatters by sets the scale.
             self._current_weight, of_current = 0.0, stiffness * of_speed
         if not np.isfinite(of_current):
             of_current = _UNKNOWN_SCATTER * parameters.h_b
-        if acquisition.current == "instantaneous":
+        if sampling == "instantaneous":
             self._current_weight = min(1.0, _MEAN_SCATTER * parameters.h_b / of_current)
             of_current *= self._current_weight
         nothing = np.zeros(len(window))
@@ -146,7 +128,7 @@ class BandLimited(LeastSquares):
         both = measures_current + (excess**2 if np.isfinite(excess) else 1.0)
         self.effective = both * float(np.sum(self.weights**2)) / BAND_CORRELATION
 
-    def residuals(self, expected: Response) -> NDArray[np.float64]:
+    def residuals(self, expected: Response) -> Array:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
         current, speed = self._measured
         distance = np.concatenate(
@@ -160,7 +142,7 @@ class BandLimited(LeastSquares):
         return np.sqrt(self.spacing) * pseudo_huber(distance, self._scale)
 
 
-def pseudo_huber(distance: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+def pseudo_huber(distance: Array, scale: float) -> Array:
     """Return numbers whose squares are the pseudo-Huber loss of distances.
 
     Below ``scale`` the loss is quadratic, beyond it linear.

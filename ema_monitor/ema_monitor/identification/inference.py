@@ -5,15 +5,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.causes import CauseEstimate
-from ema_core.faults import (
-    ECCENTRICITY_PHASE,
-    N_FAULTS,
-    FaultVector,
-    healthy_faults,
-)
+from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, FaultVector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.evidence import Components, including
@@ -35,7 +30,6 @@ from ema_monitor.identification.uncertainty import (
     SIGNIFICANT_CAUSE,
     SPANS,
     Linearisation,
-    covariance_of_effects,
     shifts_of,
     uncertainty_of_faults,
     with_mismatch,
@@ -125,7 +119,7 @@ class Inference:
         self._span[:N_FAULTS] = SPANS
         if window.play is None:
             self._span[N_FAULTS] = 2.0
-        self._unit_effects: NDArray[np.float64] | None = None
+        self._unit_effects: Array | None = None
 
     @property
     def most_evaluations(self) -> int:
@@ -135,9 +129,9 @@ class Inference:
 
     def finding(
         self,
-        faults: NDArray[np.float64],
+        faults: Array,
         play: float,
-        fitted: NDArray[np.float64],
+        fitted: Array,
         *,
         evaluations: int,
         started: float,
@@ -168,7 +162,7 @@ class Inference:
             When the covariance cannot be computed.
         """
         objective, window, settings = self._objective, self._window, self._settings
-        left = settings.termination.budget - evaluations - objective.unit_evaluations - 2
+        left = settings.budget - evaluations - objective.unit_evaluations - 2
         explainer = Explainer(
             objective,
             self._always,
@@ -227,22 +221,20 @@ class Inference:
             excitation=window.excitation,
             evaluations=evaluations + objective.evaluations,
             computing_time_s=time.perf_counter() - started,
-            valid=verdict.name != "refused",
-            reason=verdict.reason,
             insignificant=~kept[:N_FAULTS],
             warm_start=warm_start,
             calibration_windows=self._calibration.windows,
-            verdict=verdict.name,
             unexplained_share=misfit.share,
             causes=causes,
             alternatives=tuple(explanation.alternatives),
             measured=window.measured,
+            **verdict,
         )
         return Finding(
             estimate, misfit, knowledge, surprised, contradicted, caveats, tuple(unlearned)
         )
 
-    def _uncertainty(self, explanation: Explanation) -> NDArray[np.float64]:
+    def _uncertainty(self, explanation: Explanation) -> Array:
         """Return the covariance of all components in the unit box, ``(d, d)``.
 
         Where causes take part, that of what is kept holds for the explanation as it is, with what
@@ -267,18 +259,16 @@ class Inference:
                 result[np.ix_(group, group)] = wider[np.ix_(group, group)]
         return result + explanation.spread
 
-    def _covariance(
-        self, at: Linearisation, shown: Components, effects: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _covariance(self, at: Linearisation, shown: Components, effects: Array) -> Array:
         """Return the covariance with only some components fitted, ``(d, d)``."""
         jacobian = at.jacobian[:, shown]
         result = np.zeros((len(shown), len(shown)))
-        result[np.ix_(shown, shown)] = self._objective.covariance(
-            jacobian, at.residuals
-        ) + covariance_of_effects(jacobian, effects)
+        shifts = shifts_of(jacobian, effects)
+        known = self._objective.covariance(jacobian, at.residuals)
+        result[np.ix_(shown, shown)] = known + shifts @ shifts.T
         return result
 
-    def _effects(self, at: Linearisation) -> NDArray[np.float64]:
+    def _effects(self, at: Linearisation) -> Array:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
 
         It does not follow the faults, as the mismatch does that widens the whole later.
@@ -287,9 +277,7 @@ class Inference:
             self._unit_effects = self._objective.unit_effects(at.point) / MISMATCH_FACTOR
         return self._unit_effects
 
-    def _knowledge(
-        self, explanation: Explanation, before: Knowledge
-    ) -> tuple[Knowledge, NDArray[np.float64]]:
+    def _knowledge(self, explanation: Explanation, before: Knowledge) -> tuple[Knowledge, Array]:
         """Return what is known of the faults after the window, and its own information, ``(8, 8)``.
 
         None of the faults is set to healthy, and none held at the bounds of the box (M29).
@@ -312,9 +300,7 @@ class Inference:
         )
         return known, gained
 
-    def _causes(
-        self, explanation: Explanation, covariance: NDArray[np.float64]
-    ) -> tuple[CauseEstimate, ...]:
+    def _causes(self, explanation: Explanation, covariance: Array) -> tuple[CauseEstimate, ...]:
         """Return the hidden causes that are part of the explanation."""
         objective = self._objective
         first = objective.first_cause
@@ -342,7 +328,7 @@ class Inference:
             return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
         return True
 
-    def _unlearned(self, explanation: Explanation, covariance: NDArray[np.float64]) -> list[str]:
+    def _unlearned(self, explanation: Explanation, covariance: Array) -> list[str]:
         """Return in words which faults are uncertain for what the calibration could not learn."""
         at, kept = explanation.at, explanation.kept
         # At the healthy point it does not matter.

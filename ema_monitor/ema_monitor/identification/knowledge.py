@@ -3,8 +3,8 @@
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import N_FAULTS
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
@@ -46,20 +46,20 @@ class Knowledge(NamedTuple):
         what one tells more is judged by it.
     """
 
-    point: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    shifts: NDArray[np.float64] = _NOTHING[:, :0]
+    point: Array
+    covariance: Array
+    shifts: Array = _NOTHING[:, :0]
     misfit: float = 1.0
-    gained: NDArray[np.float64] = _NOTHING
+    gained: Array = _NOTHING
 
-    def rows(self) -> NDArray[np.float64]:
+    def rows(self) -> Array:
         """Return the derivatives of eight independent residuals of unit variance, ``(8, 8)``."""
         variances, axes = np.linalg.eigh(self.covariance)
         # Beyond its range nothing is known of a component.
         return (axes / np.sqrt(np.clip(variances, _LEAST_VARIANCE, 1.0))).T
 
     @classmethod
-    def of_range(cls, point: NDArray[np.float64]) -> Self:
+    def of_range(cls, point: Array) -> Self:
         """Return that a fault is no better known than from its range.
 
         Of two explanations that fit as well, the one near ``point``, ``(8,)``, is taken.
@@ -67,7 +67,7 @@ class Knowledge(NamedTuple):
         return cls(point, np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2))
 
     @property
-    def sigma(self) -> NDArray[np.float64]:
+    def sigma(self) -> Array:
         """Standard deviations with the mismatch of the model, ``(8,)``, in units of the faults.
 
         Those of the eccentricity are the two of its plane.
@@ -76,7 +76,7 @@ class Knowledge(NamedTuple):
         return SPANS * np.sqrt(np.diag(total))
 
     @property
-    def systematic_sigma(self) -> NDArray[np.float64]:
+    def systematic_sigma(self) -> Array:
         """The part of `sigma` that further windows do not lower, ``(8,)``."""
         common = MISMATCH_FACTOR**2 * self.shifts @ self.shifts.T
         return SPANS * np.sqrt(np.diag(common) + FLOOR**2)
@@ -91,7 +91,7 @@ def needs_no_evidence(window: Window, known: Knowledge | None) -> set[str]:
     return names if known is None else names | {NUISANCE}
 
 
-def information(jacobian: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
+def information(jacobian: Array, noise: float) -> Array:
     """Return the information on the faults, ``(8, 8)``, the other components being fitted, too.
 
     Parameters
@@ -109,7 +109,7 @@ def information(jacobian: NDArray[np.float64], noise: float) -> NDArray[np.float
     return (found + found.T) / 2.0
 
 
-def surprise(known: Knowledge, after: Knowledge, gained: NDArray[np.float64]) -> float:
+def surprise(known: Knowledge, after: Knowledge, gained: Array) -> float:
     """Return the squared distance of a window from what was known before it.
 
     It is that of the faults that the window alone, with its information ``gained``, would give from

@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import (
     HIGHEST,
     N_FAULTS,
@@ -66,9 +66,7 @@ class Coordinates:
     cartesian: bool
     hidden: tuple[Prior, ...] = ()
 
-    def decode(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def decode(self, points: Array) -> tuple[Array, Array]:
         """Return fault vectors, ``(m, 8)``, and places in the play, ``(m,)``, of points.
 
         An eccentricity beyond 1 is reduced to 1.
@@ -82,15 +80,14 @@ class Coordinates:
             play = np.full(len(points), self.play)
         return np.minimum(faults, HIGHEST), play
 
-    def causes(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def causes(self, points: Array) -> Array:
         """Return the hidden causes of points in their units, ``(m, n_causes)``."""
-        reach = np.array([one.reach for one in self.hidden])
-        lowest = np.array([one.lowest for one in self.hidden])
-        expected = np.array([one.expected for one in self.hidden])
+        figures = [(one.reach, one.lowest, one.expected) for one in self.hidden]
+        reach, lowest, expected = np.reshape(figures, (-1, 3)).T
         first = points.shape[1] - len(self.hidden)
         return np.maximum(expected + reach * (2.0 * points[:, first:] - 1.0), lowest)
 
-    def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
+    def encode(self, faults: Array, play: float = 0.0) -> Array:
         """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a place in the play.
 
         Hidden causes are what is expected of them there: absent, where they are not measured.
@@ -119,9 +116,9 @@ class Relations(NamedTuple):
         By how much the window differs from a healthy one, and the standard deviations, ``(k,)``.
     """
 
-    slopes: NDArray[np.float64] = np.zeros((0, len(COLUMNS)))
-    values: NDArray[np.float64] = np.zeros(0)
-    sigmas: NDArray[np.float64] = np.zeros(0)
+    slopes: Array = np.zeros((0, len(COLUMNS)))
+    values: Array = np.zeros(0)
+    sigmas: Array = np.zeros(0)
 
     @classmethod
     def of(cls, window: Window, calibration: Calibration) -> Self:
@@ -137,7 +134,7 @@ class Relations(NamedTuple):
             found.append((slopes, law.value - calibration.law_offset, law.sigma))
         return cls(*map(np.array, zip(*found, strict=True)))
 
-    def left(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def left(self, columns: Array) -> Array:
         """Return what deviations, ``(m, 28)``, leave of them, ``(m, k)``, in sigma of each."""
         return (columns @ self.slopes.T - self.values) / self.sigmas
 
@@ -179,6 +176,8 @@ class Objective:
         Hidden causes that are components.
     known
         What is known of the faults already; None where nothing is.
+    relations
+        What the columns say of each other, where readings of the position are components.
     evaluations
         Windows of the model that were computed so far.
     """
@@ -198,9 +197,7 @@ class Objective:
         # Laying one command over another takes time: once an objective.
         self._knows, self._corrections, self.scatter = calibration.reference(window)
         self._model = calibration.model()
-        self.fitness = FITNESS[fitness](
-            window, calibration.parameters, self.scatter, calibration.acquisition
-        )
+        self.fitness = FITNESS[fitness](window, calibration, self.scatter)
         self._coordinates = Coordinates(window.play, cartesian, causes)
         self.encode, self.decode = self._coordinates.encode, self._coordinates.decode
         self.hidden_causes = causes
@@ -213,13 +210,12 @@ class Objective:
         self._known_rows = np.zeros((0, N_FAULTS))
         if known is not None:
             self._known_rows = math.sqrt(self.noise) * known.rows()
-        # Where readings of the position compete, so does what the columns say of each other.
-        self._relations = Relations()
+        self.relations = Relations()
         if {one.name for one in causes} >= set(MOVES_START):
-            self._relations = Relations.of(window, calibration)
+            self.relations = Relations.of(window, calibration)
         self.healthy = self.encode(healthy_faults())
         # They are linear in a point, and are asked for at many.
-        relations, reaches = self._relations, np.array([2.0 * one.reach for one in causes])
+        relations, reaches = self.relations, np.array([2.0 * one.reach for one in causes])
         self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
         self._related = relations.slopes[:, self._columns] * reaches / relations.sigmas[:, None]
 
@@ -244,18 +240,6 @@ class Objective:
         return 2 * (self.dimension - sum(one.name in free for one in self.hidden_causes)) + 1
 
     @property
-    def moves_start(self) -> NDArray[np.bool_]:
-        """Which components are readings that change where the model begins, ``(d,)``."""
-        moves = np.zeros(self.dimension, dtype=bool)
-        moves[self.first_cause :] = [one.name in MOVES_START for one in self.hidden_causes]
-        return moves
-
-    @property
-    def columns_agree(self) -> bool:
-        """Whether the position agrees with speed, command and current as when healthy."""
-        return self._relations.are_healthy
-
-    @property
     def unit_evaluations(self) -> int:
         """Number of model evaluations that `unit_effects` takes."""
         steps = len(self.unit_steps)
@@ -271,20 +255,18 @@ class Objective:
         misfit = 1.0 if self.known is None else self.known.misfit
         return misfit**2 * self.fitness.noise
 
-    def misfit(self, residuals: NDArray[np.float64]) -> float:
+    def misfit(self, residuals: Array) -> float:
         """Return how many times larger than when healthy residuals, ``(r,)``, are."""
         return math.sqrt(
             self.window_cost(residuals) / (self.fitness.noise * self.fitness.effective)
         )
 
-    def window_cost(self, residuals: NDArray[np.float64]) -> float:
+    def window_cost(self, residuals: Array) -> float:
         """Return the sum of squares of residuals, ``(r,)``, but for priors [A^2.s]."""
         of_window = residuals[: len(residuals) - self.priors]
         return float(of_window @ of_window)
 
-    def covariance(
-        self, jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def covariance(self, jacobian: Array, residuals: Array) -> Array:
         """Return the covariance of the components whose derivatives the Jacobian has."""
         lags = max(1, round(CORRELATION_S / self.fitness.spacing))
         return sandwich_covariance(jacobian, residuals, lags, self.priors, self.noise)
@@ -297,21 +279,21 @@ class Objective:
     @property
     def priors(self) -> int:
         """Number of residuals, the last ones, that are priors."""
-        return len(self._relations.values) + len(self._known_rows) + len(self._priors)
+        return len(self.relations.values) + len(self._known_rows) + len(self._priors)
 
-    def surprise(self, point: NDArray[np.float64]) -> float:
+    def surprise(self, point: Array) -> float:
         """Return how unusual the hidden causes of a point, ``(d,)``, are.
 
         It is what their priors, and the relations of the columns, have in the cost over ``noise``.
         """
         away = self.cause_sigmas(point)
         total = float(away @ away)
-        if len(self._relations.values):
+        if len(self.relations.values):
             left = self._related @ (point[self.first_cause :] - 0.5) + self._unrelated
             total += float(left @ left)
         return total
 
-    def cause_sigmas(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cause_sigmas(self, point: Array) -> Array:
         """Return how many sigma hidden causes are from what is expected, ``(n_causes,)``."""
         return self._sigmas * (point[self.first_cause :] - 0.5)
 
@@ -321,17 +303,17 @@ class Objective:
         last = len(self._priors)
         return slice(-(len(self._known_rows) + last), -last or None)
 
-    def causes(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def causes(self, point: Array) -> Array:
         """Return the hidden causes of a point in their units, ``(n_causes,)``."""
         return self._coordinates.causes(point[None])[0]
 
-    def _deviations(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _deviations(self, points: Array) -> Array:
         """Return the columns at points, ``(m, 28)``: the measured ones and the components."""
         deviations = np.tile(self._measured, (len(points), 1))
         deviations[:, self._columns] = self._coordinates.causes(points)
         return deviations
 
-    def expect(self, points: NDArray[np.float64]) -> Response:
+    def expect(self, points: Array) -> Response:
         """Return the calibrated response at points of the unit box, ``(m, d)``."""
         faults, play = self.decode(points)
         deviations, position = read(self._deviations(points), self._window)
@@ -357,7 +339,7 @@ class Objective:
         rows = (response.current[run_of], response.speed[run_of])
         return Response(*sensed(rows, of_sensors, self._window.sample_period))
 
-    def unit_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def unit_effects(self, point: Array) -> Array:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
 
         A column is the effect of one standard deviation along a principal axis of the covariance of
@@ -377,7 +359,7 @@ class Objective:
             effects[end - N_FAULTS : end] = -self._known_rows @ self.known.shifts
         return effects
 
-    def _lift_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _lift_effects(self, point: Array) -> Array:
         expected = self.expect(point[None])
         faults, _ = self.decode(point[None])
         parameters = self._calibration.parameters
@@ -390,7 +372,7 @@ class Objective:
         rows = self.fitness.residuals(Response(current, np.tile(expected.speed, (4, 1))))
         return (rows[1:] - rows[0]).T
 
-    def _deviation_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _deviation_effects(self, point: Array) -> Array:
         steps = self.unit_steps
         knows = self._knows
         bases = np.stack([point, self.healthy]) if knows else point[None]
@@ -415,7 +397,7 @@ class Objective:
         return (effects[0] - effects[1] if knows else effects[0]).T
 
     @cached_property
-    def unit_steps(self) -> NDArray[np.float64]:
+    def unit_steps(self) -> Array:
         """Return a standard deviation of the unit along each principal axis, ``(k, 25)``."""
         covariance = self._calibration.unit_covariance
         if self._knows:
@@ -430,10 +412,10 @@ class Objective:
         steps[:, fitted] = (axes * np.sqrt(np.maximum(variances, 0.0))).T
         return steps
 
-    def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(self, points: Array) -> Array:
         """Return the residuals at points, ``(m, d)``: ``(m, r)`` [A.s^(1/2)]."""
         rows = [self.fitness.residuals(self.expect(points))]
-        if len(self._relations.values):
+        if len(self.relations.values):
             of_causes = points[:, self.first_cause :] - 0.5
             rows.append(math.sqrt(self.noise) * (of_causes @ self._related.T + self._unrelated))
         if self.known is not None:
@@ -442,9 +424,7 @@ class Objective:
             rows.append(self._priors * (points[:, self.first_cause :] - 0.5))
         return np.concatenate(rows, axis=1)
 
-    def linearise(
-        self, point: NDArray[np.float64], free: NDArray[np.bool_] | None = None
-    ) -> Linearisation:
+    def linearise(self, point: Array, free: Flags | None = None) -> Linearisation:
         """Return residuals and their central differences at a point, ``(d,)``.
 
         The derivatives of components that are not ``free``, ``(d,)``, are 0.
@@ -461,3 +441,11 @@ class Objective:
         jacobian = np.zeros((len(columns), len(point)))
         jacobian[:, free] = columns
         return Linearisation(point, at_point[0], jacobian)
+
+    def extended(self, at: Linearisation, known: Flags, free: Flags) -> Linearisation:
+        """Return a linearisation with derivatives of the ``free``, of which some are ``known``."""
+        missing = free & ~known
+        if not np.any(missing):
+            return at
+        more = self.linearise(at.point, missing)
+        return more._replace(jacobian=np.where(free & known, at.jacobian, more.jacobian))

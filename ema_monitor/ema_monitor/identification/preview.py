@@ -3,8 +3,8 @@
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge, information
@@ -35,8 +35,8 @@ class StretchMotion(NamedTuple):
         Load over the largest that is possible [-].
     """
 
-    states: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    states: Array
+    scale: Array
     load: float
 
     @classmethod
@@ -76,17 +76,11 @@ class Preview(NamedTuple):
 
     load: float
     misfit: float
-    gained: NDArray[np.float64]
+    gained: Array
     motion: StretchMotion
 
     @classmethod
-    def of(
-        cls,
-        stretch: Window,
-        calibration: Calibration,
-        known: Knowledge,
-        faults: NDArray[np.float64],
-    ) -> Self:
+    def of(cls, stretch: Window, calibration: Calibration, known: Knowledge, faults: Array) -> Self:
         """Return that of a stretch.
 
         What moves the motor shows what a stretch can tell: it is judged at ``faults``, ``(8,)``,
@@ -111,16 +105,14 @@ class Preview(NamedTuple):
         )
 
 
-def _lowest(
-    objective: Objective, points: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lowest(objective: Objective, points: Array) -> tuple[Array, Array]:
     """Return which of some points, ``(m, d)``, costs least, and its residuals."""
     residuals = objective.residuals(points)
     best = int(np.argmin(np.sum(residuals**2, axis=1)))
     return points[best], residuals[best]
 
 
-def _explained(at: Linearisation, known: Knowledge, noise: float) -> NDArray[np.float64]:
+def _explained(at: Linearisation, known: Knowledge, noise: float) -> Array:
     """Return the point, ``(d,)``, that explains a stretch best, by the linear model of it alone.
 
     ``noise`` is the variance of an effective residual.

@@ -5,8 +5,8 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
@@ -20,12 +20,21 @@ from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.optimizers import ALGORITHMS
-from ema_monitor.optimizers.driver import minimise
+from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _FAR_BETTER = 0.4
+_UNKNOWN_DRIVE = (
+    "drive = unknown, and the calibration is of a drive that is known; calibrate on healthy motion "
+    "of this unit"
+)
+_MISSING = {
+    "current": "the current is not measured: what the speed does not show is not known",
+    "speed": "the speed is not measured: the speed of the user shaft, from the position, takes "
+    "its place",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +44,7 @@ class Generation:
     generation: int
     evaluations: int
     fitness: float
-    faults: NDArray[np.float64]
+    faults: Array
 
 
 Search = Generator[Generation, None, Finding]
@@ -74,23 +83,17 @@ class ModelIdentification:
     calibration: Calibration | str
     settings: SearchSettings
     force: bool = False
-    previous: NDArray[np.float64] | None = None
+    previous: Array | None = None
     known: Knowledge | None = None
     load: float | None = None
 
     def run(self) -> Search:
         """Yield the state after each generation; there is none where a window is refused."""
-        if isinstance(self.window, Refusal):
-            return self._refused(self.window.reason)
-        if isinstance(self.calibration, str):
-            return self._refused(self.calibration)
-        if self.description.drive == "unknown":
-            return self._refused(
-                "drive = unknown, and the calibration is of a drive that is known; calibrate on "
-                "healthy motion of this unit"
-            )
-        found = yield from self._search(self.window, self.calibration)
-        return (yield from self._question_scale(found, self.window, self.calibration))
+        window, calibration = self.window, self.calibration
+        if isinstance(window, Refusal) or isinstance(calibration, str):
+            return self._refused(window.reason if isinstance(window, Refusal) else str(calibration))
+        found = yield from self._search(window, calibration)
+        return (yield from self._question_scale(found, window, calibration))
 
     def estimate(self) -> Estimate:
         """Return the estimate, without progress."""
@@ -151,19 +154,12 @@ class ModelIdentification:
         contradicted: tuple[CauseEstimate, ...],
         started: float,
     ) -> Search:
-        settings = self.settings
-        if failure := drive_defect(window, self.description.parameters):
-            # A speed in another unit is none that stands still.
-            scale = wrong_scale(window, calibration.parameters)
-            if scale is None:
-                return self._refused(failure, is_failure=True)
-            return self._refused(scale.in_words(calibration.parameters))
-        if reason := self._mismatch(window, calibration):
-            return self._refused(reason)
-        caveats = _consequences(window)
-        if mismatch := calibration.unit_mismatch(self.description):
-            if not self.force:
-                return self._refused(f"the calibration does not fit: {mismatch}")
+        settings, mismatch = self.settings, calibration.unit_mismatch(self.description)
+        reason, is_failure = self._defect(window, calibration, "" if self.force else mismatch)
+        if reason:
+            return self._refused(reason, is_failure=is_failure)
+        caveats = [_MISSING[name] for name in window.telemetry.missing]
+        if mismatch:
             caveats.append(f"forced although {mismatch}")
         optimizer_class = ALGORITHMS[settings.algorithm]
         causes = ()
@@ -188,7 +184,7 @@ class ModelIdentification:
                 if one.name == NUISANCE:
                     start[number] = self.load
         inference = Inference(window, calibration, settings, self.known)
-        termination = settings.termination
+        termination = Termination(settings.budget)
         fair_cost, before = objective.fair_cost(), objective.evaluations
         reserve = inference.most_evaluations + before
         hints = Hints(objective.fitness.good_cost, fair_cost, termination.budget - reserve)
@@ -218,17 +214,24 @@ class ModelIdentification:
         except np.linalg.LinAlgError as error:
             return self._refused(f"the uncertainty cannot be computed: {error}")
 
-    def _mismatch(self, window: Window, calibration: Calibration) -> str:
-        """Return why no estimate can be made of any unit; empty when one can."""
+    def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> tuple[str, bool]:
+        """Return why no estimate can be made, empty when one can, and whether the unit failed."""
+        if self.description.drive == "unknown":
+            return _UNKNOWN_DRIVE, False
+        if failure := drive_defect(window, self.description.parameters):
+            # A speed in another unit is none that stands still.
+            scale = wrong_scale(window, calibration.parameters)
+            return (scale.in_words(calibration.parameters) if scale else failure), scale is None
         fitness = self.settings.fitness
-        if reason := calibration.shape_mismatch(window) or window.excitation_defect():
-            return reason
-        if len(window.current) or fitness == DEFAULT_FITNESS:
-            return ""
-        return (
-            f"the current is not measured: fitness {fitness} compares currents only, use "
-            f"{DEFAULT_FITNESS}"
-        )
+        reason = calibration.shape_mismatch(window) or window.excitation_defect()
+        if not reason and not len(window.current) and fitness != DEFAULT_FITNESS:
+            reason = (
+                f"the current is not measured: fitness {fitness} compares currents only, use "
+                f"{DEFAULT_FITNESS}"
+            )
+        if not reason and mismatch:
+            reason = f"the calibration does not fit: {mismatch}"
+        return reason, False
 
     def _refused(self, reason: str, *, is_failure: bool = False) -> Finding:
         estimate = refusal(
@@ -240,13 +243,3 @@ class ModelIdentification:
 def _without(window: Window, causes: tuple[CauseEstimate, ...]) -> Window:
     """Return a window without some of what was measured beside it."""
     return replace(window, measured=tuple(one for one in window.measured if one not in causes))
-
-
-def _consequences(window: Window) -> list[str]:
-    """Return in words what it means that columns are not measured."""
-    meanings = {
-        "current": "the current is not measured: what the speed does not show is not known",
-        "speed": "the speed is not measured: the speed of the user shaft, from the position, takes "
-        "its place",
-    }
-    return [meanings[name] for name in window.telemetry.missing]

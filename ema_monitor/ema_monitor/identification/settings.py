@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Final
 
-from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.quantity import Checked, flag, quantity, text
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
-from ema_monitor.optimizers.driver import StopRule, Termination
+from ema_monitor.optimizers.driver import Termination
 
 GOODNESS_LIMIT: Final = 3.5
 """Calibrated on simulated windows: a few in 1,000 with faults pass it, and those are wrong [-]."""
@@ -16,7 +16,7 @@ MOST_UNEXPLAINED: Final = 0.4
 
 
 @dataclass(frozen=True)
-class SearchSettings:
+class SearchSettings(Checked):
     """How to search for the faults in a window.
 
     Attributes
@@ -24,8 +24,6 @@ class SearchSettings:
     parsimonious
         Whether components that do not differ significantly from healthy are set to healthy
         and the rest is fitted anew.
-    stop_rule
-        When to stop, in place of the budget and of the driver's own rule; None for those.
 
     Raises
     ------
@@ -48,12 +46,3 @@ class SearchSettings:
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
     warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")
     parsimonious: bool = True
-    stop_rule: StopRule | None = None
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    @property
-    def termination(self) -> StopRule:
-        """When to stop."""
-        return self.stop_rule or Termination(self.budget)

@@ -6,8 +6,8 @@ from statistics import NormalDist
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import (
     COMPONENTS,
     ECCENTRICITY,
@@ -80,16 +80,16 @@ GROUPS: Final = tuple(
 class Uncertainty(NamedTuple):
     """Covariance, ``(8, 8)``, NaN where unobservable, and flags, ``(8,)``."""
 
-    covariance: NDArray[np.float64]
-    unobservable: NDArray[np.bool_]
+    covariance: Array
+    unobservable: Flags
 
 
 class Linearisation(NamedTuple):
     """Residuals, ``(r,)``, and their derivatives, ``(r, d)``, at a point, ``(d,)``."""
 
-    point: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
+    point: Array
+    residuals: Array
+    jacobian: Array
 
     @property
     def cost(self) -> float:
@@ -98,12 +98,8 @@ class Linearisation(NamedTuple):
 
 
 def sandwich_covariance(
-    jacobian: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    lags: int,
-    priors: int = 0,
-    noise: float = 0.0,
-) -> NDArray[np.float64]:
+    jacobian: Array, residuals: Array, lags: int, priors: int = 0, noise: float = 0.0
+) -> Array:
     """Return the covariance of a least-squares estimate under correlated residuals, ``(d, d)``.
 
     That is the estimator of Newey and West (1987), Econometrica 55(3), with Bartlett weights. A
@@ -130,24 +126,13 @@ def sandwich_covariance(
     return (covariance + covariance.T) / 2.0
 
 
-def covariance_of_effects(
-    jacobian: NDArray[np.float64], effects: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the covariance, ``(d, d)``, that effects on the residuals give to an estimate.
-
-    Effects, ``(n, k)``, are changes of the residuals by independent causes, one sigma each.
-    """
-    shifts = shifts_of(jacobian, effects)
-    return shifts @ shifts.T
-
-
-def shifts_of(jacobian: NDArray[np.float64], effects: NDArray[np.float64]) -> NDArray[np.float64]:
+def shifts_of(jacobian: Array, effects: Array) -> Array:
     """Return what a least-squares estimate loses by effects on the residuals, ``(d, k)``."""
     bread, _ = _inverse_normal(jacobian)
     return bread @ (jacobian.T @ effects)
 
 
-def ridge_of(normal: NDArray[np.float64]) -> float:
+def ridge_of(normal: Array) -> float:
     """Return what to add to the diagonal of a normal matrix, ``(d, d)``, to make it solvable.
 
     It is far below what any visible component has there, and keeps an invisible one finite.
@@ -155,17 +140,15 @@ def ridge_of(normal: NDArray[np.float64]) -> float:
     return 1e-9 * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
 
 
-def _inverse_normal(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
     """Return the inverse of the normal matrix, and the ridge that it was given."""
     normal = jacobian.T @ jacobian
     ridge = ridge_of(normal)
-    inverse: NDArray[np.float64] = np.linalg.inv(normal + ridge * np.eye(len(normal)))  # pyright: ignore[reportAssignmentType]
+    inverse: Array = np.linalg.inv(normal + ridge * np.eye(len(normal)))  # pyright: ignore[reportAssignmentType]
     return inverse, ridge
 
 
-def with_mismatch(
-    covariance: NDArray[np.float64], floor: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def with_mismatch(covariance: Array, floor: Array) -> Array:
     """Return a covariance widened by what the mismatch of the model hides from the residuals.
 
     ``floor`` is the standard deviation that each component has at least, ``(d,)``.
@@ -178,9 +161,7 @@ def widening(goodness_of_fit: float) -> float:
     return max(1.0, goodness_of_fit / USUAL_MISFIT)
 
 
-def uncertainty_of_faults(
-    faults: NDArray[np.float64], covariance: NDArray[np.float64], goodness_of_fit: float
-) -> Uncertainty:
+def uncertainty_of_faults(faults: Array, covariance: Array, goodness_of_fit: float) -> Uncertainty:
     """Turn a covariance with eccentricity in Cartesian form into one of the fault vector.
 
     Parameters
@@ -216,12 +197,12 @@ def uncertainty_of_faults(
 
 def significant_components(
     at: Linearisation,
-    healthy: NDArray[np.float64],
-    covariance_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
-    floor: NDArray[np.float64],
-    fitted: NDArray[np.bool_],
+    healthy: Array,
+    covariance_of: Callable[[Array, Array], Array],
+    floor: Array,
+    fitted: Flags,
     groups: Sequence[list[int]],
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+) -> tuple[Flags, Array]:
     """Return which components differ from healthy, ``(d,)``, and the point without the others.
 
     Backward elimination on the linear model at the point: as long as some group of components
@@ -261,9 +242,7 @@ def significant_components(
     return shown, current
 
 
-def refitted(
-    at: Linearisation, healthy: NDArray[np.float64], shown: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def refitted(at: Linearisation, healthy: Array, shown: Flags) -> Array:
     """Return the lowest point, ``(d,)``, of the linear model with components not shown healthy."""
     start = np.where(shown, at.point, healthy)
     left = at.residuals + at.jacobian @ (start - at.point)
@@ -274,9 +253,7 @@ def refitted(
     return start
 
 
-def _distance(
-    offset: NDArray[np.float64], covariance: NDArray[np.float64], group: list[int]
-) -> float:
+def _distance(offset: Array, covariance: Array, group: list[int]) -> float:
     """Return the squared distance from healthy over that from which it is significant."""
     part = offset[group]
     squared = part @ np.linalg.solve(covariance[np.ix_(group, group)], part)

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable, Sequence
 from itertools import combinations
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.identification.uncertainty import STRONG_CORRELATION
@@ -27,12 +27,7 @@ class Misfit(NamedTuple):
         does not know the latter.
     """
 
-    powers: NDArray[np.float64]
-
-    @classmethod
-    def of_all(cls, parts: Iterable[Self]) -> Self:
-        """Return that of several stretches of about the same length together."""
-        return cls(np.mean([part.powers for part in parts], axis=0))
+    powers: Array
 
     @property
     def goodness(self) -> float:
@@ -55,14 +50,7 @@ class Misfit(NamedTuple):
         return math.sqrt(left / departure) if departure > 0.0 else float(left > 0.0)
 
 
-class Verdict(NamedTuple):
-    """Whether an estimate may be used, and why not, or reservations about it."""
-
-    name: str
-    reason: str
-
-
-def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
+def goodness_limit(faults: Array, limit: float) -> float:
     """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
 
     The fewer turns a phase has left, the less inductance holds its ripple, which no model of the
@@ -72,7 +60,7 @@ def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
     return limit / math.sqrt(1.0 - most_shorted)
 
 
-def assumed_goodness(faults: NDArray[np.float64], goodness: float) -> float:
+def assumed_goodness(faults: Array, goodness: float) -> float:
     """Return the goodness of fit that standard deviations are to hold for.
 
     Where it is unknown, NaN, it may be as high as that of any estimate that is valid.
@@ -86,12 +74,12 @@ def judged(
     subject: str,
     misfit: Misfit,
     limit: float,
-    unobservable: NDArray[np.bool_],
+    unobservable: Flags,
     alternatives: Sequence[tuple[str, str]],
     reservations: Sequence[str],
     calibration_windows: int,
-) -> Verdict:
-    """Return the verdict on an estimate.
+) -> dict[str, Any]:
+    """Return ``verdict``, ``valid`` and ``reason`` of an estimate.
 
     Parameters
     ----------
@@ -128,8 +116,9 @@ def judged(
             doubts.append(f"standard deviations are widened: {words}")
     if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
         defects.append(f"no excitation: the {subject} determines no fault better than its range")
-    name = "refused" if defects else "degraded" if doubts else "valid"
-    return Verdict(name, "; ".join([*reservations, *doubts, *defects]))
+    verdict = "refused" if defects else "degraded" if doubts else "valid"
+    reason = "; ".join([*reservations, *doubts, *defects])
+    return {"verdict": verdict, "valid": not defects, "reason": reason}
 
 
 def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[str]:
@@ -149,10 +138,7 @@ def contradicted_by(subject: str, measured: Iterable[object]) -> list[str]:
 
 
 def resting_on_unit(
-    sigma: NDArray[np.float64],
-    shifts: NDArray[np.float64],
-    steps: NDArray[np.float64],
-    not_learned: Iterable[str],
+    sigma: Array, shifts: Array, steps: Array, not_learned: Iterable[str]
 ) -> list[str]:
     """Return in words which faults are uncertain for what the calibration could not learn.
 
@@ -184,7 +170,7 @@ def resting_on_unit(
     ]
 
 
-def correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list[str]:
+def correlated(covariance: Array, kept: Flags) -> list[str]:
     """Return in words which components that differ from healthy are strongly correlated."""
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)

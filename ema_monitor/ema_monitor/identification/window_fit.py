@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
@@ -46,12 +46,12 @@ class WindowFit:
 
     period: float
     start: float
-    command: NDArray[np.float64]
-    position: NDArray[np.float64]
-    current: NDArray[np.float64]
-    estimated_current: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    estimated_speed: NDArray[np.float64]
+    command: Array
+    position: Array
+    current: Array
+    estimated_current: Array
+    speed: Array
+    estimated_speed: Array
 
 
 def expected_signals(window: Window, estimate: Estimate, calibration: Calibration) -> Response:

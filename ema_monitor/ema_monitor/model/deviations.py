@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause
 from ema_core.faults import eccentricity_vector, with_eccentricity
 from ema_core.parameters import ActuatorParameters, PlantConstants
@@ -186,7 +187,7 @@ def _prior(name: str, sigma: float, reach: float) -> Prior:
     return Prior(name, 3.0 * sigma if name == "lift" else 0.0, sigma, reach, lowest)
 
 
-def deviating(plant: PlantConstants, deviations: NDArray[np.float64]) -> PlantConstants:
+def deviating(plant: PlantConstants, deviations: Array) -> PlantConstants:
     """Return the constants of plants that deviate, but for load, drive and Stribeck friction."""
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
     control, motor, mechanics = plant
@@ -214,9 +215,7 @@ def deviating(plant: PlantConstants, deviations: NDArray[np.float64]) -> PlantCo
     )
 
 
-def with_own_eccentricity(
-    faults: NDArray[np.float64], deviations: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def with_own_eccentricity(faults: Array, deviations: Array) -> Array:
     """Return fault vectors, ``(m, 8)``, with the eccentricity of healthy units added."""
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
     own = np.stack([d.eccentricity_cos, d.eccentricity_sin])
@@ -225,9 +224,7 @@ def with_own_eccentricity(
     return with_eccentricity(faults, eccentricity_vector(faults) + own)
 
 
-def sensed(
-    rows: Sequence[NDArray[np.float64]], deviations: NDArray[np.float64], h: float
-) -> list[NDArray[np.float64]]:
+def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
     """Return what sensors that deviate make of current and speed, ``(m, n)`` each.
 
     The deviations are those of sensors, ``(m, 6)``; ``h`` is the sample period [s].
@@ -245,7 +242,7 @@ def sensed(
     return result
 
 
-def _moved(row: NDArray[np.float64], samples: float) -> NDArray[np.float64]:
+def _moved(row: Array, samples: float) -> Array:
     """Return a row, ``(n,)``, so many samples late, interpolated; before its start it is constant.
 
     Of a row that is early, the last values continue as it ends.

@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba.extending import overload
-from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array
 from ema_core.dynamics import clip
 from ema_core.parameters import ActuatorParameters, MotorConstants
 from ema_core.simd import any_lane, select
@@ -143,9 +143,7 @@ def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
     )
 
 
-def lifts_of_pairs(
-    parameters: ActuatorParameters, position: NDArray[np.float64], current: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Array) -> Array:
     """Return what a lift of 1 A of the idle phase adds to the current, ``(3, n)`` [-].
 
     The rows are for the time while the pairs BC, AB and AC are driven; ``position`` is the angle of

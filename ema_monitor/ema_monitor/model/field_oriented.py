@@ -8,14 +8,14 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array
 from ema_core.current_loop import LINEAR_RANGE, CurrentLoop
 from ema_core.dynamics import clip
 from ema_core.parameters import MotorConstants
 
-PerLane = NDArray[np.float64] | float
+PerLane = Array | float
 """A constant of several individuals, ``(n,)``, or of one."""
 
 Harmonics = tuple[PerLane, PerLane, PerLane]

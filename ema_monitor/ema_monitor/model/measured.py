@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
@@ -127,7 +127,7 @@ def _checked(one: CauseEstimate) -> CauseEstimate:
     return CauseEstimate(one.name, float(one.value), float(one.sigma))
 
 
-def measured_columns(measured: Iterable[CauseEstimate]) -> NDArray[np.float64]:
+def measured_columns(measured: Iterable[CauseEstimate]) -> Array:
     """Return what was measured in the order of `COLUMNS`, ``(28,)``; 0 for all others."""
     values = np.zeros(len(COLUMNS))
     for one in measured:

@@ -4,9 +4,10 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ema_core.acquisition import Acquisition
+from ema_core.arrays import Array
 from ema_core.current_loop import current_loop
 from ema_core.dynamics import current_sampling, lag_factor
 from ema_core.faults import degrade, healthy_faults
@@ -48,8 +49,8 @@ class Response(NamedTuple):
     the play, as the position gives it.
     """
 
-    current: NDArray[np.float64]
-    speed: NDArray[np.float64]
+    current: Array
+    speed: Array
 
 
 class MonitorModel:
@@ -102,7 +103,7 @@ class MonitorModel:
         faults: ArrayLike,
         play: ArrayLike | float = 0.0,
         corrections: Response | None = None,
-        deviations: NDArray[np.float64] | None = None,
+        deviations: Array | None = None,
         position: ArrayLike | None = None,
     ) -> Response:
         """Return equivalent current and motor speed of each individual in a window.

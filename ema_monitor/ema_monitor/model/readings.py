@@ -1,14 +1,14 @@
-"""What wrong readings of command and position make of a window (M27).
+"""Effects of wrong readings of command and position on a window (M27).
 
-They change no motion, but what the model is told of it: a late command is a current and a speed
-that are early, and a wrong position is a wrong place to begin at.
+They change the input of the model, not the motion. If the command is read late, measured current
+and speed are early. If the position is wrong, the model starts at a wrong position.
 """
 
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES
 from ema_monitor.windows.window import Window
@@ -27,9 +27,7 @@ MOVES_START: Final = ("position_offset", "position_gain")
 """Readings that change where the model begins."""
 
 
-def read(
-    columns: NDArray[np.float64], window: Window
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read(columns: Array, window: Window) -> tuple[Array, Array]:
     """Return what deviations, ``(m, 28)`` in the order of `COLUMNS`, amount to in a window.
 
     They are the deviations of the unit, ``(m, 25)``, and where the user shaft is at the start,
@@ -42,7 +40,7 @@ def read(
     return deviations, (measured - columns[:, _POSITION_OFFSET]) / gain
 
 
-def law_slopes(parameters: ActuatorParameters) -> NDArray[np.float64]:
+def law_slopes(parameters: ActuatorParameters) -> Array:
     """Return what readings change the offset of the control law by, in the order of `COLUMNS`.
 
     The position is by its offset too high for it, as are speed and current by theirs.

@@ -1,48 +1,30 @@
 """One monitored actuator: its windows, its defects and its health."""
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from queue import SimpleQueue
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_interfaces.msg import Health as HealthMessage
-from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.health import FaultHealth, LevelFilter
 from ema_monitor.identification.tally import Tally
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import hardware_name
 
 _MOST_NAMED = 5
+_MOST_PIECES = 1000
+_MOST_UNITS = 10
 _SILENT_S = 10.0
 _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
-
-
-class LevelFilter:
-    """A level of health that rises at once, and falls once several estimates in a row say so.
-
-    ``level`` is None as long as there was none.
-    """
-
-    def __init__(self) -> None:
-        self.level: int | None = None
-        self._lower = 0
-
-    def add(self, level: int, confirmations: int) -> bool:
-        """Add the level after an estimate; return whether the filtered one has changed.
-
-        ``confirmations`` estimates in a row make a lower level.
-        """
-        self._lower = self._lower + 1 if self.level is not None and level < self.level else 0
-        if self.level is None or level > self.level or self._lower >= confirmations:
-            self.level, self._lower = level, 0
-            return True
-        return False
 
 
 class Actuator:
@@ -54,10 +36,16 @@ class Actuator:
         Finds the windows in its telemetry.
     latest
         Its latest complete window; None when there was none.
+    diagnosis
+        Identifies its windows; None before the first one.
+    awaiting
+        Queues of those who wait for its next windows.
     tally
         What became of the stretches of its motion.
     is_listed, is_silent
         Whether it is followed as it is listed, and whether no telemetry is received any more.
+    heard_ns
+        When telemetry was received last, or it was added [ns].
     outlook
         Health and life after the latest valid estimate.
     latency_s
@@ -76,7 +64,10 @@ class Actuator:
     ) -> None:
         self.actuator_id = actuator_id
         self.finder = WindowFinder(settings)
+        self._duty: dict[str, DutyMeter] = {}
         self.latest: Segment | None = None
+        self.diagnosis: Diagnosis | None = None
+        self.awaiting: list[SimpleQueue[Segment]] = []
         self.tally = Tally()
         self.is_calibrating = False
         self.is_listed = False
@@ -85,7 +76,7 @@ class Actuator:
         self._since_exchange = 0
         self._namespace = namespace
         self._publish = publish
-        self._heard_ns = self._added_ns = now_ns
+        self.heard_ns = self._added_ns = now_ns
         self.is_silent = False
         # What was wrong, and the number of the first window after it.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
@@ -99,6 +90,14 @@ class Actuator:
     def description(self) -> ActuatorDescription | None:
         """The latest description of the actuator; None when there was none."""
         return self.finder.description
+
+    def duty_of(self, serial_number: str) -> DutyMeter:
+        """Return what measures the duty of a unit that has been in its place."""
+        meter = self._duty.pop(serial_number, None) or DutyMeter(deque(), _MOST_PIECES)
+        self._duty[serial_number] = meter
+        if len(self._duty) > _MOST_UNITS:
+            del self._duty[next(iter(self._duty))]
+        return meter
 
     @property
     def hardware_id(self) -> str:
@@ -116,9 +115,15 @@ class Actuator:
         """What was wrong since the window of the latest valid estimate; empty when nothing was."""
         return "; ".join(reason for _, reason in self._open_defects)
 
-    def hear(self, now_ns: int) -> None:
-        """Record that telemetry is received."""
-        self._heard_ns, self.is_silent = now_ns, False
+    @contextmanager
+    def next_windows(self) -> Iterator[SimpleQueue[Segment]]:
+        """Yield a queue of the windows from now on, and of those that cannot be used."""
+        queue: SimpleQueue[Segment] = SimpleQueue()
+        self.awaiting.append(queue)
+        try:
+            yield queue
+        finally:
+            self.awaiting.remove(queue)
 
     @contextmanager
     def calibrating(self) -> Iterator[None]:
@@ -162,65 +167,52 @@ class Actuator:
         return is_first
 
     def record(
-        self,
-        segment: Segment,
-        estimate: Estimate,
-        outlook: Outlook | None,
-        now_ns: int,
-        confirmations: int = 1,
+        self, found: Diagnosed, outlook: Outlook | None, now_ns: int, confirmations: int = 1
     ) -> str:
         """Record an estimate, and publish the outlook after it, if one follows from it.
 
         Return the change of the level in words, empty when there is none; so many confirmations in
         a row lower it.
         """
-        last = segment.number if segment.last_stretch is None else segment.last_stretch
+        estimate = found.estimate
         if estimate.valid:
             self.valid += 1
-            while self._open_defects and self._open_defects[0][0] <= last:
+            while self._open_defects and self._open_defects[0][0] <= found.last:
                 self._open_defects.popleft()
             self.latency_s = (now_ns - estimate.end_ns) * 1e-9
         else:
             self.invalid += 1
-            self.add_defect(f"window {segment.number}: {estimate.reason}", last + 1)
+            self.add_defect(f"window {found.number}: {estimate.reason}", found.last + 1)
         if outlook is None:
             return ""
-        if not self._is_mounted(segment.description):
+        if not self._is_mounted(found.description):
             # The unit was replaced while its last window waited.
-            self._publish(health_to_message(outlook, segment.description))
+            self._publish(health_to_message(outlook, found.description))
             return ""
-        self._is_withdrawn = False
-        self._assessed, self.outlook = segment.description, outlook.at(now_ns)
         self._since_exchange += 1
         if self._since_exchange >= _SETTLED:
             self.alternation = ""
-        change = self._filter_levels(confirmations)
+        return self._show(found.description, outlook.at(now_ns), confirmations)
+
+    def _show(self, description: ActuatorDescription, outlook: Outlook, confirmations: int) -> str:
+        """Publish an outlook; return the change of the level in words, empty when there is none."""
+        self._is_withdrawn = False
+        self._assessed, self.outlook = description, outlook
+        health, before = outlook.health, self.level
+        for item in (*health.faults, *health.requirements):
+            self._levels[item.name].add(item.level, confirmations)
+        change = ""
+        if self._level.add(health.level, confirmations):
+            what = f": {outlook.dominant}" if outlook.dominant else ""
+            shown = STALE if before is None else before
+            change = f"health {LEVEL_NAMES[shown]} -> {LEVEL_NAMES[health.level]}{what}"
         self._publish_health()
         return change
-
-    def _filter_levels(self, confirmations: int | None) -> str:
-        """Add the levels of an outlook; return the change of that of health, in words.
-
-        Without confirmations it is one that was added already: only what was unknown is known now.
-        """
-        health, before = self.outlook.health, self._level.level
-        for item in (*health.faults, *health.requirements):
-            known = self._levels.setdefault(item.name, LevelFilter())
-            if item.level != STALE and (confirmations or known.level is None):
-                known.add(item.level, confirmations or 1)
-        is_new = confirmations or before is None
-        if health.level == STALE or not is_new:
-            return ""
-        if not self._level.add(health.level, confirmations or 1):
-            return ""
-        what = f": {self.outlook.dominant}" if self.outlook.dominant else ""
-        shown = STALE if before is None else before
-        return f"health {LEVEL_NAMES[shown]} -> {LEVEL_NAMES[health.level]}{what}"
 
     def reset_health(self, now_ns: int) -> None:
         """Reset the health, as another unit is mounted."""
         self._level = LevelFilter()
-        self._levels: dict[str, LevelFilter] = {}
+        self._levels = defaultdict[str, LevelFilter](LevelFilter)
         self._added_ns = now_ns
         self._is_withdrawn = False
         self._assessed: ActuatorDescription | None = None
@@ -242,11 +234,7 @@ class Actuator:
             or not outlook.health.requirements
         ):
             return None
-        self._assessed, self.outlook = description, outlook.at(now_ns)
-        change = self._filter_levels(None)
-        self._is_withdrawn = False
-        self._publish_health()
-        return change
+        return self._show(description, outlook.at(now_ns), 0)
 
     def publish_if_stale(self, good_for_s: float, now_ns: int) -> HealthMessage | None:
         """Publish the health if it has just become stale; return it if it was published."""
@@ -276,12 +264,12 @@ class Actuator:
 
     def level_of(self, item: FaultHealth) -> int:
         """Return the confirmed level of a fault or requirement; OK as long as it is not known."""
-        known = self._levels.get(item.name)
-        return OK if known is None or known.level is None else known.level
+        level = self._levels[item.name].level
+        return OK if level is None else level
 
     def silent_s(self, now_ns: int) -> float:
         """Return how long no telemetry was received [s], at a time of the node's clock [ns]."""
-        return (now_ns - self._heard_ns) * 1e-9
+        return (now_ns - self.heard_ns) * 1e-9
 
     def _is_mounted(self, description: ActuatorDescription) -> bool:
         """Return whether a unit is the one that was described last."""

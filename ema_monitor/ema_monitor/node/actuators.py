@@ -1,26 +1,23 @@
 """The actuators that a monitor follows, and what it receives of them."""
 
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from ema_core.description import ActuatorDescription, check_name
-from ema_interfaces.msg import Health
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.tally import Tally
+from ema_core.description import ActuatorDescription, UnitKey, check_name
+from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.model.measurements import MeasurementLog
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.admission import Admission
-from ema_monitor.node.unit_status import unit_tasks
-from ema_monitor.prognosis.duty.meter import DutyLog
+from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
-from ema_monitor.windows.trigger import Defect, TriggerSettings
+from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.messages import description_from_message, measured_from_message, telemetry_from_message
 from ema_ros.stamps import stamp_from_message
-from ema_ros.status import Task
 
 if TYPE_CHECKING:
     from ema_monitor.node.monitor_node import MonitorNode
@@ -38,8 +35,6 @@ class Actuators(dict[str, Actuator]):
 
     Attributes
     ----------
-    duties
-        Duty that telemetry tells.
     lock
         Held while units are changed, and while health is published: nothing older may follow the
         health after a test.
@@ -49,7 +44,6 @@ class Actuators(dict[str, Actuator]):
         super().__init__()
         self.lock = threading.RLock()
         self.admission = admission
-        self.duties = DutyLog()
         self._node = node
         self._trigger = trigger
         self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
@@ -63,6 +57,10 @@ class Actuators(dict[str, Actuator]):
         self._described.clear()
         self._measurements.clear()
 
+    def now_ns(self) -> int:
+        """Return the time of the node's clock [ns]."""
+        return self._node.get_clock().now().nanoseconds
+
     def expect_listed(self) -> None:
         """Add the actuators that are listed, so that one that says nothing is seen."""
         self.admission.check()
@@ -70,7 +68,11 @@ class Actuators(dict[str, Actuator]):
             self.get_or_add(actuator_id)
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator, whose name is as it was received; ValueError if it is not known."""
+        """Follow an actuator no more, whose name is as it was received; what is on disk stays.
+
+        One that is not known is a ValueError.
+        """
+        node = self._node
         with self.lock:
             unit = self.get(actuator_id)
             if unit is None:
@@ -80,17 +82,43 @@ class Actuators(dict[str, Actuator]):
                 self._remember(unit.description)
             del self[actuator_id]
             self._measurements.forget(actuator_id)
-            self.duties.forget(actuator_id)
+            node.remove_publishers(actuator_id)
+        node.worker.queue.forget(actuator_id)
+        node.prognosis.forget(actuator_id)
+        node.report()
+
+    def check(self) -> None:
+        """Publish what has just become stale; forget who gives way to one that was refused."""
+        node, operation = self._node, self._node.operation.value
+        if not node.is_active:
+            return
+        with self.lock:
+            now_ns = self.now_ns()
+            published = [
+                unit.publish_if_stale(operation.good_for_s, now_ns) for unit in self.values()
+            ]
+            silent_s = {name: unit.silent_s(now_ns) for name, unit in self.items()}
+            silent = self.admission.gives_way(silent_s)
+        stale = [health for health in published if health is not None]
+        for health in stale:
+            node.get_logger().warning(f"{health.actuator_id}: {health.reason}")
+        if stale:
+            node.report()
+        if silent:
+            node.get_logger().warning(
+                f"{silent}: forgotten, as it is silent for more than "
+                f"{operation.forget_after_s:g} s and there is no room for another one"
+            )
+            self.forget(silent)
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``."""
-        if self.admission.ignores(message.actuator_id):
+        if not self._takes(message, "description"):
             return
         try:
             self.describe(description_from_message(message))
         except ValueError as error:
-            reason = f"the description is impossible: {error}"
-            self.add_defect(message.actuator_id, reason, is_known=_is_name(message.actuator_id))
+            self.add_defect(message.actuator_id, f"the description is impossible: {error}")
 
     def describe(self, description: ActuatorDescription) -> None:
         """Apply the description of an actuator, if it is followed."""
@@ -101,40 +129,51 @@ class Actuators(dict[str, Actuator]):
             before = unit.description
             self._handle(unit, unit.finder.describe(description))
             if before is not None and before.serial_number != description.serial_number:
-                unit.reset_health(self._node.now_ns())
+                unit.reset_health(self.now_ns())
                 if unit.exchange(before.serial_number, description.serial_number):
                     self._node.warn(unit.actuator_id, unit.alternation, is_first=True)
         if before != description:
-            self._node.note_description(description)
+            self._prepare(description)
+
+    def _prepare(self, description: ActuatorDescription) -> None:
+        """Prepare for a unit that has just been described."""
+        for remark in description.remarks:
+            self._node.get_logger().warning(f"{description.actuator_id}: {remark}")
+        self._node.prognosis.describe(description)
 
     def receive_telemetry(self, message: Any) -> None:
         """Look for windows in ``ema_interfaces/msg/TelemetryBlock``."""
+        if not self._takes(message, "telemetry"):
+            return
         actuator_id = message.actuator_id
-        if actuator_id not in self and not self._takes(message, "telemetry"):
-            return
-        if actuator_id not in self and not _is_name(actuator_id):
-            reason = "telemetry with an impossible actuator_id"
-            self.add_defect(actuator_id, reason, is_known=False)
-            return
         with self.lock:
             unit = self.get_or_add(actuator_id)
             if unit is None:
                 return
-            unit.hear(self._node.now_ns())
+            unit.heard_ns, unit.is_silent = self.now_ns(), False
             try:
                 block = telemetry_from_message(message)
             except ValueError as error:
                 stamp_ns = stamp_from_message(message.header.stamp)
                 events = unit.finder.reject(stamp_ns, str(error))
             else:
-                if (described := unit.description) is not None:
+                if (described := unit.finder.description) is not None:
                     max_age_s = self._node.operation.value.measured_max_age_s
                     rise = self._measurements.winding_rise(actuator_id, block.stamp_ns, max_age_s)
-                    self.duties.add(described.unit_key, block, described.parameters, rise)
+                    meter = unit.duty_of(described.serial_number)
+                    meter.add(block, described.parameters, rise)
                 events = unit.finder.feed(block)
             if unit.finder.blocks == 1:
                 self._node.get_logger().info(f"{actuator_id}: first telemetry")
             self._handle(unit, events)
+
+    def flown(self, unit_key: UnitKey, end_ns: int) -> FlownDuty:
+        """Return the duty of a unit in its windows by a stamp [ns], once."""
+        actuator_id, serial_number = unit_key
+        with self.lock:
+            if actuator_id not in self:
+                return FlownDuty()
+            return self[actuator_id].duty_of(serial_number).take(end_ns)
 
     def receive_measured(self, message: Any) -> None:
         """Keep ``ema_interfaces/msg/MeasuredCauses``."""
@@ -165,10 +204,18 @@ class Actuators(dict[str, Actuator]):
 
     def _takes(self, message: Any, what: str) -> bool:
         """Return whether a message is of an actuator that is to be followed; note if not."""
-        if not message.actuator_id:
-            self.add_defect("", f"{what} without actuator_id")
+        actuator_id = message.actuator_id
+        if actuator_id in self:
+            return True
+        if actuator_id and self.admission.ignores(actuator_id):
             return False
-        return not self.admission.ignores(message.actuator_id)
+        try:
+            check_name("actuator_id", actuator_id)
+        except ValueError:
+            wrong = "with an impossible" if actuator_id else "without"
+            self.add_defect(actuator_id, f"{what} {wrong} actuator_id", is_known=False)
+            return False
+        return True
 
     def restart(self, settings: TriggerSettings) -> None:
         """Look for windows with other settings from now on; a window that is open is refused."""
@@ -191,13 +238,15 @@ class Actuators(dict[str, Actuator]):
             if isinstance(event, Defect):
                 self.add_defect(unit.actuator_id, event.reason)
                 continue
-            self.duties.cut(event.description.unit_key, event.window.end_ns)
+            unit.duty_of(event.description.serial_number).cut(event.window.end_ns)
             if isinstance(event.window, Window):
                 max_age_s = self._node.operation.value.measured_max_age_s
                 measured = self._measurements.at(unit.actuator_id, event.window.start_ns, max_age_s)
                 event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
-            self._node.queue_window(event)
+            for queue in tuple(unit.awaiting):
+                queue.put(event)
+            self._node.worker.add(event)
 
     def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
         """Record and report a defect, of nobody where no actuator is named or it is not known."""
@@ -226,52 +275,50 @@ class Actuators(dict[str, Actuator]):
             raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
         return unit, unit.description
 
-    def record(self, segment: Segment, estimate: Estimate, outlook: Outlook | None) -> None:
-        """Record an estimate as ``Actuator.record`` does; nothing when that is forgotten."""
-        actuator_id = segment.description.actuator_id
-        confirmations = self._node.operation.value.level_confirmations
+    def publish_estimate(self, found: Diagnosed, window: Window | Refusal | None = None) -> None:
+        """Publish an estimate, that of a window where one is given, and what follows from it."""
+        node, description, estimate = self._node, found.description, found.estimate
+        actuator_id, change = description.actuator_id, ""
+        node.estimates.publish(estimate_to_message(estimate, found.number, description))
+        # Without the lock: telemetry must not wait for a prognosis.
+        outlook = node.prognosis.record(description, estimate)
+        try:
+            with self.lock:
+                confirmations = node.operation.value.level_confirmations
+                if unit := self.get(actuator_id):
+                    change = unit.record(found, outlook, self.now_ns(), confirmations)
+        except Exception as error:
+            # The estimate is published: the window must not be refused in addition.
+            reason = node.failed(actuator_id, "publishing health", error)
+            self.add_defect(actuator_id, reason)
+        self._follow(description, outlook if estimate.valid else None, change)
+        if isinstance(window, Window):
+            node.follow_ups.follow_estimate(found, window)
+        if not estimate.valid:
+            reason = f"window {found.number} has no valid estimate: {estimate.reason}"
+            node.warn(actuator_id, reason)
+        # Of all of many actuators it would take longer than an identification.
+        node.report(node.tasks(actuator_id))
+
+    def resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
+        """Publish what the history of a unit says of it."""
         with self.lock:
-            unit = self.get(actuator_id)
-            if unit is None:
+            unit = self.get(description.actuator_id)
+            if unit is None or not self._node.is_active:
                 return
-            change = unit.record(segment, estimate, outlook, self._node.now_ns(), confirmations)
+            change = unit.resume(description, outlook, self.now_ns())
+        self._follow(description, None if change is None else outlook, change)
+        self._node.report(self._node.tasks(description.actuator_id))
+
+    def _follow(
+        self, description: ActuatorDescription, outlook: Outlook | None, change: str | None
+    ) -> None:
+        """Log a change of the level, and have published what follows from a health."""
         if change:
-            self._node.get_logger().info(f"{actuator_id}: {change}")
-
-    def report_tally(self, actuator_id: str, tally: Tally) -> None:
-        """Record what became of the stretches of an actuator's motion so far."""
-        with self.lock:
-            if actuator_id in self:
-                self[actuator_id].tally = tally
-
-    def publish_stale(self) -> list[Health]:
-        """Publish, and return, the health of the units whose health has just become stale."""
-        good_for_s = self._node.operation.value.good_for_s
-        with self.lock:
-            now_ns = self._node.now_ns()
-            published = [unit.publish_if_stale(good_for_s, now_ns) for unit in self.values()]
-        return [health for health in published if health is not None]
-
-    def gives_way(self) -> str:
-        """Return which actuator is to be forgotten for another one; empty when none is."""
-        with self.lock:
-            now_ns = self._node.now_ns()
-            return self.admission.gives_way(
-                {name: unit.silent_s(now_ns) for name, unit in self.items()}
-            )
-
-    def tasks(self, waiting: int, dropped: Mapping[str, int], only: str = "") -> list[Task]:
-        """Return the status of each, or of one alone.
-
-        So many windows of all actuators wait, and so many of each were dropped.
-        """
-        with self.lock:
-            units = self if not only else {only: self[only]} if only in self else {}
-            return [
-                task
-                for name, unit in units.items()
-                for task in unit_tasks(unit, waiting, dropped.get(name, 0))
-            ]
+            self._node.get_logger().info(f"{description.actuator_id}: {change}")
+        # Only now: it may wait for a prognosis of another thread, and health must not.
+        if outlook and (forecaster := self._node.prognosis.forecaster(description, outlook)):
+            self._node.follow_ups.follow_health(description, forecaster)
 
     def get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
@@ -285,13 +332,16 @@ class Actuators(dict[str, Actuator]):
             if reason:
                 self._node.warn(actuator_id, reason, is_first=True)
             return None
-        publish, namespace = self._node.add_publishers(actuator_id), self._node.unit_namespace
-        unit = Actuator(actuator_id, self._trigger, publish, self._node.now_ns(), namespace)
+        node = self._node
+        node.add_publishers(actuator_id)
+        unit = Actuator(
+            actuator_id, self._trigger, node.publish_health, self.now_ns(), node.unit_namespace
+        )
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit
         if (known := self._described.pop(actuator_id, None)) is not None and description is None:
             unit.finder.describe(known)
-            self._node.note_description(known)
+            self._prepare(known)
         return unit
 
     def _remember(self, description: ActuatorDescription) -> None:
@@ -309,11 +359,3 @@ class Actuators(dict[str, Actuator]):
     def _not_monitored(self, actuator_id: str) -> str:
         reason = self.admission.why_not(actuator_id) or f"monitored: {self._in_words()}"
         return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
-
-
-def _is_name(actuator_id: str) -> bool:
-    try:
-        check_name("actuator_id", actuator_id)
-    except ValueError:
-        return False
-    return True

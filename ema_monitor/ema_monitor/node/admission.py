@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from ema_core.description import check_name
 from ema_core.levels import OK, WARN
-from ema_core.quantity import check_quantities, quantity, texts
+from ema_core.quantity import Checked, quantity, texts
 from ema_core.wording import counted
 from ema_monitor.node.settings import Operation
 from ema_ros.settings import LiveSettings
@@ -38,14 +38,14 @@ def _number_of(actuator_id: str) -> int:
 
 
 @dataclass(frozen=True)
-class Shard:
+class Shard(Checked):
     """The share of all actuators that one of several monitors follows."""
 
     index: int = quantity(0, "-", 0, 255, "which share of the actuators is followed, from 0")
     count: int = quantity(1, "-", 1, 256, "number of monitors that share the actuators")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.index >= self.count:
             raise ValueError(
                 f"index = {self.index}: expected at most {self.count - 1}, as count = {self.count} "
@@ -61,7 +61,7 @@ class Shard:
 
 
 @dataclass(frozen=True)
-class Selection:
+class Selection(Checked):
     """The actuators that are followed."""
 
     actuators: tuple[str, ...] = texts(
@@ -69,7 +69,7 @@ class Selection:
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         for number, name in enumerate(self.actuators):
             check_name(f"actuators[{number}]", name)
         twice = [name for name in dict.fromkeys(self.actuators) if self.actuators.count(name) > 1]
@@ -179,8 +179,11 @@ class Admission:
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1
 
-    def status(self, followed: Collection[str]) -> tuple[int, str]:
-        """Return level and message on what is received of all."""
+    def status(self, followed: Collection[str], *, is_heard: bool = True) -> tuple[int, str]:
+        """Return level and message on what is received of all.
+
+        ``is_heard`` says whether telemetry of any of them is received.
+        """
         remarks = []
         if not followed and not self._counts[_OTHER_SHARDS]:
             remarks.append("no message of an actuator so far")
@@ -191,7 +194,10 @@ class Admission:
         ]
         if remarks:
             return WARN, "; ".join(remarks)
-        return OK, f"{counted(len(followed), 'actuator')} monitored"
+        monitored = f"{counted(len(followed), 'actuator')} monitored"
+        if followed and not is_heard:
+            return WARN, f"{monitored}; no telemetry is received"
+        return OK, monitored
 
     def figures(self, followed: Collection[str]) -> dict[str, Any]:
         """Return the figures of the status."""

@@ -4,7 +4,6 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
@@ -19,13 +18,13 @@ from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.calibration_store import CalibrationStore
 from ema_monitor.node.messages import estimate_to_message, unknown_estimate
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
 from ema_ros.executor import SeparateCallbackGroup
 from ema_ros.messages import faults_to_message
+from ema_ros.throttle import Throttle
 
 if TYPE_CHECKING:
     from ema_monitor.node.monitor_node import MonitorNode
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
 _POLL_S: Final = 0.1
 _MOST_GOALS: Final = 2
 _MOST_WINDOWS: Final = 200
+_REJECTION_S: Final = 1.0
 
 
 class MonitorCalls:
@@ -46,13 +46,11 @@ class MonitorCalls:
         Why the latest goal was rejected; empty when it was accepted.
     """
 
-    def __init__(self, node: "MonitorNode", store: CalibrationStore) -> None:
+    def __init__(self, node: "MonitorNode") -> None:
         self._node = node
-        self._store = store
         self._log = node.get_logger()
-        self._queues: list[SimpleQueue[Segment]] = []
-        self._queues_lock = threading.Lock()
         self.rejected = ""
+        self._rejections = Throttle(_REJECTION_S)
         self._free_goals = threading.Semaphore(_MOST_GOALS)
         node.create_service(
             Calibrate, "~/calibrate", self._calibrate, callback_group=SeparateCallbackGroup()
@@ -71,47 +69,29 @@ class MonitorCalls:
             cancel_service_qos_profile=topics.SERVICE,
         )
 
-    def add(self, segment: Segment) -> None:
-        """Give a new window to the calls that wait for one."""
-        with self._queues_lock:
-            for queue in self._queues:
-                queue.put(segment)
-
-    @contextmanager
-    def _windows(self) -> Iterator[SimpleQueue[Segment]]:
-        """Yield a queue of the windows from now on."""
-        queue: SimpleQueue[Segment] = SimpleQueue()
-        with self._queues_lock:
-            self._queues.append(queue)
-        try:
-            yield queue
-        finally:
-            with self._queues_lock:
-                self._queues.remove(queue)
-
     def _calibrate(
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
         _, description = self._node.units.find(request.actuator_id)
         self._log.info(f"{description.actuator_id}: calibration is requested")
         if request.load:
-            calibration, path = self._store.load(description, request.file)
+            calibration, path = self._node.store.load(description, request.file)
             message = f"loaded from {path}"
         else:
-            path = self._store.prepare(description, request.file)
+            path = self._node.store.prepare(description, request.file)
             windows = list(self._healthy_windows(description.actuator_id, request.windows))
             calibration = calibrate(windows, description)
-            self._store.keep(description, calibration, path)
+            self._node.store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"
             if taken := taken_for_known(window.measured for window in windows):
                 message += f"; taken for known: {taken}"
             message += f" and stored in {path}"
-            if not self._store.is_used_again(description, path):
+            if not self._node.store.is_used_again(description, path):
                 message += "; calibration_file has to name it for it to be used after a restart"
         if calibration.not_learned:
             words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
             message += f"; not learned from the healthy windows: {words}"
-        self._node.prognosis.refresh(description)
+        self._node.prognosis.describe(description)
         self._log.info(f"calibration: {message}")
         response.success, response.message = True, message
         response.calibration_id = calibration.calibration_id
@@ -120,7 +100,7 @@ class MonitorCalls:
     def _forget(
         self, request: ForgetActuator.Request, response: ForgetActuator.Response
     ) -> ForgetActuator.Response:
-        self._node.forget(request.actuator_id)
+        self._node.units.forget(request.actuator_id)
         self._log.info(f"{request.actuator_id}: forgotten")
         response.success = True
         response.message = (
@@ -132,12 +112,13 @@ class MonitorCalls:
         """Yield the next windows of an actuator without those that cannot be used."""
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
-        unit, timeout_s = self._node.units.find(actuator_id)[0], self._timeout_s
-        with self._windows() as windows, unit.calibrating():
+        unit, _ = self._node.units.find(actuator_id)
+        timeout_s = self._node.operation.value.calibration_timeout_s
+        with unit.next_windows() as windows, unit.calibrating():
             for made in range(number):
                 deadline_s = time.monotonic() + timeout_s
                 refused = ""
-                while segment := self._next(windows, actuator_id, deadline_s):
+                while segment := self._next(windows, deadline_s):
                     if isinstance(segment.window, Window):
                         yield segment.window
                         break
@@ -148,22 +129,16 @@ class MonitorCalls:
                         f"{number}{refused}"
                     )
 
-    @property
-    def _timeout_s(self) -> float:
-        return self._node.operation.value.calibration_timeout_s
-
     def _next(
-        self, windows: SimpleQueue[Segment], actuator_id: str, deadline_s: float, goal: Any = None
+        self, windows: SimpleQueue[Segment], deadline_s: float, goal: Any = None
     ) -> Segment | None:
-        """Wait for the next window of an actuator; None at the deadline, or on cancelling."""
+        """Wait for the next window; None at the deadline, or on cancelling."""
         while time.monotonic() < deadline_s and not (goal and goal.is_cancel_requested):
             self._require_active()
             try:
-                segment = windows.get(timeout=_POLL_S)
+                return windows.get(timeout=_POLL_S)
             except Empty:
                 continue
-            if segment.description.actuator_id == actuator_id:
-                return segment
         return None
 
     def _require_active(self) -> None:
@@ -182,8 +157,10 @@ class MonitorCalls:
                 raise ValueError(f"{_MOST_GOALS} run already")
         except ValueError as error:
             self.rejected = str(error)
-            self._log.warning(f"a goal of identify_faults is rejected: {error}")
-            self._node.report()
+            text = f"a goal of identify_faults is rejected: {error}"
+            if (passed := self._rejections.passed(text, time.monotonic())) is not None:
+                self._log.warning(passed)
+                self._node.report()
             return GoalResponse.REJECT
         self.rejected = ""
         return GoalResponse.ACCEPT
@@ -224,7 +201,7 @@ class MonitorCalls:
                 "`algorithm`; for a test cycle set `windows` to 'test_cycle'"
             )
         # No warm start: the result depends on the window and the goal alone.
-        calibration = self._store.of(segment.description)
+        calibration = self._node.store.of(segment.description)
         run = Identification(segment.window, segment.description, calibration, search)
         for generation in run:
             if goal.is_cancel_requested:
@@ -255,9 +232,9 @@ class MonitorCalls:
         """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
             return _latest(unit)
-        timeout_s = self._timeout_s
-        with self._windows() as windows:
-            segment = self._next(windows, unit.actuator_id, time.monotonic() + timeout_s, goal)
+        timeout_s = self._node.operation.value.calibration_timeout_s
+        with unit.next_windows() as windows:
+            segment = self._next(windows, time.monotonic() + timeout_s, goal)
         if segment is None and not goal.is_cancel_requested:
             raise ValueError(f"no window came for {timeout_s:g} s")
         return segment

@@ -1,7 +1,6 @@
 """What follows from a test beside estimate and health, in a thread of its own."""
 
 import threading
-import traceback
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
@@ -9,12 +8,11 @@ from typing import TYPE_CHECKING, Final
 from ema_core.description import ActuatorDescription
 from ema_core.steady_thread import SteadyThread
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message
 from ema_monitor.prognosis.advice import advise
 from ema_monitor.prognosis.forecaster import Forecaster
-from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
 
@@ -38,19 +36,11 @@ class FollowUps:
         self._node = node
         self._queue: deque[Callable[[], None]] = deque()
         self._changed = threading.Condition()
-        self._is_ending = False
         self.dropped = 0
-        self._thread: SteadyThread | None = None
+        self._prepare()
 
-    @property
-    def failure(self) -> str:
-        """Why the thread has ended by itself; empty when it did not lately."""
-        return self._thread.failure if self._thread is not None else ""
-
-    @property
-    def ends(self) -> int:
-        """Number of times that the thread has ended by itself since the start."""
-        return self._thread.ends if self._thread is not None else 0
+    def _prepare(self) -> None:
+        self.thread = SteadyThread("follow-ups", self._run, self._node.report_end)
 
     @property
     def waiting(self) -> int:
@@ -59,23 +49,15 @@ class FollowUps:
 
     def start(self) -> None:
         """Begin, with a new thread."""
-        self._is_ending = False
-        self._thread = SteadyThread(
-            "follow-ups",
-            self._run,
-            lambda failure, trace: self._node.log_error(f"{failure}\n{trace}"),
-        )
-        self._thread.start()
+        self._prepare()
+        self.thread.start()
 
     def stop(self) -> None:
         """Publish what waits, and end the thread."""
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.ending.set()
-            with self._changed:
-                self._is_ending = True
-                self._changed.notify()
-            thread.end(_JOIN_S)
+        self.thread.ending.set()
+        with self._changed:
+            self._changed.notify()
+        self.thread.end(_JOIN_S)
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
         """Publish what follows from a health that has been published."""
@@ -92,21 +74,20 @@ class FollowUps:
         self._add(publish_advice)
         self._add(lambda: self._node.prognosis.write_assessment(description))
 
-    def follow_estimate(self, segment: Segment, estimate: Estimate) -> None:
-        """Publish the fit of an estimate that has been published, if it is of one window."""
-        window, calibration = segment.window, self._node.calibration_of(segment.description)
-        if not isinstance(window, Window) or not isinstance(calibration, Calibration):
+    def follow_estimate(self, found: Diagnosed, window: Window) -> None:
+        """Publish the fit of an estimate of one window that has been published."""
+        calibration = self._node.store.of(found.description)
+        if not isinstance(calibration, Calibration):
             return
 
         def publish_fit() -> None:
-            fit = window_fit(window, estimate, calibration)
-            message = window_fit_to_message(fit, estimate, segment.number, segment.description)
-            self._node.publish(topics.WINDOW_FIT, message)
+            fit = window_fit(window, found.estimate, calibration)
+            self._node.publish(topics.WINDOW_FIT, window_fit_to_message(fit, found))
 
         self._add(publish_fit)
 
     def _add(self, job: Callable[[], None]) -> None:
-        if self._thread is None:
+        if not self.thread.is_alive or self.thread.ending.is_set():
             return
         with self._changed:
             self._queue.append(job)
@@ -117,7 +98,7 @@ class FollowUps:
 
     def _next(self) -> Callable[[], None] | None:
         with self._changed:
-            self._changed.wait_for(lambda: self._queue or self._is_ending)
+            self._changed.wait_for(lambda: self._queue or self.thread.ending.is_set())
             return self._queue.popleft() if self._queue else None
 
     def _run(self) -> None:
@@ -126,6 +107,4 @@ class FollowUps:
             try:
                 job()
             except Exception as error:
-                self._node.log_error(
-                    f"what follows from a test failed: {error!r}\n{traceback.format_exc()}"
-                )
+                self._node.failed("follow-ups", "what follows from a test", error)

@@ -13,6 +13,7 @@ from ema_monitor.model.monitor_model import FORMS, compile_kernels
 from ema_monitor.prognosis.duty.meter import count_travel
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_ros.managed_node import ManagedNode
 
 _FOLLOWED: Final = 3
 _TELL_S: Final = 1.0
@@ -27,14 +28,12 @@ def _compile_growth() -> None:
     tracker.predict()
 
 
-def _compile_duty() -> None:
-    """Count the travel of a shaft that moved once."""
-    count_travel(np.arange(2.0), np.ones(2), 0.0, np.zeros(1), np.zeros(1))
-
-
 STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
     {f"{form} model": lambda form=form: compile_kernels([form]) for form in FORMS}
-    | {"growth": _compile_growth, "duty": _compile_duty}
+    | {
+        "growth": _compile_growth,
+        "duty": lambda: count_travel(np.arange(2.0), np.ones(2), 0.0, np.zeros(1), np.zeros(1)),
+    }
 )
 """What is compiled, or loaded from the cache, by name: all that an estimate and health wait for.
 
@@ -42,18 +41,11 @@ Requirements are fitted in a thread of their own, with kernels that nothing else
 """
 
 
-def compile_monitor_kernels(tell: Callable[[str], object], is_ending: Callable[[], bool]) -> None:
+def compile_monitor_kernels(node: ManagedNode) -> None:
     """Compile the kernels, or load them from the cache, and wait for it.
 
     They are compiled in a thread of their own, which cannot be interrupted: it is left alone where
-    the node ends.
-
-    Parameters
-    ----------
-    tell
-        Called with what is compiled, once a second, if it takes longer than that.
-    is_ending
-        Says whether to wait no longer.
+    the node ends. Once a second the node tells what is compiled.
 
     Raises
     ------
@@ -76,11 +68,11 @@ def compile_monitor_kernels(tell: Callable[[str], object], is_ending: Callable[[
         while thread.is_alive():
             thread.join(0.1)
             now_s = time.monotonic()
-            if is_ending():
+            if node.is_ending:
                 raise ValueError("the node ends while its kernels are compiled")
             if now_s - told_s >= _TELL_S:
                 took = f"{now_s - begun_s:.0f} s"
-                tell(f"compiling kernels, once for this version: {words}, {took}")
+                node.tell_progress(f"compiling kernels, once for this version: {words}, {took}")
                 told_s = now_s
         if failures:
             raise ValueError(f"kernels cannot be compiled: {words}: {failures[0]!r}")

@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Flags
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_core.levels import LEVEL_NAMES, STALE
+from ema_core.levels import LEVEL_NAMES
 from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
     FaultEstimate,
@@ -24,12 +24,12 @@ from ema_interfaces.msg import (
     UnitTest,
 )
 from ema_interfaces.msg import Health as HealthMessage
-from ema_interfaces.msg import UnitEvent as UnitEventMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
+from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
-from ema_monitor.prognosis.duty.scenario import MOST_SCENARIOS, Scenario, check_scenarios
+from ema_monitor.prognosis.duty.scenario import Scenario, scenarios_of
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.reports import EventReport, health_report
@@ -49,40 +49,25 @@ def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
 ) -> FaultEstimate:
     """Return the estimate of a window of a running number as a message."""
-    message = FaultEstimate(
-        actuator_id=description.actuator_id,
-        serial_number=description.serial_number,
-        window=int(window),
+    return _made(
+        FaultEstimate,
+        description,
+        estimate,
+        stamp_ns=estimate.end_ns,
+        window=window,
         window_start=stamp_to_message(estimate.start_ns),
         window_end=stamp_to_message(estimate.end_ns),
-        stretches=int(estimate.stretches),
-        covariance=estimate.covariance.astype(np.float64).ravel(),
         faults=faults_to_message(estimate.faults),
         unobservable=_bits(estimate.unobservable),
         insignificant=_bits(estimate.insignificant),
-        play_offset=float(estimate.play),
-        fitness=float(estimate.fitness),
-        goodness_of_fit=float(estimate.goodness_of_fit),
-        goodness_limit=float(estimate.goodness_limit),
-        unexplained_share=float(estimate.unexplained_share),
+        play_offset=estimate.play,
         hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
         measured_causes=[_hidden_cause(cause) for cause in estimate.measured],
         confusions=[" or ".join(pair) for pair in estimate.alternatives],
         verdict=VERDICTS.index(estimate.verdict),
-        excitation=float(estimate.excitation),
         excitation_limit=MIN_TRAVEL,
-        algorithm=estimate.algorithm,
-        seed=int(estimate.seed),
-        evaluations=int(estimate.evaluations),
-        warm_start=bool(estimate.warm_start),
-        computing_time=float(estimate.computing_time_s),
-        calibration_id=estimate.calibration_id,
-        calibration_windows=int(estimate.calibration_windows),
-        valid=bool(estimate.valid),
-        reason=estimate.reason,
+        computing_time=estimate.computing_time_s,
     )
-    message.header.stamp = message.window_end
-    return message
 
 
 def _hidden_cause(one: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:
@@ -90,12 +75,10 @@ def _hidden_cause(one: CauseEstimate, estimate: Estimate | None = None) -> Hidde
     cause = CAUSE_BY_NAME[one.name]
     pairs = estimate.alternatives if estimate else ()
     others = [other for label, other in pairs if label == cause.label]
-    return HiddenCause(
-        name=one.name, value=one.value, sigma=one.sigma, unit=cause.unit, alternatives=others
-    )
+    return _made(HiddenCause, cause, one, alternatives=others)
 
 
-def _bits(components: NDArray[np.bool_]) -> int:
+def _bits(components: Flags) -> int:
     return int(np.packbits(components, bitorder="little")[0])
 
 
@@ -107,128 +90,124 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
 
 def message_of(message_class: Any, report: Any) -> Any:
     """Return a report as the message that has its fields."""
-    message = message_class()
-    kinds = message_class.get_fields_and_field_types()
-    for name, value in vars(report).items():
+    return _made(message_class, report)
+
+
+def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **values: Any) -> Any:
+    """Return a message with what sources have by the names of its fields, and these values."""
+    message, kinds = message_class(), message_class.get_fields_and_field_types()
+    found = {name: getattr(one, name) for one in sources for name in kinds if hasattr(one, name)}
+    for name, value in (found | values).items():
         setattr(message, name, _field(kinds[name], value))
+    if stamp_ns is not None:
+        message.header.stamp = stamp_to_message(stamp_ns)
     return message
 
 
 def _field(kind: str, value: Any) -> Any:
-    """Return a value of a report as a field of a message is set; its kind is as ROS names it."""
+    """Return a value as a field of a message is set; its kind is as ROS names it."""
+    if isinstance(value, np.ndarray):
+        # Fields of a fixed number of values are arrays of numpy.
+        if kind.endswith("]"):
+            return value.astype(np.float64).ravel()
+        return array("f" if "float" in kind else "d", value.ravel())
     if isinstance(value, tuple):
         one = kind.removeprefix("sequence<").removesuffix(">")
         return [_field(one, item) for item in value]
     if is_dataclass(value):
         package, _, name = kind.partition("/")
         return message_of(getattr(import_module(f"{package}.msg"), name), value)
+    if isinstance(value, list) or "/" in kind:
+        return value
     return _PLAIN.get(kind, int)(value)
 
 
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
     """Return the forecast of the faults as a message; without faults when hours are unknown."""
     outlook, fan = forecaster.outlook, forecaster.fan()
-    message = HealthForecast(
-        actuator_id=description.actuator_id,
-        serial_number=description.serial_number,
-        flight_hours=float(outlook.hours),
-        duty=float(outlook.duty),
-        probabilities=array("d", LEVELS),
+    return _made(
+        HealthForecast,
+        description,
+        fan,
+        stamp_ns=outlook.stamp_ns,
+        flight_hours=outlook.hours,
+        duty=outlook.future.factor,
+        probabilities=np.array(LEVELS),
+        faults=[
+            _made(FaultForecast, name=name, limit=forecaster.limits.of(name), values=values)
+            for name, values in (fan.values.items() if fan else ())
+        ],
     )
-    message.header.stamp = stamp_to_message(outlook.stamp_ns)
-    if fan is not None:
-        message.hours = array("d", fan.hours)
-        message.faults = [
-            FaultForecast(
-                name=name,
-                limit=float(forecaster.limits.of(name)),
-                values=array("d", values.ravel()),
-            )
-            for name, values in fan.values.items()
-        ]
-    return message
 
 
 def advice_to_message(
     advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
 ) -> AdviceMessage:
     """Return an advice as a message; ``outlook`` is what it rests on."""
-    message = AdviceMessage(
-        actuator_id=description.actuator_id,
-        serial_number=description.serial_number,
+    return _made(
+        AdviceMessage,
+        description,
+        advice,
+        stamp_ns=outlook.stamp_ns,
         action=getattr(AdviceMessage, advice.action.upper()),
-        flight_hours=float(advice.hours),
-        from_now=float(advice.from_now),
-        probability_of_failure=float(advice.probability),
-        expected_cost=float(advice.rate),
-        cost_of_immediate_removal=float(advice.rate_at_once),
+        flight_hours=advice.hours,
+        probability_of_failure=advice.probability,
+        expected_cost=advice.rate,
+        cost_of_immediate_removal=advice.rate_at_once,
         cost_unit=cost_unit,
-        reason=advice.reason,
     )
-    message.header.stamp = stamp_to_message(outlook.stamp_ns)
-    return message
 
 
-def window_fit_to_message(
-    fit: WindowFit, estimate: Estimate, window: int, description: ActuatorDescription
-) -> WindowFitMessage:
+def window_fit_to_message(fit: WindowFit, found: Diagnosed) -> WindowFitMessage:
     """Return a window beside the model's response as a message."""
-    message = WindowFitMessage(
-        actuator_id=description.actuator_id,
-        window=int(window),
-        verdict=VERDICTS.index(estimate.verdict),
-        period=float(fit.period),
-        start=float(fit.start),
-        command=array("f", fit.command),
-        position=array("f", fit.position),
-        current=array("f", fit.current),
-        estimated_current=array("f", fit.estimated_current),
-        speed=array("f", fit.speed),
-        estimated_speed=array("f", fit.estimated_speed),
+    verdict = VERDICTS.index(found.estimate.verdict)
+    return _made(
+        WindowFitMessage,
+        found.description,
+        fit,
+        stamp_ns=found.estimate.end_ns,
+        window=found.number,
+        verdict=verdict,
     )
-    message.header.stamp = stamp_to_message(estimate.end_ns)
-    return message
 
 
 def history_to_message(
     tests: list[KnownTest], omitted: int, description: ActuatorDescription
 ) -> UnitHistory:
     """Return the latest tests of a unit as a message; ``omitted`` earlier ones are known."""
-    message = UnitHistory(
-        actuator_id=description.actuator_id,
-        serial_number=description.serial_number,
+    return _made(
+        UnitHistory,
+        description,
+        stamp_ns=tests[-1].entry.stamp_ns if tests else None,
         tests=[_unit_test(test) for test in tests],
-        events=[
-            message_of(UnitEventMessage, EventReport.of(event))
+        events=tuple(
+            EventReport.of(event)
             for test in tests
             for event in (test.assessment.events if test.assessment else ())
-        ],
-        omitted=int(omitted),
+        ),
+        omitted=omitted,
     )
-    if tests:
-        message.header.stamp = stamp_to_message(tests[-1].entry.stamp_ns)
-    return message
 
 
 def _unit_test(test: KnownTest) -> UnitTest:
     estimate, found = test.entry.estimate, test.assessment
     unobservable = estimate.unobservable
     life = (found.life if found else None) or (math.nan,) * 3
-    return UnitTest(
+    return _made(
+        UnitTest,
+        test.entry,
+        found,
         stamp=stamp_to_message(estimate.end_ns),
-        flight_hours=float(test.hours),
-        cycles=int(test.entry.cycles),
+        flight_hours=test.hours,
         verdict=VERDICTS.index(estimate.verdict),
         faults=np.where(unobservable, np.nan, np.array(estimate.faults)),
         sigmas=np.where(unobservable, np.nan, np.array(estimate.sigma)),
         insignificant=_bits(estimate.insignificant),
-        level=found.level if found else STALE,
-        health_index=float(found.health_index) if found else math.nan,
-        dominant_fault=found.dominant_fault if found else "",
+        health_index=found.health_index if found else math.nan,
         rul_known=bool(found and found.life),
-        rul_05=float(life[0]),
-        rul_50=float(life[1]),
-        rul_95=float(life[2]),
+        rul_05=life[0],
+        rul_50=life[1],
+        rul_95=life[2],
     )
 
 
@@ -243,19 +222,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
         parts.append(f"remaining life {life:.4g} flight hours")
     if health.reason:
         parts.append(health.reason)
-    return HealthSummary(
-        header=health.header,
-        actuator_id=health.actuator_id,
-        serial_number=health.serial_number,
-        level=health.level,
-        last_level=health.last_level,
-        good_until=health.good_until,
-        author=health.author,
-        health_index=health.health_index,
-        dominant_fault=health.dominant_fault,
-        rul_50=life,
-        text="; ".join(parts),
-    )
+    return _made(HealthSummary, health, rul_50=life, text="; ".join(parts))
 
 
 def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
@@ -297,26 +264,22 @@ def scenarios_from_messages(messages: Sequence[Any]) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        When there are too many, or one is impossible; the message names it, its key and value.
+        As ``scenarios_of``; or when values and shares are not of one number, or a value is twice.
     """
-    if len(messages) > MOST_SCENARIOS:
-        raise ValueError(f"{len(messages)} scenarios: expected at most {MOST_SCENARIOS}")
-    return check_scenarios(tuple(_scenario(*one) for one in enumerate(messages, 1)))
-
-
-def _scenario(number: int, message: Any) -> Scenario:
-    try:
-        return Scenario(
-            message.name,
-            message.duty,
-            message.travel_per_hour,
-            _shares("loads", message.loads, message.load_shares),
-            _shares("winding", message.winding_temperatures, message.winding_shares),
-            message.hours_per_cycle,
-            message.hours_per_day,
-        )
-    except ValueError as error:
-        raise ValueError(f"scenario {number}: {error}") from error
+    return scenarios_of(
+        [
+            {
+                "name": message.name,
+                "duty": message.duty,
+                "travel_per_hour": message.travel_per_hour,
+                "loads": _shares("loads", message.loads, message.load_shares),
+                "winding": _shares("winding", message.winding_temperatures, message.winding_shares),
+                "hours_per_cycle": message.hours_per_cycle,
+                "hours_per_day": message.hours_per_day,
+            }
+            for message in messages
+        ]
+    )
 
 
 def _shares(name: str, values: Sequence[float], shares: Sequence[float]) -> dict[float, float]:

@@ -2,11 +2,11 @@
 
 import threading
 import time
-import traceback
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
 from ema_core.description import ActuatorDescription, UnitKey
@@ -30,11 +30,18 @@ from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import FAULT, HISTORY, RESTART, Count, UnusedCycle
+from ema_monitor.prognosis.history_entry import (
+    FAULT,
+    HISTORY,
+    RESTART,
+    Count,
+    UnitEvent,
+    UnusedCycle,
+)
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
 from ema_monitor.prognosis.service import CountLog, Service
-from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reports import scenario_report
 from ema_monitor.unit import Unit
 from ema_ros.executor import WaitingCallbackGroup
@@ -48,6 +55,7 @@ if TYPE_CHECKING:
 _MOST_TESTS: Final = 5000
 _USUAL_TESTS: Final = 1000
 _DAY_S: Final = 86_400.0
+_WHAT: Final = "the prognosis"
 
 
 class MonitorPrognosis:
@@ -67,7 +75,7 @@ class MonitorPrognosis:
         self._service = LiveSettings(node, Service)
         self._damage = LiveSettings(node, DamageSettings, "damage.")
         self._fleet: Fleet | None = None
-        self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
+        self._to_refresh: deque[ActuatorDescription] = deque()
         # Held while a history is opened, resumed or closed.
         self._lock = threading.RLock()
         self._is_serving = False
@@ -96,7 +104,8 @@ class MonitorPrognosis:
 
     def begin(self, history_folder: str, fleet: Fleet | None) -> None:
         """Store histories in a folder, in memory alone if it is empty; offer the services."""
-        is_on_disk = history_folder not in ("", IN_MEMORY) and not self._node.uses_sim_time
+        is_simulated = self._node.get_parameter("use_sim_time").value
+        is_on_disk = history_folder not in ("", IN_MEMORY) and not is_simulated
         self._folder = folder_of(history_folder) if is_on_disk else None
         self._fleet = fleet
         self._is_serving = True
@@ -118,7 +127,7 @@ class MonitorPrognosis:
             for unit in self._histories.values():
                 unit.history.close()
             self._clear()
-        self._to_refresh = SimpleQueue()
+        self._to_refresh = deque()
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator in this run; what is on disk stays."""
@@ -127,13 +136,12 @@ class MonitorPrognosis:
                 self._histories.pop(key).history.close()
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Prepare for a unit that has just been described, as ``refresh`` does."""
-        self.counts.assign(description.unit_key)
-        self.refresh(description)
+        """Prepare for a unit that has just been described, or calibrated.
 
-    def refresh(self, description: ActuatorDescription) -> None:
-        """Have requirements made, the history opened and health published, in another thread."""
-        self._to_refresh.put(description)
+        In another thread, requirements are made, the history is opened and health is published.
+        """
+        self.counts.assign(description.unit_key)
+        self._to_refresh.append(description)
         self._refresh_soon.trigger()
 
     def count(self, message: Any, serial_number: str) -> None:
@@ -142,7 +150,7 @@ class MonitorPrognosis:
         One without a serial number is of the unit that is described.
         """
         # One that its sender did not stamp was read just now.
-        stamp_ns = stamp_from_message(message.header.stamp) or self._node.now_ns()
+        stamp_ns = stamp_from_message(message.header.stamp) or self._node.units.now_ns()
         count = Count(stamp_ns, message.flight_hours, message.cycles)
         self.counts.add((message.actuator_id, message.serial_number or serial_number), count)
 
@@ -152,7 +160,7 @@ class MonitorPrognosis:
             entries = self._of(description).history.entries
         except Exception as error:
             # The search does not depend on it.
-            self.report_failure(description.actuator_id, error)
+            self._node.failed(description.actuator_id, _WHAT, error)
             return None
         return entries[-1].estimate if entries else None
 
@@ -162,31 +170,32 @@ class MonitorPrognosis:
         Of a test that may not enter the history its health alone is returned, with the reason, as
         long as the history has none.
         """
-        settings, now_ns, key = self.settings, self._node.now_ns(), description.unit_key
+        settings, now_ns, key = self.settings, self._node.units.now_ns(), description.unit_key
         try:
             unit = self._of(description)
             # Also of a test that may not enter: what was flown then is not of the next one.
-            flown = self._node.units.duties.take(key, estimate.end_ns)
-            self._refusals[key] = refused = self._why_not_recorded(estimate.end_ns, now_ns)
-            if refused:
-                self._node.warn(description.actuator_id, refused)
-                # Its order among those of the history is not known: it leads none of them.
-                if unit.history.newest is not None:
-                    return None
-                return self._outlook_of_one(estimate, settings, refused, now_ns)
-            count = self.counts.latest(key, estimate.end_ns)
-            parameters = self._parameters(description)
-            outlook = unit.update(estimate, parameters, settings, count, flown, now_ns)
+            flown = self._node.units.flown(key, estimate.end_ns)
+            self._refusals[key] = reason = self._why_not_recorded(estimate.end_ns, now_ns)
+            if not reason:
+                count = self.counts.latest(key, estimate.end_ns)
+                parameters = self._parameters(description)
+                outlook = unit.update(estimate, parameters, settings, count, flown, now_ns)
+                self._log(description, unit, outlook.events if outlook else ())
+                return outlook
+            self._node.warn(description.actuator_id, reason)
+            # Its order among those of the history is not known: it leads none of them.
+            if unit.history.newest is not None:
+                return None
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
-            reason = self.report_failure(description.actuator_id, error)
-            return self._outlook_of_one(estimate, settings, reason, now_ns)
-        self._log_problem(description, unit)
-        for event in outlook.events if outlook else ():
-            # Changes of level have a line of their own, and so have a restart and the history.
-            if event.kind not in (FAULT, RESTART, HISTORY):
-                self._node.get_logger().warning(f"{description.actuator_id}: {event}")
-        return outlook
+            reason = self._node.failed(description.actuator_id, _WHAT, error)
+        if estimate.verdict == SKIPPED:
+            return None
+        claim = Claim(estimate.end_ns, now_ns, self._author, settings.good_for_s)
+        if estimate.valid:
+            return replace(outlook_of_one(estimate, settings.limits, reason), claim=claim)
+        refused = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason)
+        return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
 
     def _why_not_recorded(self, stamp_ns: int, now_ns: int) -> str:
         """Return why a test of a stamp [ns] may not enter a history; empty when it may."""
@@ -202,17 +211,6 @@ class MonitorPrognosis:
             "clock of the actuator, or history_max_offset_s"
         )
 
-    def _outlook_of_one(
-        self, estimate: Estimate, settings: PrognosisSettings, reason: str, now_ns: int
-    ) -> Outlook | None:
-        claim = Claim(estimate.end_ns, now_ns, self._author, settings.good_for_s)
-        if estimate.valid:
-            return replace(outlook_of_one(estimate, settings.limits, reason), claim=claim)
-        if estimate.verdict == SKIPPED:
-            return None
-        refused = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason)
-        return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
-
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
         """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
         try:
@@ -220,7 +218,7 @@ class MonitorPrognosis:
                 return None
             return self._of(description).forecaster(outlook)
         except Exception as error:
-            self.report_failure(description.actuator_id, error, "the forecast")
+            self._node.failed(description.actuator_id, "the forecast", error)
             return None
 
     def tasks(self, only: str = "") -> list[Task]:
@@ -243,11 +241,9 @@ class MonitorPrognosis:
 
     def _refresh_all(self) -> None:
         """Make the requirements of units, read their histories, and publish their health."""
-        while True:
-            try:
-                description = self._to_refresh.get_nowait()
-            except Empty:
-                return
+        waiting = self._to_refresh
+        while waiting:
+            description = waiting.popleft()
             try:
                 parameters = self._parameters(description)
                 if parameters is not None:
@@ -257,9 +253,9 @@ class MonitorPrognosis:
                         return
                     outlook = self._of(description).resume(parameters, self.settings)
                     if outlook is not None:
-                        self._node.resume(description, outlook)
+                        self._node.units.resume(description, outlook)
             except Exception as error:
-                self.report_failure(description.actuator_id, error)
+                self._node.failed(description.actuator_id, _WHAT, error)
 
     def _of(self, description: ActuatorDescription) -> Unit:
         """Return a unit with its history, which is opened if need be."""
@@ -277,28 +273,36 @@ class MonitorPrognosis:
                         time.time_ns(),
                         self._author,
                     )
-        self._log_problem(description, unit)
+        self._log(description, unit)
         return unit
 
     def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
-        calibration = self._node.calibration_of(description)
+        calibration = self._node.store.of(description)
         return None if isinstance(calibration, str) else calibration.unit_parameters
 
-    def _log_problem(self, description: ActuatorDescription, unit: Unit) -> None:
+    def _log(
+        self, description: ActuatorDescription, unit: Unit, events: Iterable[UnitEvent] = ()
+    ) -> None:
+        """Log what is wrong with a history, once, and what happened to the unit."""
         problem, key = unit.history.problem, description.unit_key
         if problem and self._logged.get(key) != problem:
             self._node.get_logger().error(f"{description.actuator_id}: {problem}")
         self._logged[key] = problem
+        for event in events:
+            # Changes of level have a line of their own, and so have a restart and the history.
+            if event.kind not in (FAULT, RESTART, HISTORY):
+                self._node.get_logger().warning(f"{description.actuator_id}: {event}")
 
     def _predict(
         self, request: PredictRemainingLife.Request, response: PredictRemainingLife.Response
     ) -> PredictRemainingLife.Response:
         try:
             _, description = self._node.units.find(request.actuator_id)
-            settings = duty_of(self.settings, request.duty)
+            settings, service = self.settings, replace(self._service.value, duty=request.duty)
+            settings = replace(settings, service=service)
             scenarios = scenarios_from_messages(list(request.scenarios))
             unit, parameters = self._of(description), self._parameters(description)
-            outlook = unit.outlook(parameters, settings).at(self._node.now_ns())
+            outlook = unit.outlook(parameters, settings).at(self._node.units.now_ns())
             response.health = health_to_message(outlook, description)
             response.scenarios = [
                 message_of(
@@ -310,7 +314,7 @@ class MonitorPrognosis:
         except ValueError as error:
             response.message = str(error)
         except Exception as error:
-            response.message = self.report_failure(request.actuator_id, error)
+            response.message = self._node.failed(request.actuator_id, _WHAT, error)
         if not response.success:
             response.health = unknown_health(request.actuator_id, response.message)
         return response
@@ -331,15 +335,7 @@ class MonitorPrognosis:
         unit = self._histories.get(description.unit_key)
         if unit is not None:
             unit.write()
-            self._log_problem(description, unit)
-
-    def report_failure(
-        self, actuator_id: str, error: Exception, what: str = "the prognosis"
-    ) -> str:
-        """Log that something has just failed, and return the reason; the actuator may be ""."""
-        reason = f"{what} failed: {error!r}"
-        self._node.log_error(f"{actuator_id or 'actuator'}: {reason}\n{traceback.format_exc()}")
-        return reason
+            self._log(description, unit)
 
 
 def _span(seconds: float) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 from ema_monitor.model.measurements import MAX_AGE_S
 
 IN_MEMORY: Final = "memory"
@@ -15,7 +15,7 @@ _PERIODS: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Files:
+class Files(Checked):
     """Files that the monitor reads and writes."""
 
     calibration_file: str = text(
@@ -36,12 +36,9 @@ class Files:
         "", "how other units of the model grew, a file that `ema learn` wrote; empty: not known"
     )
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class Operation:
+class Operation(Checked):
     """Actuators, queue, staleness, calibration, measured causes and histories of a monitor."""
 
     most_actuators: int = quantity(
@@ -89,9 +86,6 @@ class Operation:
         "most that the stamp of a test may be before or after the clock of the node for the test "
         "to enter a history in history_folder",
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def good_for_s(self) -> float:

@@ -4,6 +4,7 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_monitor.health import FaultHealth
 from ema_monitor.node.actuator import Actuator
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_ros.status import (
     CHECK_FUNCTION,
     DIAGNOSTICS_ACTIVE,
@@ -29,8 +30,9 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
         "remaining life 50 % [h]": life.hours_50,
         "remaining life 95 % [h]": life.hours_95,
     }
-    figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
-    # Nobody is told OK, or an old level, by a monitor that does not know.
+    rated = (*health.faults, *health.requirements)
+    figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
+    # While the monitor knows nothing, it reports neither OK nor an old level.
     level = STALE if unit.level is None or health.level == STALE else unit.level
     is_stale = level == STALE
     summary = "unknown" if is_stale else LEVEL_NAMES[level]
@@ -62,14 +64,11 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     if unit.is_listed and unit.description is None and not finder.blocks:
         level, message = WARN, "listed, and nothing received from it yet"
     elif unit.description is None:
-        level, message = ERROR, "no description of the actuator: the telemetry has to wait"
-        message += f"; {unit.defects}" if unit.defects else ""
-        category = CHECK_FUNCTION
-    elif unit.alternation:
-        level, message = WARN, unit.alternation
-        message += f"; {unit.defects}" if unit.defects else ""
-    elif unit.defects:
-        level, message = WARN, unit.defects
+        level, category = ERROR, CHECK_FUNCTION
+        waits = "no description of the actuator: the telemetry has to wait"
+        message = "; ".join(filter(None, [waits, unit.defects]))
+    elif unit.alternation or unit.defects:
+        level, message = WARN, "; ".join(filter(None, [unit.alternation, unit.defects]))
     elif not finder.blocks:
         level, message = WARN, "no telemetry so far"
     elif unit.tally.reason:
@@ -109,15 +108,23 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
 def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> Task:
     is_known = is_finite_number(item.value)
     level = unit.level_of(item) if is_known and not is_stale else STALE
-    message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
+    of = _unit(item, " {}")
+    message = f"{item.value:.4g}{of}, limit {item.limit:.4g}{of}" if is_known else "not known"
     if is_finite_number(item.held):
-        message = f"{item.held:.4g} in the latest test, before {message}"
+        message = f"{item.held:.4g}{of} in the latest test, before {message}"
     elif level != STALE and item.level < level:
         message += f"; {LEVEL_NAMES[item.level]} once later tests confirm it"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
-    figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
+    in_unit = _unit(item, " [{}]")
+    figures = {f"{key}{in_unit}": getattr(item, key) for key in ("value", "sigma", "limit")}
     category = _category(level, end, level == STALE)
     return Task(name, level, message, unit.hardware_id, figures, category)
+
+
+def _unit(item: FaultHealth, form: str) -> str:
+    """Return the unit of a requirement in a form; nothing for a fault or share."""
+    unit = RequirementLimits.unit(item.name)
+    return "" if unit == "1" else form.format(unit)
 
 
 def _category(level: int, end: str, is_unknown: bool) -> str:

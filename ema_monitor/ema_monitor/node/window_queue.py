@@ -37,6 +37,8 @@ class WindowQueue:
         Number of windows dropped, by actuator; of those that were forgotten, under "".
     unanswered
         Number of refusals that are never published, by actuator in the same way.
+    is_closed
+        Whether no more windows are accepted.
     """
 
     def __init__(self) -> None:
@@ -46,18 +48,13 @@ class WindowQueue:
         self._queues: dict[str, deque[Segment]] = {}
         self._refusals_in_turn = 0
         self._changed = threading.Condition()
-        self._closed = False
+        self.is_closed = False
         self._current: Segment | None = None
         self._publishing = threading.Lock()
 
     def __len__(self) -> int:
         with self._changed:
             return sum(map(_is_window, chain.from_iterable(self._queues.values())))
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether no more windows are accepted."""
-        return self._closed
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Add a window, or the refusal of one; return the windows that were dropped for it.
@@ -67,7 +64,7 @@ class WindowQueue:
         """
         actuator_id, dropped = segment.description.actuator_id, []
         with self._changed:
-            if self._closed:
+            if self.is_closed:
                 raise QueueClosedError
             queue = self._queues.setdefault(actuator_id, deque())
             queue.append(segment)
@@ -88,8 +85,8 @@ class WindowQueue:
     def next(self) -> Segment | None:
         """Wait for the next window and return it; None when the queue is closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._queues or self._closed)
-            if self._closed:
+            self._changed.wait_for(lambda: self._queues or self.is_closed)
+            if self.is_closed:
                 return None  # what is being identified may still be abandoned
             self._current = self._take()
             return self._current
@@ -122,7 +119,7 @@ class WindowQueue:
     def close(self) -> list[Segment]:
         """Accept no more windows; return those that wait, in order for each actuator."""
         with self._changed:
-            self._closed = True
+            self.is_closed = True
             waiting = list(chain.from_iterable(self._queues.values()))
             self._queues.clear()
             self._changed.notify_all()

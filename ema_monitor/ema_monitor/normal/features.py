@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.telemetry import Telemetry
 
 LEVEL: Final = "level"
@@ -134,7 +135,7 @@ def mean_of(parts: Sequence[Part]) -> tuple[Motion, dict[str, float]]:
 
 
 def _figures(
-    part: Telemetry, at_rest: NDArray[np.bool_], strokes: dict[str, list[NDArray[np.intp]]]
+    part: Telemetry, at_rest: Flags, strokes: dict[str, list[NDArray[np.intp]]]
 ) -> dict[str, float]:
     """Return the figures of one part."""
     error = part.command - part.position
@@ -154,7 +155,7 @@ def _figures(
     return values
 
 
-def _strokes(moving: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
     """Return the places of each stroke, without the sixth in which it settles."""
     places = np.flatnonzero(moving)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
@@ -162,11 +163,11 @@ def _strokes(moving: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     return [run for run in settled if len(run) >= _SHORTEST]
 
 
-def _detrended(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _detrended(values: Array) -> Array:
     steps = np.arange(len(values), dtype=float)
     return values - np.polyval(np.polyfit(steps, values, 1), steps)
 
 
-def _log_rms(pieces: list[NDArray[np.float64]]) -> float:
+def _log_rms(pieces: list[Array]) -> float:
     """Return the logarithm of the root mean square of all pieces."""
     return 0.5 * math.log(max(float(np.mean(np.concatenate(pieces) ** 2)), _TINY**2))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from ema_core.arrays import Array
 from ema_monitor.normal.features import FIGURE, Feature
 from ema_monitor.normal.normal import FEWEST_TESTS, Departure, HealthyTest, Normal
 
@@ -33,7 +34,7 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True)
 class MoveVerdict:
-    """What is told of a move.
+    """Verdict on a move.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class MoveVerdict:
     departure
         How unlikely it is for the healthy unit; None while the reference is not complete.
     life_days
-        Quantiles of 5, 50 and 95 % of the time to the limit [d]; None where none is told.
+        Quantiles of 5, 50 and 95 % of the time to the limit [d]; None where none is predicted.
     """
 
     ratio: float
@@ -166,9 +167,7 @@ class _Line(NamedTuple):
     freedom: int
 
     @classmethod
-    def of(
-        cls, days: NDArray[np.float64], values: NDArray[np.float64], least_sigma: float
-    ) -> "_Line | None":
+    def of(cls, days: Array, values: Array, least_sigma: float) -> "_Line | None":
         """Return the line through at least three points; None where there is none."""
         if len(days) < 3 or not np.ptp(days) > 0.0:
             return None
@@ -184,7 +183,7 @@ class _Line(NamedTuple):
         """Probability that the line does not rise."""
         return float(stdtr(self.freedom, -self.values[1] / math.sqrt(self.covariance[1, 1])))
 
-    def crossing(self, limit: float) -> NDArray[np.float64]:
+    def crossing(self, limit: float) -> Array:
         """Return times to a limit, drawn from what is known of the line, as far as it rises [d]."""
         rng = np.random.default_rng(0)
         shape = np.linalg.cholesky(self.covariance)

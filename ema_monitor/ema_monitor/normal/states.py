@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.normal.features import FEATURES, Feature
 from ema_monitor.normal.normal import FEWEST_TESTS, HealthyTest, Normal
 
@@ -80,10 +80,10 @@ class States:
         }
         return dict(sorted({**found, NONE_OF_THESE: none}.items(), key=lambda item: -item[1]))
 
-    def _values(self, parts: Iterable[Mapping[str, float]]) -> NDArray[np.float64]:
+    def _values(self, parts: Iterable[Mapping[str, float]]) -> Array:
         return np.array([[part[name] for name in self.names] for part in parts])
 
-    def _scaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _scaled(self, values: Array) -> Array:
         return (values - self._mean) / self._spread
 
 

@@ -62,9 +62,9 @@ def lowest_in_box(
 ) -> NDArray[np.float64]:
     """Minimise ``g (x - start) + (x - start) H (x - start) / 2`` over the unit box.
 
-    Primal active set: go to the minimum over the free components until a bound is in the way,
-    hold what is there, and let go of the held component that would descend most. The Hessian,
-    ``(d, d)``, is positive definite; the gradient is that at the start, ``(d,)``.
+    Primal active set: move towards the minimum over the free components up to the first bound, and
+    fix the component there. At a minimum, free the fixed component with the steepest descent.
+    The Hessian, ``(d, d)``, is positive definite; the gradient, ``(d,)``, is taken at the start.
     """
     d = len(start)
     x, held, steepest_start = start.copy(), np.zeros(d, dtype=np.bool_), 0.0

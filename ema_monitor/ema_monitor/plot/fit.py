@@ -8,21 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import expected_signals
 from ema_monitor.model.monitor_model import Response
-from ema_monitor.plot.style import (
-    BLUE,
-    GREY,
-    INK,
-    VERMILION,
-    draw_estimates,
-    draw_legend,
-    tidy,
-)
+from ema_monitor.plot.style import BLUE, GREY, INK, VERMILION, draw_estimates, draw_legend, tidy
 from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.window import Window
 
@@ -106,11 +99,7 @@ def plot_fit(
 
 
 def _draw_signal(
-    panels: list[Axes],
-    t: NDArray[np.floating],
-    period: float,
-    measured: NDArray[np.float64],
-    modelled: NDArray[np.float64],
+    panels: list[Axes], t: NDArray[np.floating], period: float, measured: Array, modelled: Array
 ) -> None:
     """Draw a signal beside that of the model, and what is left below it, if it is measured."""
     both, rest = panels

@@ -7,8 +7,9 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.levels import ERROR
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import label_of, removal_in_words
 
@@ -20,7 +21,7 @@ _MOST_MISSING: Final = 8
 
 
 @dataclass(frozen=True)
-class Costs:
+class Costs(Checked):
     """What removal, failure and inspection cost, in one unit of the user's own.
 
     Raises
@@ -40,9 +41,6 @@ class Costs:
     )
     lead_time: float = quantity(0.0, "h", 0.0, 1e6, "flight hours from a decision to a removal")
     unit: str = text("", "unit of the costs")
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def defect(self) -> str:
@@ -105,19 +103,15 @@ class Decision:
     costs: Costs
     hours: float
     interval_hours: float
-    lives: NDArray[np.float64]
+    lives: Array
     missing_share: float = 0.0
     tests_tell: bool = True
-
-    def at_once(self) -> Choice:
-        """Return the earliest removal that is possible."""
-        return self._remove(np.array([self.costs.lead_time]))
 
     def remove(self) -> Choice:
         """Return the best removal that has to be decided on before the next test (P18)."""
         lead = self.costs.lead_time
         between = self.lives[(self.lives > lead) & (self.lives < lead + self.interval_hours)]
-        return self._remove(np.concatenate([[lead], np.sort(between)]))
+        return self.removed_at(np.concatenate([[lead], np.sort(between)]))
 
     def wait(self) -> Choice:
         """Return what deciding after the next test is worth (P19).
@@ -131,7 +125,7 @@ class Decision:
         earliest = float(waits[0])
         if not self.tests_tell:
             later = np.sort(self.lives[self.lives > earliest])
-            return self._remove(np.concatenate([[earliest], later]))
+            return self.removed_at(np.concatenate([[earliest], later]))
         probability = self.missing_share ** np.arange(_MOST_MISSING)
         probability /= probability.sum()
         fails = self.lives < waits[:, None]
@@ -140,7 +134,7 @@ class Decision:
         risk = float(probability @ np.mean(fails, axis=1))
         return Choice(self._cost(risk), self.hours + float(used), earliest, risk)
 
-    def inspect(self, levels: NDArray[np.float64]) -> Choice:
+    def inspect(self, levels: Array) -> Choice:
         """Return what an inspection now is worth, which measures the present level (P20).
 
         Parameters
@@ -164,9 +158,9 @@ class Decision:
         removal, waiting = own.remove(), own.wait()
         if waiting.rate < removal.rate:
             return theirs.wait()
-        return theirs._remove(np.array([removal.removal_hours]))
+        return theirs.removed_at(np.array([removal.removal_hours]))
 
-    def _remove(self, at_hours: NDArray[np.float64]) -> Choice:
+    def removed_at(self, at_hours: Array) -> Choice:
         """Return the best removal of those at some hours from now [h]: age replacement (P18)."""
         lives = np.sort(self.lives)
         fail = np.searchsorted(lives, at_hours, "left")
@@ -213,15 +207,7 @@ class Advice:
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:
-    """Return what to do with a unit after its latest test (docs/prognosis.md, P18 to P20).
-
-    Parameters
-    ----------
-    outlook
-        What is known after the test.
-    costs
-        What is lost by each action.
-    """
+    """Return what to do with a unit after its latest test (docs/prognosis.md, P18 to P20)."""
     rul, now = outlook.rul, outlook.hours
     if costs.defect:
         return Advice("unknown", costs.defect)
@@ -237,7 +223,8 @@ def advise(outlook: Outlook, costs: Costs) -> Advice:
         return Advice("unknown", "the flight hours from test to test are unknown")
     lives = np.minimum(outlook.lifetimes, outlook.horizon_hours)
     decision = Decision(costs, now, test, lives, outlook.missing_share, outlook.tests_tell)
-    removal, waiting, at_once = decision.remove(), decision.wait(), decision.at_once()
+    removal, waiting = decision.remove(), decision.wait()
+    at_once = decision.removed_at(np.array([costs.lead_time]))
 
     def per_hour(rate: float) -> str:
         return f"{rate:.3g} {costs.unit}".strip() + "/h"

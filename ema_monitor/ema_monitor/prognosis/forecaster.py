@@ -5,26 +5,20 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES
-from ema_core.levels import ERROR, WARN
+from ema_core.levels import OK
 from ema_monitor.health import (
     TORQUE_PER_AMPERE,
-    Health,
     HealthLimits,
     Tracked,
     assess,
     with_requirements,
+    worst_of,
 )
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.duty.future import FutureDuty
-from ema_monitor.prognosis.growth.prediction import (
-    Fan,
-    Prognosis,
-    RemainingLife,
-    TrackedFault,
-)
+from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, RemainingLife, TrackedFault
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.outlook import Outlook, Removal
@@ -70,12 +64,7 @@ class Forecaster:
 def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
     """Return how far ahead a life is shown: behind its likely end, if that is not far away [h].
 
-    Parameters
-    ----------
-    life
-        The remaining life.
-    observed_hours
-        Hours over which the unit has been observed [h].
+    That depends on the hours over which the unit has been observed [h].
     """
     span = max(observed_hours, _LEAST_SPAN_HOURS)
     ahead = min(1.1 * life.hours_95, 2.5 * life.hours_50, 2.0 * span) if life.known else 0.0
@@ -105,14 +94,19 @@ def outlook_of(
     entry = service.latest
     if entry is None:
         raise ValueError("there is no history yet: no valid test so far")
-    future = _future(growth, settings)
+    future = settings.scenario.future(growth.duty, settings.service.duty)
     observed, tracked = 0.0, ()
     if service.unknown:
         prognosis = Prognosis.unknown(service.unknown, limits, future)
     else:
         observed = service.hours - service.used[0].hours
-        tracked = tuple(_in_service(item, growth) for item in growth.tracker.components())
-        tracked = tuple(item for item in tracked if item.tests)
+        # A trend is that of an hour of service, not of growth.
+        rates = growth.duty.present.tolist() if growth.duty else [1.0] * len(COMPONENTS)
+        tracked = tuple(
+            replace(item, trend=rate * item.trend)
+            for item, rate in zip(growth.tracker.components(), rates, strict=True)
+            if item.tests
+        )
         prognosis = growth.tracker.predict(future)
     tracker = settings.tracker
     horizon = min(tracker.horizon_hours, tracker.horizon_factor * observed) / future.factor
@@ -127,7 +121,8 @@ def outlook_of(
         required = RequiredLife.unknown(required, settings.requirements)
     health = with_requirements(health, required.healths)
     rul = earlier(prognosis.overall, required.overall, required.with_limits)
-    dominant, tests_tell = _worst_with_warning(health), True
+    worst = worst_of((*health.faults, *health.requirements))
+    dominant, tests_tell = worst.name if worst and worst.level != OK else "", True
     lifetimes = levels = np.empty(0)
     if rul.known:
         by_fault = rul.criterion == prognosis.overall.criterion
@@ -137,10 +132,8 @@ def outlook_of(
         hidden = dict(zip(FAULT_NAMES, entry.estimate.unobservable, strict=True))
         tests_tell = not hidden.get(dominant, False)
     hours_per_cycle = service.mean_hours_per_cycle or settings.service.hours_per_cycle or math.nan
-    hours_a_day = service.usage
-    if settings.scenario is not None:
-        hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
-        hours_a_day = settings.scenario.hours_per_day or hours_a_day
+    hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
+    hours_a_day = settings.scenario.hours_per_day or service.usage
     lives = {**prognosis.components, **required.lives}
     if any(item.name == TORQUE_PER_AMPERE for item in health.requirements):
         lives[TORQUE_PER_AMPERE] = RemainingLife.unknown("", "its growth is not tracked")
@@ -157,7 +150,7 @@ def outlook_of(
         rul=rul,
         dominant=dominant,
         future=future,
-        assumption=prognosis.assumption,
+        assumption=str(future),
         observed_hours=observed,
         horizon_hours=horizon,
         lifetimes=lifetimes,
@@ -168,22 +161,6 @@ def outlook_of(
         tests_tell=tests_tell,
         calibrations={item.name: item.calibration for item in tracked},
     )
-
-
-def _future(growth: GrowthRecord, settings: PrognosisSettings) -> FutureDuty:
-    """Return the duty to come; ValueError when a scenario cannot be compared with the past."""
-    factor = settings.service.duty
-    if settings.scenario is not None:
-        return settings.scenario.future(growth.duty, factor)
-    return growth.duty.as_flown(factor) if growth.duty else FutureDuty.steady(factor)
-
-
-def _in_service(item: TrackedFault, growth: GrowthRecord) -> TrackedFault:
-    """Return what is known of a component with its trend an hour of service, not of growth."""
-    if growth.duty is None:
-        return item
-    rate = float(growth.duty.present[COMPONENTS.index(item.name)])
-    return replace(item, trend=rate * item.trend, trend_sigma=rate * item.trend_sigma)
 
 
 def _required(
@@ -214,7 +191,7 @@ def _required(
 
 def _latest_faults(
     growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return faults, ``(8,)``, and covariance by all tests; without tracked ones, by the last.
 
     What is unknown is NaN.
@@ -229,15 +206,6 @@ def _latest_faults(
     if not math.isnan(growth.phase[0]):
         faults[ECCENTRICITY_PHASE], variance[ECCENTRICITY_PHASE] = growth.phase
     return faults, np.diag(variance)
-
-
-def _worst_with_warning(health: Health) -> str:
-    """Return what is worst by level and share of the way to its limit; empty without a warning."""
-    alarmed = [
-        item for item in (*health.faults, *health.requirements) if item.level in (WARN, ERROR)
-    ]
-    worst = max(alarmed, key=lambda item: (item.level, item.share), default=None)
-    return worst.name if worst else ""
 
 
 def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -> RemainingLife:
@@ -267,9 +235,7 @@ def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -
     )
 
 
-def lifetimes_of(
-    by_faults: NDArray[np.float64], by_requirements: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
     """Return samples of the life that ends with the first of two, quantile by quantile (P12).
 
     Parameters
@@ -294,11 +260,7 @@ def lifetimes_of(
 
 
 def removal_of(
-    life: RemainingLife,
-    lifetimes: NDArray[np.float64],
-    risk: float,
-    hours_per_cycle: float,
-    hours_a_day: float,
+    life: RemainingLife, lifetimes: Array, risk: float, hours_per_cycle: float, hours_a_day: float
 ) -> Removal:
     """Return by when to remove a unit.
 

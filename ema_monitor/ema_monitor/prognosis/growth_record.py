@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core import growth_laws
+from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import growth
@@ -144,14 +145,14 @@ class GrowthRecord:
         # Stamps of the tests that the tracker was updated by, and their hours.
         self._fed = np.empty(0, np.int64), np.empty((0, 1 + len(COMPONENTS)))
 
-    def _used(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _used(self) -> tuple[NDArray[np.int64], Array]:
         """Return stamps [ns] and hours of service and growth [h] of the tests that are used."""
         used = self.service.used
         hours = np.array([test.hours for test in used], dtype=np.float64)[:, None]
         own = hours.repeat(len(COMPONENTS), axis=1) if self.duty is None else self.duty.own_hours
         return np.array([test.stamp_ns for test in used], np.int64), np.hstack([hours, own])
 
-    def _begins_with(self, fed: tuple[NDArray[np.int64], NDArray[np.float64]]) -> bool:
+    def _begins_with(self, fed: tuple[NDArray[np.int64], Array]) -> bool:
         n = len(fed[0])
         return all(np.array_equal(one, now[:n]) for one, now in zip(fed, self._used(), strict=True))
 
@@ -176,7 +177,7 @@ class GrowthRecord:
             self.doubtful = frozenset()
         return events
 
-    def _feed(self, entry: Entry, hours: float, own_hours: NDArray[np.float64]) -> list[Finding]:
+    def _feed(self, entry: Entry, hours: float, own_hours: Array) -> list[Finding]:
         estimate = entry.estimate
         if not estimate.unobservable[ECCENTRICITY_PHASE]:
             self.phase = (

@@ -7,7 +7,6 @@ import threading
 import zlib
 from bisect import insort
 from collections.abc import Callable
-from functools import reduce
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +14,7 @@ from typing import Final
 from urllib.parse import quote, unquote
 
 from ema_monitor.identification.estimate import SKIPPED
-from ema_monitor.prognosis.duty.flown import FlownDuty, together
+from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.history_entry import (
     Assessment,
     Entry,
@@ -117,9 +116,9 @@ class History:
         return max([*self.entries[-1:], *refused], key=lambda test: test.stamp_ns, default=None)
 
     @property
-    def unused_duty(self) -> FlownDuty | None:
-        """Duty in the unused cycles; None when it is not known."""
-        return reduce(together, (test.flown for test in self.unused), None)
+    def unused_duty(self) -> FlownDuty:
+        """Duty in the unused cycles."""
+        return sum((test.flown for test in self.unused), FlownDuty())
 
     def holds(self, stamp_ns: int) -> bool:
         """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
@@ -274,7 +273,7 @@ class History:
         """
         self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-        # A text that is none has a wrong checksum, and is told and left out by it.
+        # Bytes that are no text have a wrong checksum: the row is reported and left out.
         db.text_factory = lambda text: text.decode(errors="replace")
         try:
             # Held until the connection is closed, or the process ends.
@@ -368,7 +367,8 @@ class History:
 
     def _set_aside(self, path: Path, error: Exception) -> None:
         self._forget_written()
-        aside = _free_name(path)
+        names = (path.with_name(f"{path.stem}.set_aside_{n}{path.suffix}") for n in count(1))
+        aside = next(name for name in names if not name.exists())
         for suffix in ("-wal", ""):
             if (source := _with_suffix(path, suffix)).exists():
                 source.rename(_with_suffix(aside, suffix))
@@ -454,12 +454,6 @@ def _reason_of(error: Exception) -> str:
 def _with_suffix(path: Path, suffix: str) -> Path:
     """Return a path whose name has a suffix behind all that it has."""
     return path.with_name(path.name + suffix)
-
-
-def _free_name(path: Path) -> Path:
-    """Return a name beside a file that nothing has yet."""
-    names = (path.with_name(f"{path.stem}.set_aside_{n}{path.suffix}") for n in count(1))
-    return next(name for name in names if not name.exists())
 
 
 def _file_id(path: Path) -> tuple[int, int]:

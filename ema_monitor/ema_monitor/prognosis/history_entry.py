@@ -2,13 +2,15 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from ema_core.quantity import is_finite_number
-from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
-from ema_monitor.prognosis.duty.flown import FlownDuty
+from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain
+from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 
 _MOST_HOURS: Final = 1e7
@@ -73,7 +75,7 @@ class Entry:
         The latest count of service hours before the test; None where there is none, or where
         ``hours_per_cycle`` holds.
     flown
-        Duty since the valid test before; None where no telemetry tells it.
+        Duty since the valid test before, as far as telemetry tells it.
 
     Raises
     ------
@@ -85,7 +87,7 @@ class Entry:
     hours: float
     cycles: int
     count: Count | None = None
-    flown: FlownDuty | None = None
+    flown: FlownDuty = NOTHING_FLOWN
 
     def __post_init__(self) -> None:
         Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
@@ -107,13 +109,13 @@ class UnusedCycle:
     verdict, reason
         Of its estimate: why there is none.
     flown
-        Duty since the test cycle before; None where no telemetry tells it.
+        Duty since the test cycle before, as far as telemetry tells it.
     """
 
     stamp_ns: int
     verdict: str
     reason: str
-    flown: FlownDuty | None = None
+    flown: FlownDuty = NOTHING_FLOWN
 
 
 Test = Entry | UnusedCycle
@@ -182,22 +184,29 @@ def as_text(test: Test) -> str:
     record: dict[str, Any] = {"end_ns": test.stamp_ns}
     if isinstance(test, Entry):
         record |= {
-            "hours": plain_number(test.hours),
+            "hours": plain(test.hours),
             "cycles": test.cycles,
             "count": asdict(test.count) if test.count else None,
             "estimate": estimate_record(test.estimate),
         }
     else:
         record |= {"verdict": test.verdict, "reason": test.reason}
-    if test.flown is not None:
-        record["duty"] = test.flown.as_record()
+    if test.flown.hours:
+        record["duty"] = {
+            "hours": test.flown.hours,
+            "travel": test.flown.travel.tolist(),
+            "winding": test.flown.winding.tolist(),
+        }
     return json.dumps(record, ensure_ascii=False, allow_nan=False)
 
 
 def read_test(text: str) -> Test:
     """Return the test that ``as_text`` describes."""
     record: dict[str, Any] = json.loads(text)
-    flown = FlownDuty.of_record(record["duty"]) if "duty" in record else None
+    flown = NOTHING_FLOWN
+    if "duty" in record:
+        hours, *classes = (record["duty"][name] for name in ("hours", "travel", "winding"))
+        flown = FlownDuty(hours, *map(np.array, classes))
     if "estimate" not in record:
         return UnusedCycle(record["end_ns"], record["verdict"], record["reason"], flown)
     hours, count = record["hours"], record["count"]
@@ -224,3 +233,32 @@ def read_assessment(text: str) -> Assessment:
         life=tuple(life) if life else None,
         events=tuple(UnitEvent(**event) for event in events),
     )
+
+
+class StampedTest(NamedTuple):
+    """Stamps of the first and last sample of a test [ns], its bag, and what its copies share."""
+
+    start_ns: int
+    end_ns: int
+    bag: str
+    content: Any
+
+
+def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
+    """Return, by bag, why it is not known which test came first.
+
+    Tests must not overlap in time, unless they are copies.
+    """
+    reasons: dict[str, str] = {}
+    begun: list[StampedTest] = []
+    for other in sorted(tests, key=lambda test: (test.start_ns, test.end_ns, test.bag)):
+        begun = [one for one in begun if one.end_ns > other.start_ns]
+        for one in begun:
+            if other.content != one.content:
+                bags = dict.fromkeys((one.bag, other.bag))
+                end_s = min(one.end_ns, other.end_ns) * 1e-9
+                what = f"{' and '.join(bags)}: different tests at {end_s:.4f} s"
+                reason = f"{what}, their stamps must show which came first"
+                reasons = dict.fromkeys(bags, reason) | reasons
+        begun.append(other)
+    return reasons

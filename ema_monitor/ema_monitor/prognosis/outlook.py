@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.levels import ERROR, OK, STALE
 from ema_monitor.health import FaultHealth, Health, HealthLimits, assess
 from ema_monitor.identification.estimate import FAILED, Estimate
-from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import UnitEvent, UnusedCycle
@@ -75,7 +75,7 @@ class Removal(NamedTuple):
     hours_a_day: float = math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Outlook:
     """Health and remaining life of an actuator.
 
@@ -138,31 +138,27 @@ class Outlook:
         The level that was known last, where the level is STALE.
     """
 
-    stamp_ns: int
-    hours: float
-    cycles: int
-    hours_per_cycle: float
+    stamp_ns: int = 0
+    hours: float = math.nan
+    cycles: int = 0
+    hours_per_cycle: float = math.nan
     health: Health
-    trends: Mapping[str, float]
-    lives: Mapping[str, RemainingLife]
+    trends: Mapping[str, float] = field(default_factory=dict)
+    lives: Mapping[str, RemainingLife] = field(default_factory=dict)
     rul_faults: RemainingLife
     rul_requirements: RemainingLife
     rul: RemainingLife
-    dominant: str
-    future: FutureDuty
-    assumption: str
+    dominant: str = ""
+    future: FutureDuty = STEADY
+    assumption: str = AS_BEFORE
     observed_hours: float = 0.0
     horizon_hours: float = 0.0
     missing_share: float = 0.0
     failed_since: float = math.nan
     removal: Removal = field(default_factory=Removal)
     events: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
-    lifetimes: NDArray[np.float64] = field(
-        default_factory=lambda: np.empty(0), repr=False, compare=False
-    )
-    levels: NDArray[np.float64] = field(
-        default_factory=lambda: np.empty(0), repr=False, compare=False
-    )
+    lifetimes: Array = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    levels: Array = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
     tests_tell: bool = True
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
     failure: str = ""
@@ -191,13 +187,7 @@ class Outlook:
         return self.stale("; ".join(filter(None, [words, self.health.reason])))
 
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
-        """Return what is known once a later test was refused: it failed, or nothing.
-
-        Parameters
-        ----------
-        test
-            The newest test.
-        """
+        """Return what is known once the newest test was refused: it failed, or nothing."""
         if test.verdict != FAILED:
             return self.stale(f"the newest test was refused: {test.reason}")
         life = RemainingLife.unknown("", f"it has failed: {test.reason}")
@@ -224,11 +214,6 @@ class Outlook:
             failure=test.reason,
         )
 
-    @property
-    def duty(self) -> float:
-        """Growth of the faults in a future flight hour beside the duty to come [-]."""
-        return self.future.factor
-
 
 def _without_ok(health: Health) -> Health:
     """Return health in which nothing is said to be OK; what was found wrong stays."""
@@ -241,22 +226,9 @@ def _without_ok(health: Health) -> Health:
 
 def unknown_outlook(reason: str) -> Outlook:
     """Return what is published before any test, with the reason why nothing is known."""
+    health = Health(STALE, math.nan, 0, 0.0, "", reason=reason)
     life = RemainingLife.unknown("", reason)
-    return Outlook(
-        stamp_ns=0,
-        hours=math.nan,
-        cycles=0,
-        hours_per_cycle=math.nan,
-        health=Health(STALE, math.nan, 0, 0.0, "", reason=reason),
-        trends={},
-        lives={},
-        rul_faults=life,
-        rul_requirements=life,
-        rul=life,
-        dominant="",
-        future=(future := FutureDuty.steady()),
-        assumption=str(future),
-    )
+    return Outlook(health=health, rul_faults=life, rul_requirements=life, rul=life)
 
 
 def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:

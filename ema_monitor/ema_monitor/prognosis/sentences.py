@@ -25,13 +25,7 @@ def label_of(name: str) -> str:
 
 
 def shown_in(unit: str) -> tuple[str, float]:
-    """Return the unit in which a value is shown, empty for a share, and its scale to that.
-
-    Parameters
-    ----------
-    unit
-        Its own; "1" for a share.
-    """
+    """Return the unit in which a value is shown, empty for a share ("1"), and its scale to that."""
     return {"rad": ("mrad", 1e3), "1": ("", 1.0)}.get(unit, (unit, 1.0))
 
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from ema_core.description import UnitKey
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import Checked, quantity
 from ema_core.wording import counted
 from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
 
@@ -34,7 +34,7 @@ _MOST_HOURS_A_DAY: Final = 24.0
 
 
 @dataclass(frozen=True)
-class Service:
+class Service(Checked):
     """What a monitor assumes of use.
 
     Raises
@@ -52,9 +52,6 @@ class Service:
     removal_risk: float = quantity(
         0.05, "-", 1e-3, 0.5, "probability of a failure before the removal that is accepted"
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class CountLog:
@@ -238,9 +235,10 @@ class ServiceHours:
         self.used = [test for test in self.used if test.is_counted]
         self._uncounted, self._rates, self._most_rate = 0, 0, 0.0
         return [
-            _finding(
+            Finding(
+                SERVICE_HOURS,
                 f"counted from now on: {_tests(dropped)} before, at hours by hours_per_cycle, "
-                "left out"
+                "left out",
             )
         ]
 
@@ -252,9 +250,10 @@ class ServiceHours:
             if held is None:
                 return []
             return [
-                _finding(
+                Finding(
+                    SERVICE_HOURS,
                     f"{held.hours:g} h at test {held.cycles} not confirmed by the next count, "
-                    f"{test.hours:g} h: interpolated instead"
+                    f"{test.hours:g} h: interpolated instead",
                 )
             ]
         change = f"from {self.used[-1].hours:g} h to {test.hours:g} h"
@@ -275,7 +274,7 @@ class ServiceHours:
             self._waiting = list(since)
         self._use(held)
         self._accept(test)
-        return [_finding(text)]
+        return [Finding(SERVICE_HOURS, text)]
 
     def _is_plausible(self, before: TimedTest, after: TimedTest) -> bool:
         elapsed, most = after.hours - before.hours, self._most_rate
@@ -307,10 +306,6 @@ class ServiceHours:
         self.used.append(test)
         self._uncounted += not test.is_counted
         self._held, self.unknown = None, ""
-
-
-def _finding(text: str) -> Finding:
-    return Finding(SERVICE_HOURS, text)
 
 
 def _cycles(before: TimedTest, after: TimedTest) -> int:

@@ -1,10 +1,10 @@
 """What a prognosis rests on."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.duty.scenario import Scenario
+from ema_monitor.prognosis.duty.scenario import AS_FLOWN, Scenario
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -30,7 +30,7 @@ class PrognosisSettings:
     damage
         How duty does damage.
     scenario
-        Future duty; None for that of the past.
+        Future duty; as in the past by default.
     good_for_s
         How long a level holds after its test [s]; 0 of a record, whose level is that at its end.
     """
@@ -41,10 +41,5 @@ class PrognosisSettings:
     service: Service = field(default_factory=Service)
     fleet: Fleet | None = None
     damage: DamageSettings = field(default_factory=DamageSettings)
-    scenario: Scenario | None = None
+    scenario: Scenario = AS_FLOWN
     good_for_s: float = 0.0
-
-
-def duty_of(settings: PrognosisSettings, duty: float) -> PrognosisSettings:
-    """Return settings with another duty of ``Service``; ValueError when it is out of range."""
-    return replace(settings, service=replace(settings.service, duty=duty))

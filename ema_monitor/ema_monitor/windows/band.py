@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.parameters import ActuatorParameters
 
 BAND_S: Final = 2e-3
@@ -23,7 +23,7 @@ def band_samples(n: int, sample_period: float) -> int:
     return max(1, min(round(BAND_S / sample_period / 2.0), n // 2))
 
 
-def band_limited(rows: NDArray[np.float64], sample_period: float) -> NDArray[np.float64]:
+def band_limited(rows: Array, sample_period: float) -> Array:
     """Return rows without the ripple that no model can match sample by sample.
 
     Parameters
@@ -58,6 +58,6 @@ def speed_weight(parameters: ActuatorParameters) -> float:
     return 0.5 * parameters.GAP / parameters.k_t
 
 
-def rms(values: NDArray[np.float64]) -> float:
+def rms(values: Array) -> float:
     """Return the root mean square of all values."""
     return float(np.sqrt(np.mean(np.square(values))))

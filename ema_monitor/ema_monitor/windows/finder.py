@@ -43,16 +43,12 @@ class Segment:
         The window, or why there is none.
     is_stretch
         Whether it is a stretch of ordinary motion, to be combined with others.
-    last_stretch
-        Number of the latest stretch when those were combined whose estimate this is of; the
-        combinations have numbers of their own. None otherwise.
     """
 
     number: int
     description: ActuatorDescription
     window: Window | Refusal
     is_stretch: bool = False
-    last_stretch: int | None = None
 
 
 class WindowFinder:

@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.parameters import ActuatorParameters, constants
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
@@ -99,7 +100,7 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | Non
     return Relation(float(fitted[0]), float(np.hypot(sigma, _LEAST_SHARE * held)))
 
 
-def _runs(steps: NDArray[np.float64]) -> NDArray[np.int64]:
+def _runs(steps: Array) -> NDArray[np.int64]:
     """Return first and last value of the runs one way, ``(k, 2)``, of steps, ``(n,)``."""
     way = np.sign(steps) * (np.abs(steps) > _SLOW * np.sqrt(np.mean(steps**2)))
     changes = np.flatnonzero(np.diff(way)) + 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ema_core.commands import approach_travel
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.windows.window import Window
@@ -67,7 +67,7 @@ class Defect:
 
 
 @dataclass(frozen=True)
-class TriggerSettings:
+class TriggerSettings(Checked):
     """When a window begins and how long it is.
 
     Raises
@@ -91,9 +91,6 @@ class TriggerSettings:
         "smallest change of the command that counts as motion",
         shown=("threshold_urad", "urad", 1e6),
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class WindowTrigger:
@@ -209,7 +206,10 @@ class WindowTrigger:
                     # The value that the rest began with may be a last step of the motion before.
                     self._rest_value = command
                 if self._start is not None and self._rest_count >= rest_samples:
-                    self._abandon(index - self._rest_count + 1, h)
+                    moved_s = (index - self._rest_count + 1 - self._start) * h
+                    self.longest_motion_s = max(self.longest_motion_s, moved_s)
+                    self.short_motions += 1
+                    self._start = None
             else:
                 if self._rest_count >= rest_samples:
                     self._start = index - 1
@@ -218,12 +218,6 @@ class WindowTrigger:
                 events += self._complete(self._start, window_samples)
                 self._start = None
         return events
-
-    def _abandon(self, stop: int, h: float) -> None:
-        if self._start is not None:
-            self.longest_motion_s = max(self.longest_motion_s, (stop - self._start) * h)
-            self.short_motions += 1
-        self._start = None
 
     def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
         telemetry, refused = self._cut(start, samples)

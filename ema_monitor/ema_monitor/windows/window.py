@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
 from ema_core.telemetry import Telemetry
 
@@ -53,12 +53,12 @@ class Window:
         )
 
     @property
-    def command(self) -> NDArray[np.float64]:
+    def command(self) -> Array:
         """Command including that at the start, ``(n + 1,)`` [rad]."""
         return self.telemetry.command
 
     @property
-    def current(self) -> NDArray[np.float64]:
+    def current(self) -> Array:
         """Measured equivalent current after the start, ``(n,)`` [A]; empty if not measured."""
         return self.telemetry.current[1:]
 
@@ -67,7 +67,7 @@ class Window:
         """Measured current at the start [A]; 0 where it is not measured."""
         return float(self.telemetry.current[0]) if len(self.telemetry.current) else 0.0
 
-    def speed(self, tau: float) -> NDArray[np.float64]:
+    def speed(self, tau: float) -> Array:
         """Return the speed after the start, ``(n,)`` [rad/s].
 
         It is that of the motor at the end of each sample. Where it is not measured, it is the mean
@@ -84,9 +84,7 @@ class Window:
         n = min(max(2, round(_INITIAL_S / self.sample_period)), len(self))
         return float(np.mean(self.speed(tau)[:n]))
 
-    def missed(
-        self, current: NDArray[np.float64], speed: NDArray[np.float64], tau: float
-    ) -> NDArray[np.float64]:
+    def missed(self, current: Array, speed: Array, tau: float) -> Array:
         """Return what a response misses of current and speed, ``(2, ..., n)`` [A, rad/s].
 
         The response is ``(..., n)`` for each, the gear ratio is ``tau``. Nothing is missed of a
@@ -121,7 +119,7 @@ class Window:
         return float(np.ptp(self.command))
 
     @property
-    def moves(self) -> NDArray[np.bool_]:
+    def moves(self) -> Flags:
         """Where the command moves after the start, ``(n,)``.
 
         Where it dwells, the shaft sticks wherever it came to rest, and no model says what current
@@ -132,7 +130,7 @@ class Window:
         return np.convolve(rests, np.ones(n + 1))[1:] < 0.5
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Array:
         """What samples count where the motor is slow or the command dwells, ``(n,)`` [-].
 
         It is ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over some

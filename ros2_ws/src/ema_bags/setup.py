@@ -33,9 +33,9 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "bridge_node = ema_bags.inputs.bridge_node:main",
-            "player_node = ema_bags.player_node:main",
-            "recorder_node = ema_bags.recorder_node:main",
+            "bridge_node = ema_ros.programs:bridge_node",
+            "player_node = ema_ros.programs:player_node",
+            "recorder_node = ema_ros.programs:recorder_node",
         ],
     },
 )

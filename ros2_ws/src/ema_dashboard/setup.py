@@ -28,5 +28,5 @@ setup(
         (f"share/{package}/layouts", glob("layouts/*")),
     ],
     zip_safe=False,
-    entry_points={"console_scripts": ["dashboard_node = ema_dashboard.dashboard_node:main"]},
+    entry_points={"console_scripts": ["dashboard_node = ema_ros.programs:dashboard_node"]},
 )

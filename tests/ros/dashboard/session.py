@@ -37,9 +37,13 @@ class DashboardSession(Spinning):
         viewer.look_at(*topics)
         return viewer
 
+    def leave(self) -> None:
+        """Let all clients leave."""
+        while self.viewers:
+            self.viewers.pop().close()
+
     def close(self) -> None:
-        for viewer in self.viewers:
-            viewer.close()
+        self.leave()
         super().close()
 
 

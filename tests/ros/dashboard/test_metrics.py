@@ -15,7 +15,8 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.openmetrics import parser as open_metrics
 from rosgraph_msgs.msg import Clock
 
-from ema_dashboard.metrics import MOST_KEPT, Metrics, OwnFigures
+from ema_dashboard.hub import Totals
+from ema_dashboard.metrics import MOST_KEPT, Metrics
 from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
 from ema_ros import topics
 
@@ -24,7 +25,7 @@ from .session import DashboardSession
 
 OPEN_METRICS = "application/openmetrics-text; version=1.0.0"
 GRAFANA = Path(get_package_share_directory("ema_dashboard"), "layouts", "grafana.json")
-OWN = OwnFigures(2, 30, 4000, 50, 6, 7)
+OWN = Totals(2, 30, 4000, 50, 6, 7)
 BASE_UNITS = ("_seconds", "_ratio", "_bytes", "_info", "_total", "_bucket", "_count", "_sum")
 LABELS = ("namespace", "actuator_id", "serial_number", "model", "quantile", "verdict", "le", "node")
 WITHOUT_UNIT = {"ema_health_level", "ema_dashboard_clients"}

@@ -64,8 +64,8 @@ class Replay:
         self.states: list[PlaybackState] = []
         self.indices: list[int] = []
         self.healths: list[Health] = []
-        self.node = session.node("listener")
-        listen = self.node.create_subscription
+        self.session = session
+        listen = session.node("listener").create_subscription
         listen(PlaybackState, "playback_state", self.states.append, topics.LATCHED)
         listen(Health, "health", self.healths.append, topics.LATCHED_BY_MANY)
         # As deep as the bag is long: a busy machine loses nothing.
@@ -77,15 +77,11 @@ class Replay:
     def _note_block(self, block: TelemetryBlock) -> None:
         self.indices.append(block.first_index)
 
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, f"player/{name}")
-        assert client.wait_for_service(DEADLINE_S)
-        future = client.call_async(request)
-        wait_for(future.done, f"an answer of {name}")
-        return future.result()
+    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+        return self.session.call(kind, f"player/{name}", **fields)
 
     def seek(self, seconds: float) -> Any:
-        return self.call(SeekPlayback, "seek", SeekPlayback.Request(time=at(seconds)))
+        return self.call(SeekPlayback, "seek", time=at(seconds))
 
     def wait_for_state(self, is_meant: Callable[[PlaybackState], bool]) -> PlaybackState:
         wait_for(lambda: self.states and is_meant(self.states[-1]), "a state of the playback")
@@ -102,7 +98,7 @@ def position_s(state: PlaybackState) -> float:
 
 def test_a_seek_publishes_what_is_latched_there_and_then_goes_on(session, bag):
     replay = Replay(session, bag)
-    assert replay.call(Trigger, "pause", Trigger.Request()).success
+    assert replay.call(Trigger, "pause").success
     for seconds, latched in (
         (12.0, {("left", 10), ("right", 11)}),
         (5.5, {("left", 5), ("right", 1)}),
@@ -117,7 +113,7 @@ def test_a_seek_publishes_what_is_latched_there_and_then_goes_on(session, bag):
         stamps = {(m.actuator_id, m.header.stamp.sec - START_NS // 10**9) for m in replay.healths}
         assert stamps == latched
         replay.indices.clear()
-    assert replay.call(Trigger, "resume", Trigger.Request()).success
+    assert replay.call(Trigger, "resume").success
     wait_for(lambda: len(replay.indices) > 20, "it to play on")
     assert replay.indices[:20] == list(range(550, 570))
 
@@ -125,7 +121,7 @@ def test_a_seek_publishes_what_is_latched_there_and_then_goes_on(session, bag):
 def test_impossible_rates_and_times_are_refused(session, bag):
     replay = Replay(session, bag)
     for rate in (0.0, -1.0, 101.0, float("nan")):
-        answer = replay.call(SetPlaybackRate, "set_rate", SetPlaybackRate.Request(rate=rate))
+        answer = replay.call(SetPlaybackRate, "set_rate", rate=rate)
         assert not answer.success
         assert answer.message.startswith("rate = ")
         assert replay.player._playback.rate == 1.0
@@ -139,11 +135,11 @@ def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
     replay.wait_for_state(lambda state: state.status == PlaybackState.ENDED)
     wait_for(lambda: len(replay.indices) == LAST + 1, "all messages")  # late on a busy machine
     assert not replay.player.finished.is_set()
-    refused = replay.call(Trigger, "resume", Trigger.Request())
+    refused = replay.call(Trigger, "resume")
     assert "seek first" in refused.message
     assert replay.seek(19.0).success
     replay.indices.clear()
-    assert replay.call(Trigger, "resume", Trigger.Request()).success
+    assert replay.call(Trigger, "resume").success
     wait_for(lambda: len(replay.indices) == 101, "the last second again")
     assert replay.indices == list(range(1900, 2001))
 

@@ -1,20 +1,22 @@
-"""Duty of a unit from test to test: hours of growth at its tests, and duty to come by the past."""
+"""Duty of a unit from test to test: hours of growth at its tests, and the duty to come."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
+from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings
-from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.service import TimedTest
 
 REFERENCE_TESTS: Final = 10
 """Intervals of known duty whose mean is the reference; with fewer, growth is by hours."""
+
+AS_BEFORE: Final = "future use as in the past"
 
 _FASTEST: Final = 1e3
 _LEAST_SINCE: Final = 2
@@ -23,39 +25,119 @@ _MOST_CUT: Final = 1000
 _SIGMA_OF_MEDIAN: Final = 1.4826 / np.sqrt(2.0)
 """Standard deviation over the median magnitude of differences, of independent normal values."""
 _PATHS: Final = 100
+_BY_HOURS: Final = np.ones((len(COMPONENTS), 1))
 
 
 @dataclass(frozen=True, eq=False)
+class FutureDuty:
+    """Hours of growth in an hour of service to come; a steady use as in the past by default.
+
+    Attributes
+    ----------
+    factor
+        Growth of the faults beside what the paths say of it [-].
+    present, later
+        Hours of growth of each component in an hour at first, and once the present duty has ended,
+        on one or several paths, ``(7, p)`` [-].
+    lasting
+        Hours of service that the present duty lasts on each path, ``(p,)`` [h].
+    words
+        What is assumed, beside the factor.
+
+    Raises
+    ------
+    ValueError
+        When the factor is not a number above 0.
+    """
+
+    factor: float = 1.0
+    present: Array = field(default_factory=lambda: _BY_HOURS)
+    later: Array = field(default_factory=lambda: _BY_HOURS)
+    lasting: Array = field(default_factory=lambda: np.full(1, np.inf))
+    words: str = AS_BEFORE
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.factor < np.inf:
+            raise ValueError(f"duty = {self.factor!r}: expected a number above 0")
+
+    def __str__(self) -> str:
+        if self.factor == 1.0:
+            return self.words
+        own = "in the past" if self.words == AS_BEFORE else f"by {self.words}"
+        return f"faults grow {self.factor:g} times as fast in each future flight hour as {own}"
+
+    def hours_of(self, own: Array) -> Array:
+        """Return the hours of service in which some hours of growth pass [h], ``(7, n)``.
+
+        Parameters
+        ----------
+        own
+            Hours of growth [h], ``(7, n)``; those of a number are on the same path in all.
+        """
+        path = np.arange(own.shape[1]) % self.lasting.size
+        own, lasting = own / self.factor, self.lasting[path]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at_first = np.where(own > 0.0, own / self.present[:, path], 0.0)
+            more = own - lasting * self.present[:, path]
+            after = lasting + more / self.later[:, path]
+        return np.where(at_first <= lasting, at_first, after)
+
+    def own_hours(self, hours: Array, n: int) -> Array:
+        """Return the hours of growth after some hours of service [h].
+
+        Parameters
+        ----------
+        hours
+            Ascending hours of service from now on [h], ``(m,)``.
+        n
+            Number of samples.
+
+        Returns
+        -------
+        numpy.ndarray
+            In a form that broadcasts to ``(m, 7, n)``.
+        """
+        path = np.arange(n) % self.lasting.size
+        at_first = np.minimum(hours[:, None, None], self.lasting[path])
+        after = hours[:, None, None] - at_first
+        return self.factor * (at_first * self.present[:, path] + after * self.later[:, path])
+
+
+STEADY: Final = FutureDuty()
+
+
 class DutyCourse:
     """Duty of a unit in the intervals between its tests.
 
-    Attributes
+    Parameters
     ----------
     settings
         How duty does damage.
     hours
         Service hours of the tests [h], ``(n,)``.
-    rate
-        Wear [rad/h] and ageing [-] in an hour of each interval, ``(2, n - 1)``; NaN where not
-        known.
-    travel
-        Travel of the user shaft in an hour of each [rad/h], ``(n - 1,)``; NaN where not known.
+    hourly
+        Wear [rad/h], ageing [-] and travel of the user shaft [rad/h] in an hour of each interval,
+        ``(3, n - 1)``; NaN where not known.
+
+    Attributes
+    ----------
+    elapsed
+        Service hours of the intervals [h], ``(n - 1,)``.
     reference
         Wear and ageing in an hour at the reference duty, ``(2,)``; NaN where there is none.
     relative
         Hours of growth in an hour of each interval, by wear, ageing and hours, ``(3, n - 1)``.
+    changes
+        Numbers of the first intervals after changes of the duty, by the measure with the latest.
     """
 
-    settings: DamageSettings
-    hours: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    travel: NDArray[np.float64]
-    reference: NDArray[np.float64] = field(default_factory=lambda: np.full(2, np.nan))
-    relative: NDArray[np.float64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "relative", np.ones((3, self.travel.size)))
-        for number, rate in enumerate(self.rate if self.settings.growth_per == "damage" else ()):
+    def __init__(self, settings: DamageSettings, hours: Array, hourly: Array) -> None:
+        self.settings, self.hours, self.hourly = settings, hours, hourly
+        self.elapsed = np.diff(hours)
+        self.reference = np.full(2, np.nan)
+        self.relative = np.ones(hourly.shape)
+        found = [np.empty(0, np.intp)]
+        for number, rate in enumerate(hourly[:2] if settings.growth_per == "damage" else ()):
             first = np.flatnonzero(np.isfinite(rate))[:REFERENCE_TESTS]
             if first.size < REFERENCE_TESTS or not np.any(rate[first] > 0.0):
                 continue
@@ -64,48 +146,29 @@ class DutyCourse:
             # An interval without known duty is as the one before; the first ones as the reference.
             latest = np.maximum.accumulate(np.where(np.isfinite(own), np.arange(own.size), -1))
             self.relative[number] = np.where(latest < 0, 1.0, own[latest])
+            found.append(duty_changes(self.relative[number]))
+        self.changes = max(found, key=lambda one: (one[-1:].sum(), one.size))
+        self.since = int(self.changes[-1:].sum())
 
     @property
-    def elapsed(self) -> NDArray[np.float64]:
-        """Service hours of the intervals [h], ``(n - 1,)``."""
-        return np.diff(self.hours)
-
-    @property
-    def is_known(self) -> bool:
-        """Whether any growth is counted by damage."""
-        return bool(np.isfinite(self.reference).any())
-
-    @property
-    def own_hours(self) -> NDArray[np.float64]:
+    def own_hours(self) -> Array:
         """Hours of growth of each component at the tests [h], ``(n, 7)``."""
         grown = np.cumsum(self.relative * self.elapsed, axis=1)
         own = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
         own[~np.append(np.isfinite(self.reference), False)] = self.hours
         return own[MEASURE].T
 
-    @cached_property
-    def _changes(self) -> NDArray[np.intp]:
-        """Numbers of the first intervals after changes, of the measure with the latest one."""
-        known = np.isfinite(self.reference)
-        found = [duty_changes(one) for one in self.relative[:2][known]]
-        return max(found, key=lambda one: (one[-1:].sum(), one.size), default=np.empty(0, np.intp))
-
     @property
-    def _since(self) -> int:
-        """Number of the first interval since the latest change of the duty."""
-        return int(self._changes[-1:].sum())
-
-    @property
-    def present(self) -> NDArray[np.float64]:
+    def present(self) -> Array:
         """Hours of growth of each component in an hour since the latest change, ``(7,)`` [-]."""
-        since = self._since
-        return np.average(self.relative[:, since:], axis=1, weights=self.elapsed[since:])[MEASURE]
+        return self.lately(self.relative)[MEASURE]
 
-    def lately(self, figure: NDArray[np.float64]) -> float:
-        """Return the mean of a figure of the intervals since the latest change; NaN without any."""
-        recent, elapsed = figure[self._since :], self.elapsed[self._since :]
-        known = np.isfinite(recent)
-        return float(np.average(recent[known], weights=elapsed[known])) if known.any() else np.nan
+    def lately(self, figures: Array) -> Array:
+        """Return the means of figures since the latest change, ``(k,)``; NaN where not known."""
+        recent = figures[:, self.since :]
+        elapsed = np.where(np.isfinite(recent), self.elapsed[self.since :], 0.0)
+        hours = np.sum(elapsed, axis=1)
+        return np.nansum(recent * elapsed, axis=1) / np.where(hours > 0.0, hours, np.nan)
 
     def as_flown(self, factor: float) -> FutureDuty:
         """Return the duty to come, drawn from that flown (P24).
@@ -120,16 +183,16 @@ class DutyCourse:
             Growth beside it [-].
         """
         rng = np.random.default_rng([1, self.hours.size])
-        present, later = self._drawn_since(self._since, rng), self._drawn_since(0, rng)
-        words = f"future duty as flown since {self.hours[self._since]:.6g} h"
+        present, later = self._drawn_since(self.since, rng), self._drawn_since(0, rng)
+        words = f"future duty as flown since {self.hours[self.since]:.6g} h"
         lasting = np.full(_PATHS, np.inf)
-        if (changes := self._changes.size) > 1:
+        if (changes := self.changes.size) > 1:
             words += f", and changing as often as it did ({changes} times)"
             mean = (self.hours[-1] - self.hours[0]) / (changes - 1)
             lasting = rng.exponential(mean, size=_PATHS)
         return FutureDuty(factor, present, later, lasting, words)
 
-    def _drawn_since(self, since: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
         """Return mean hours of growth in an hour of each path, ``(7, p)``: a block bootstrap."""
         known = since + np.flatnonzero(self.elapsed[since:] > 0.0)
         # Whole stretches of the past: what follows one another is alike.
@@ -141,7 +204,7 @@ class DutyCourse:
         return (growth / elapsed.sum(axis=-1))[MEASURE]
 
 
-def duty_changes(relative: NDArray[np.float64]) -> NDArray[np.intp]:
+def duty_changes(relative: Array) -> NDArray[np.intp]:
     """Return the numbers of the first intervals after changes of a duty, in their order.
 
     The logarithm of the duty is cut into parts of the least sum of squares about their means, in
@@ -183,7 +246,7 @@ class DutyRecord:
         self._settings = settings
         self._total = np.zeros(5)
         # By the stamp of the test [ns].
-        self._until: dict[int, NDArray[np.float64]] = {}
+        self._until: dict[int, Array] = {}
 
     def add(self, entry: Entry) -> None:
         """Add the next test."""
@@ -202,6 +265,8 @@ class DutyRecord:
         least = np.where(elapsed > 0.0, least, np.inf)
         # Beyond the hours in service the unit moved on the ground; what is not covered was alike.
         within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
-        rate = np.stack([wear / within, ageing / np.where(warm >= least, warm, np.nan)])
-        course = DutyCourse(self._settings, hours, rate, travel / within)
-        return course if course.is_known else None
+        ageing /= np.where(warm >= least, warm, np.nan)
+        course = DutyCourse(
+            self._settings, hours, np.stack([wear / within, ageing, travel / within])
+        )
+        return course if np.isfinite(course.reference).any() else None

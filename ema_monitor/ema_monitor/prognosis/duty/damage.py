@@ -1,29 +1,71 @@
-"""Damage that duty does: wear by load and travel, ageing by the temperature of the winding."""
+"""What was flown, and the damage it does: wear by load and travel, ageing by the temperature."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS
-from ema_core.quantity import check_quantities, quantity, text
-from ema_monitor.prognosis.duty.flown import FlownDuty
+from ema_core.quantity import Checked, quantity, text
+
+LOAD_CLASSES: Final = 10
+"""Classes of the load, the magnitude of the current over its limit: a tenth each, the last open."""
+
+LEAST_RISE: Final = -100.0
+CLASS_KELVIN: Final = 10.0
+WINDING_CLASSES: Final = 32
+"""Classes of the rise of the winding over its calibrated state: 10 K each from -100 K on, first and
+last open."""
 
 BOLTZMANN: Final = 8.617333e-5
 """Boltzmann's constant [eV/K]."""
 
 _ZERO_CELSIUS: Final = 273.15
 _REFERENCE_K: Final = 373.15
-_WEAR: Final = ("friction", "backlash")
-_AGEING: Final = ("short_circuit_a", "short_circuit_b", "short_circuit_c")
+WEAR, AGEING, HOURS = range(3)
+"""Measures of damage."""
 
-MEASURE: Final = np.array([0 if c in _WEAR else 1 if c in _AGEING else 2 for c in COMPONENTS])
-"""Damage measure of each component: 0 wear, 1 ageing, 2 hours, ``(7,)``."""
+_MEASURES: Final = {"friction": WEAR, "backlash": WEAR} | {
+    f"short_circuit_{phase}": AGEING for phase in "abc"
+}
+MEASURE: Final = np.array([_MEASURES.get(name, HOURS) for name in COMPONENTS])
+"""Measure of each component, ``(7,)``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownDuty:
+    """What telemetry and topics say of the use of a unit over some time; nothing by default.
+
+    Attributes
+    ----------
+    hours
+        Time that telemetry covers [h].
+    travel
+        Travel of the user shaft [rad], and the sum of travel times load [rad], by class of the
+        load, ``(2, LOAD_CLASSES)``.
+    winding
+        Hours [h], and the sum of hours times rise [h K], by class of the rise of the winding over
+        its calibrated state, as far as that is known, ``(2, WINDING_CLASSES)``.
+    """
+
+    hours: float = 0.0
+    travel: Array = field(default_factory=lambda: np.zeros((2, LOAD_CLASSES)))
+    winding: Array = field(default_factory=lambda: np.zeros((2, WINDING_CLASSES)))
+
+    def __add__(self, other: "FlownDuty") -> "FlownDuty":
+        return FlownDuty(
+            self.hours + other.hours, self.travel + other.travel, self.winding + other.winding
+        )
+
+
+NOTHING_FLOWN: Final = FlownDuty()
+"""Duty of which nothing is known."""
 
 
 @dataclass(frozen=True)
-class DamageSettings:
+class DamageSettings(Checked):
     """How duty does damage (P23).
 
     Raises
@@ -58,9 +100,6 @@ class DamageSettings:
         0.2, "-", 1e-6, 1.0, "share of the service hours that telemetry has to cover"
     )
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def wear(self, travel: ArrayLike, load: ArrayLike) -> float:
         """Return the wear by travels [rad] at loads: the sum of load^p times travel [rad].
 
@@ -78,10 +117,8 @@ class DamageSettings:
         away = self.activation_energy / BOLTZMANN * (1.0 / _REFERENCE_K - 1.0 / kelvin)
         return float(np.sum(np.asarray(hours) * np.exp(away)))
 
-    def damage(self, flown: FlownDuty | None) -> NDArray[np.float64]:
+    def damage(self, flown: FlownDuty) -> Array:
         """Return hours of telemetry, travel, wear, hours of known temperature and ageing."""
-        if flown is None:
-            return np.zeros(5)
         (travel, load), (hours, rise) = (
             (amount, moment / np.where(amount > 0.0, amount, 1.0))
             for amount, moment in (flown.travel, flown.winding)

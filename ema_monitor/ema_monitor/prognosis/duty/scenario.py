@@ -1,18 +1,17 @@
 """Scenarios: duties to come as a planner gives them, checked, and the growth that they lead to."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from ema_core.quantity import check_quantities, is_finite_number, quantity, text
+from ema_core.quantity import Checked, is_finite_number, quantity, text
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
-from ema_monitor.prognosis.duty.course import DutyCourse
-from ema_monitor.prognosis.duty.damage import MEASURE
-from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.duty.course import DutyCourse, FutureDuty
+from ema_monitor.prognosis.duty.damage import AGEING, MEASURE, WEAR
 
 MOST_SCENARIOS: Final = 20
 """Scenarios that are answered at once."""
@@ -23,7 +22,7 @@ _TOLERANCE: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Checked):
     """A future duty; what is not given is as in the unit's past.
 
     Attributes
@@ -55,7 +54,7 @@ class Scenario:
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if not 0 < len(self.name) <= _LONGEST_NAME or not self.name.isprintable():
             raise ValueError(
                 f"name = {self.name[:80]!r}: expected 1 to {_LONGEST_NAME} printable characters"
@@ -79,40 +78,34 @@ class Scenario:
             When the scenario has figures that nothing of the unit can be compared with.
         """
         factor = factor * self.duty
-        if course is None:
-            if self.travel_per_hour or self.loads or self.winding:
-                raise NotComparableError("its duty so far")
-            return FutureDuty.steady(factor)
-        past, settings = course.as_flown(factor), course.settings
-        rates: dict[int, float] = {}
-        words = []
-        if self.travel_per_hour or self.loads:
-            known = course.lately(course.travel)
-            travel = self.travel_per_hour or known
-            if self.loads:
-                shares = np.array(list(self.loads.values()))
-                wear = settings.wear(shares / shares.sum(), list(self.loads))
-            else:
-                wear = course.lately(course.rate[0]) / (known or np.nan)
-            rates[0] = travel * wear / course.reference[0]
-            words.append(f"{travel:.4g} rad/h")
-            words += [f"loads {_in_words(self.loads, '')}"] if self.loads else []
-        if self.winding:
-            shares = np.array(list(self.winding.values()))
-            rates[1] = settings.ageing(shares / shares.sum(), list(self.winding))
-            rates[1] /= course.reference[1]
-            words.append(f"winding {_in_words(self.winding, ' degC')}")
-        if not words:
+        names = ("travel_per_hour", "loads", "winding")
+        given = {name: getattr(self, name) for name in names if getattr(self, name)}
+        past = FutureDuty(factor) if course is None else course.as_flown(factor)
+        if not given:
             return past
+        if course is None:
+            raise NotComparableError("its duty so far")
+        wear, _, travel = course.lately(course.hourly)
+        rates: dict[int, float] = {}
+        if self.travel_per_hour or self.loads:
+            by_load = wear / (travel or np.nan)
+            if self.loads:
+                by_load = course.settings.wear(list(self.loads.values()), list(self.loads))
+            rates[WEAR] = (self.travel_per_hour or travel) * by_load
+        if self.winding:
+            rates[AGEING] = course.settings.ageing(list(self.winding.values()), list(self.winding))
         present, later = past.present.copy(), past.later.copy()
-        for measure, rate in rates.items():
+        for measure, hourly in rates.items():
+            rate = hourly / course.reference[measure]
             if not np.isfinite(rate):
                 names = ("its travel and load so far", "the temperature of its winding so far")
                 raise NotComparableError(names[measure])
             present[measure == MEASURE] = later[measure == MEASURE] = rate
+        words = ", ".join(f"{name} = {value}" for name, value in given.items())
         rest = past.words.partition(" duty ")[2]
-        given = f"future duty: {', '.join(words)}, the rest {rest}"
-        return replace(past, present=present, later=later, words=given)
+        return replace(
+            past, present=present, later=later, words=f"future duty: {words}, the rest {rest}"
+        )
 
 
 class NotComparableError(ValueError):
@@ -122,11 +115,6 @@ class NotComparableError(ValueError):
         super().__init__(
             f"{what} is not known, with which the scenario is compared: growth is counted by hours"
         )
-
-
-def _in_words(shares: Mapping[float, float], unit: str) -> str:
-    parts = (f"{100.0 * share:.3g} % at {value:g}{unit}" for value, share in shares.items())
-    return " and ".join(parts)
 
 
 def _check_shares(name: str, shares: Any, lowest: float, highest: float, unit: str) -> None:
@@ -145,21 +133,36 @@ def _check_shares(name: str, shares: Any, lowest: float, highest: float, unit: s
         raise ValueError(f"{name}: the shares sum to {sum(shares.values()):g}: expected 1")
 
 
-def check_scenarios(scenarios: tuple[Scenario, ...]) -> tuple[Scenario, ...]:
-    """Return scenarios that can be answered at once.
+AS_FLOWN: Final = Scenario("as flown")
+"""Future duty as in the past."""
+
+
+def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
+    """Return the scenarios of rows of keys and values, as of a file.
 
     Raises
     ------
     ValueError
-        When there are too many, or two of one name.
+        When there are too many, two of one name, or one is impossible; the message names it.
     """
-    if len(scenarios) > MOST_SCENARIOS:
-        raise ValueError(f"{len(scenarios)} scenarios: expected at most {MOST_SCENARIOS}")
-    names = [one.name for one in scenarios]
-    for name in names:
-        if (times := names.count(name)) > 1:
-            raise ValueError(f"name = {name!r}: expected once, it is given {times} times")
-    return scenarios
+    if len(rows) > MOST_SCENARIOS:
+        raise ValueError(f"{len(rows)} scenarios: expected at most {MOST_SCENARIOS}")
+    found: dict[str, Scenario] = {}
+    known = [item.name for item in fields(Scenario)]
+    for number, row in enumerate(rows, 1):
+        try:
+            if not isinstance(row, dict):
+                raise ValueError(f"{str(row)[:80]}: expected keys with values")
+            for key in row:
+                if key not in known:
+                    raise ValueError(unknown_name("key", key, known))
+            scenario = Scenario(**row)
+            if scenario.name in found:
+                raise ValueError(f"name = {scenario.name!r}: expected once")
+            found[scenario.name] = scenario
+        except ValueError as error:
+            raise ValueError(f"scenario {number}: {error}") from error
+    return tuple(found.values())
 
 
 def read_scenarios(path: Path) -> tuple[Scenario, ...]:
@@ -174,25 +177,9 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
     """
     content = load_yaml(path)
     try:
-        if not isinstance(content, dict) or set(content) != {"scenarios"}:
-            named = ", ".join(map(str, content)) if isinstance(content, dict) else str(content)
-            raise ValueError(f"{named[:80]}: expected one key, scenarios")
-        rows = content["scenarios"]
+        rows = content.get("scenarios") if isinstance(content, dict) and len(content) == 1 else None
         if not isinstance(rows, list) or not rows:
-            raise ValueError(f"scenarios = {str(rows)[:80]}: expected a list of at least one")
-        return check_scenarios(tuple(_scenario(number, row) for number, row in enumerate(rows, 1)))
+            raise ValueError(f"{str(content)[:80]}: expected one key, scenarios, with a list")
+        return scenarios_of(rows)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-
-
-def _scenario(number: int, row: Any) -> Scenario:
-    if not isinstance(row, dict):
-        raise ValueError(f"scenario {number} = {str(row)[:80]}: expected keys with values")
-    known = [item.name for item in fields(Scenario)]
-    try:
-        for key in row:
-            if key not in known:
-                raise ValueError(unknown_name("key", key, known))
-        return Scenario(**row)
-    except ValueError as error:
-        raise ValueError(f"scenario {number}: {error}") from error

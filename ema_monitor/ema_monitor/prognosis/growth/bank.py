@@ -10,12 +10,12 @@ of it, and for rates that wander.
 
 import numpy as np
 
+from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS
 from ema_core.growth_laws import increment
 from ema_monitor.prognosis.growth.cells import N_RATES, Cells, Owners
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
-    Array,
     Observation,
     corrected,
     near_healthy_update,

@@ -25,6 +25,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.growth_laws import LAWS, hours_until
 from ema_monitor.health import HealthLimits
@@ -142,17 +143,17 @@ class Cells:
 
     slices: dict[str, slice]  # where the cells of each law are
     component: NDArray[np.intp]  # number of the component among those tracked
-    side: NDArray[np.float64]  # of healthy, on which it grows, -1 or 1
-    rate: NDArray[np.float64]  # of the law now, its pace included
-    shape: NDArray[np.float64]
-    diffusion: NDArray[np.float64]  # of drift its s [1/sqrt(h)]; else 0
-    limit: NDArray[np.float64]  # distance from healthy at which life ends [-]
-    prior: NDArray[np.float64]  # sums to 1 over the cells of a component
-    base: NDArray[np.float64]  # the rate without its pace
-    spacing: NDArray[np.float64]  # of neighbouring rates in the logarithm [-]
-    wanders: NDArray[np.bool_]
-    pace: NDArray[np.float64]  # its logarithm [-], 0 where the rate does not wander
-    first: NDArray[np.bool_]  # the first of a wandering curve; those of each pace follow in turn
+    side: Array  # of healthy, on which it grows, -1 or 1
+    rate: Array  # of the law now, its pace included
+    shape: Array
+    diffusion: Array  # of drift its s [1/sqrt(h)]; else 0
+    limit: Array  # distance from healthy at which life ends [-]
+    prior: Array  # sums to 1 over the cells of a component
+    base: Array  # the rate without its pace
+    spacing: Array  # of neighbouring rates in the logarithm [-]
+    wanders: Flags
+    pace: Array  # its logarithm [-], 0 where the rate does not wander
+    first: Flags  # the first of a wandering curve; those of each pace follow in turn
     place: NDArray[np.intp]  # N_RATES times the number of the curve, plus that of the rate; or -1
 
 
@@ -163,7 +164,7 @@ class Owners:
         self._starts = np.flatnonzero(np.diff(component, prepend=-1))
         self._of_runs = component[self._starts]
 
-    def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sums(self, values: Array) -> Array:
         """Return the sums of values over each component, ``(7,)``."""
         sums = np.bincount(self._of_runs, np.add.reduceat(values, self._starts), len(COMPONENTS))
         return sums.astype(np.float64, copy=False)
@@ -216,7 +217,7 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
 
 
 def _rows(
-    curve: Curve, limit: float, lives: NDArray[np.float64], known: KnownLaw | None, share: float
+    curve: Curve, limit: float, lives: Array, known: KnownLaw | None, share: float
 ) -> NDArray[np.void]:
     """Return cells of a curve on the upper side, for some hours from healthy to the limit [h]."""
     rows = np.zeros(lives.size, _ROW)
@@ -231,7 +232,7 @@ def _rows(
     return rows
 
 
-def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np.float64]:
+def _rate_prior(rate: Array, known: KnownLaw | None) -> Array:
     flat = np.full(rate.size, 1.0 / rate.size)
     if known is None:
         return flat

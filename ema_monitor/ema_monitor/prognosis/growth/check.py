@@ -15,8 +15,8 @@ from statistics import NormalDist
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.kept import Kept
@@ -51,8 +51,6 @@ _LADDER: Final = np.array([0.4, 0.7, 1.0, 1.5, 2.5, 4.0])
 _EDGE: Final = 1e-6
 _FARTHEST: Final = 10.0
 _NORMAL: Final = NormalDist()
-
-Array = NDArray[np.float64]
 
 LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
@@ -112,7 +110,7 @@ class PredictionCheck(Kept):
             self._scores[:, number] = 0.0
             self._log_widths[number] = LOG_PRIOR
 
-    def one_step(self, pit: Array, plain: NDArray[np.bool_]) -> None:
+    def one_step(self, pit: Array, plain: Flags) -> None:
         """Add the PIT of a test by the one before, ``(7,)``, of the components that it shows."""
         for number in np.flatnonzero(plain):
             self._add(0, int(number), float(pit[number]))
@@ -121,7 +119,7 @@ class PredictionCheck(Kept):
         score = _NORMAL.inv_cdf(min(max(pit, _EDGE), 1.0 - _EDGE))
         self._scores[which, number] = _KEPT * self._scores[which, number] + [1.0, score**2]
 
-    def observe(self, measurement: Measurement, used: NDArray[np.bool_], factor: float) -> None:
+    def observe(self, measurement: Measurement, used: Flags, factor: float) -> None:
         """Hold the predictions that are due against the used components of a test, ``(7,)``.
 
         What misses the test that is due is judged by the next that shows it. The errors of the
@@ -168,14 +166,7 @@ class PredictionCheck(Kept):
         interval = (hours - self._first_hours) / max(self._tests - 1, 1)
         return max(interval, 1e-3) * AHEAD * _LADDER
 
-    def keep(
-        self,
-        since: Array,
-        ahead: Array,
-        samples: Array,
-        shown: NDArray[np.bool_],
-        grows: NDArray[np.bool_],
-    ) -> None:
+    def keep(self, since: Array, ahead: Array, samples: Array, shown: Flags, grows: Flags) -> None:
         """Keep a prediction until its test.
 
         Parameters

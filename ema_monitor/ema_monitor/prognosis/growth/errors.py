@@ -9,10 +9,10 @@ tests by them. These filters assume no law, so that a wrong one is not taken for
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
-from ema_monitor.prognosis.growth.filters import Array, Observation, growth_of_rate, measured
+from ema_monitor.prognosis.growth.filters import Observation, growth_of_rate, measured
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
@@ -23,7 +23,8 @@ FACTORS: Final = np.array([0.5, 0.7, 1.0, 1.4, 2.0])
 """Factors of the standard deviations of the estimates on the grid [-]."""
 
 _FACTOR_SIGMA: Final = 0.35
-_UNCORRELATED: Final = 0.5
+_CORRELATED: Final = np.array([0.5, 0.5 / 3.0, 0.5 / 3.0, 0.5 / 3.0])
+_LOG_PRIOR: Final = np.log(_CORRELATED)[:, None] - 0.5 * (np.log(FACTORS) / _FACTOR_SIGMA) ** 2
 
 _RATE_SIGMA: Final = 1e-3
 """Standard deviation of a rate before any test [1/h]."""
@@ -35,13 +36,6 @@ _LEAST_RATE: Final = 3e-5
 """Rate below which the walk is that of this one [1/h]."""
 
 _SEEN: Final = np.array([1.0, 0.0])
-
-
-def _log_prior() -> Array:
-    correlated = np.full(CORRELATIONS.size, (1.0 - _UNCORRELATED) / (CORRELATIONS.size - 1))
-    correlated[0] = _UNCORRELATED
-    size = -0.5 * (np.log(FACTORS) / _FACTOR_SIGMA) ** 2
-    return np.log(correlated)[:, None] + size
 
 
 class EstimateErrors(Kept):
@@ -64,7 +58,7 @@ class EstimateErrors(Kept):
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
-        self.log_probability = _log_prior()
+        self.log_probability = _LOG_PRIOR.copy()
         n, shape = len(COMPONENTS), (CORRELATIONS.size, FACTORS.size)
         self.value, self.noise, self.used = np.zeros(n), np.ones(n), np.zeros(n, dtype=bool)
         self.mean = np.zeros((n, *shape, 2))
@@ -104,9 +98,7 @@ class EstimateErrors(Kept):
         """Begin anew with a component at its next test: its level has changed."""
         self.hours[number], self.used[number] = np.inf, False
 
-    def observed(
-        self, value: Array, noise: Array, plain: NDArray[np.bool_], near: NDArray[np.bool_]
-    ) -> Observation:
+    def observed(self, value: Array, noise: Array, plain: Flags, near: Flags) -> Observation:
         """Learn from a test, and return what it shows of each component, ``(7,)`` each.
 
         Parameters
@@ -124,7 +116,7 @@ class EstimateErrors(Kept):
         self.value, self.noise, self.used = value, noise, plain
         return test
 
-    def learn(self, value: Array, noise: Array, used: NDArray[np.bool_]) -> None:
+    def learn(self, value: Array, noise: Array, used: Flags) -> None:
         """Learn from the components that a test measures; arguments as of ``observed``."""
         begins = np.flatnonzero(used & ~np.isfinite(self.hours))
         self.mean[begins] = 0.0

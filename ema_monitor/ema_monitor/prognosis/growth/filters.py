@@ -10,9 +10,9 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 LEAST_PROBABILITY: Final = 1e-280
@@ -22,16 +22,14 @@ _TAIL: Final = -6.0
 _ROOT_2: Final = math.sqrt(2.0)
 _ROOT_2_PI: Final = math.sqrt(2.0 * math.pi)
 
-Array = NDArray[np.float64]
-
 
 class Observation(NamedTuple):
     """What a test shows of each component, ``(7,)`` each."""
 
     value: Array  # signed distances from healthy [-]
     noise: Array  # variances of their errors
-    plain: NDArray[np.bool_]  # components that the test measures
-    near: NDArray[np.bool_]  # those that it finds near healthy
+    plain: Flags  # components that the test measures
+    near: Flags  # those that it finds near healthy
     carried: Array  # factor c of the error of the test before
     value_before: Array  # its value
     fresh: Array  # variance of the part of the error that is new
@@ -139,7 +137,7 @@ def near_healthy_update(
     variance: Array,
     noise: Array,
     reach: Array,
-    two_sided: NDArray[np.bool_],
+    two_sided: Flags,
     log_likelihood: Array,
 ) -> None:
     """Update Gaussians in place, ``(n,)``, knowing that x + error was set to healthy.

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS, kind_of
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.cells import N_RATES, RATE_SPACING, Cells, grid
@@ -49,16 +50,14 @@ class GrownFault(NamedTuple):
     log_likelihood: NDArray[np.float16]
 
 
-def _table(cells: Cells, number: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _table(cells: Cells, number: int, values: Array) -> Array:
     """Return sums of values of the growing cells of a component, ``(curves, rates)``."""
     at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
     found = np.bincount(cells.place[at], values[at]).astype(np.float64, copy=False)
     return found.reshape(-1, N_RATES)
 
 
-def grown_faults(
-    cells: Cells, weight: NDArray[np.float64], growing: NDArray[np.bool_]
-) -> dict[str, GrownFault]:
+def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, GrownFault]:
     """Return what a tracker says of the faults that are seen to grow, by component.
 
     Parameters
@@ -80,14 +79,8 @@ def grown_faults(
     return found
 
 
-def curves_without_fleet(limits: HealthLimits) -> dict[str, NDArray[np.float64]]:
-    """Return the prior of curves and rates by kind of fault, ``(curves, rates)`` each; sums to 1.
-
-    Parameters
-    ----------
-    limits
-        Where lives end.
-    """
+def curves_without_fleet(limits: HealthLimits) -> dict[str, Array]:
+    """Return the prior of curves and rates by kind, ``(curves, rates)`` each; sums to 1."""
     cells = grid(limits, TrackerSettings())
     tables = {kind_of(name): _table(cells, n, cells.prior) for n, name in enumerate(COMPONENTS)}
     return {kind: table / table.sum() for kind, table in tables.items()}
@@ -119,9 +112,7 @@ def grid_digest(limits: HealthLimits) -> str:
     return digest.hexdigest()[:16]
 
 
-def distribution(
-    likelihoods: Sequence[NDArray[np.float16]], prior: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def distribution(likelihoods: Sequence[NDArray[np.float16]], prior: Array) -> Array:
     """Return the distribution of curves and rates over units, ``(curves, rates)``; sums to 1.
 
     Parameters

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.growth_laws import hours_until, increment
 from ema_monitor.prognosis.growth.cells import Cells
 from ema_monitor.prognosis.growth.mixture import Mixture
@@ -29,10 +30,10 @@ class Draw:
     cells: Cells
     noise_hours: float  # variance of the effective time of growth per hour [h]
     cell: NDArray[np.intp]  # of a sample under a wave that of no growth
-    x: NDArray[np.float64]  # distance from healthy to the side of the cell, with its wave [-]
-    rate: NDArray[np.float64]  # of the law at pace 1
-    pace: NDArray[np.float64]  # its logarithm [-]
-    is_wave: NDArray[np.bool_]
+    x: Array  # distance from healthy to the side of the cell, with its wave [-]
+    rate: Array  # of the law at pace 1
+    pace: Array  # its logarithm [-]
+    is_wave: Flags
     waves: WaveDraw  # the samples under a wave
 
 
@@ -62,7 +63,7 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     return Draw(cells, mixture.settings.noise_hours, cell, x, rate, pace, is_wave, waves)
 
 
-def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
+def lives(sample: Draw, rng: np.random.Generator) -> Array:
     """Return hours of growth until each sample first reaches its limit [h], ``(7, n)``."""
     cells, cell = sample.cells, sample.cell
     hours = np.empty(cell.shape)
@@ -87,9 +88,7 @@ def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
     return hours
 
 
-def futures(
-    sample: Draw, hours: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
     """Return signed distances from healthy in the future, ``(m, 7, n)``.
 
     Parameters

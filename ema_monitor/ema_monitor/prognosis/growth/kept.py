@@ -22,15 +22,14 @@ class Kept:
     kept: ClassVar[tuple[str, ...]] = ()
     parts: ClassVar[tuple[str, ...]] = ()
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return all that is known, for ``restore``."""
-        known = {name: np.asarray(getattr(self, name)) for name in self.kept}
+    def state(self, at: str = "") -> dict[str, NDArray[Any]]:
+        """Return all that is known, for ``restore``; names begin with where it is."""
+        known = {f"{at}{name}": np.asarray(getattr(self, name)) for name in self.kept}
         for part in self.parts:
-            of_it: Mapping[str, NDArray[Any]] = getattr(self, part).state()
-            known |= {f"{part}.{name}": value for name, value in of_it.items()}
+            known |= getattr(self, part).state(f"{at}{part}.")
         return known
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], at: str = "") -> None:
         """Go on from what ``state`` of one of the same limits and settings returned.
 
         Raises
@@ -39,16 +38,10 @@ class Kept:
             When something is missing.
         """
         for name in self.kept:
-            value = state[name]
+            value = state[f"{at}{name}"]
             setattr(self, name, value if value.ndim else value.item())
         for part in self.parts:
-            start = f"{part}."
-            of_it = {
-                name.removeprefix(start): value
-                for name, value in state.items()
-                if name.startswith(start)
-            }
-            getattr(self, part).restore(of_it)
+            getattr(self, part).restore(state, f"{at}{part}.")
 
     def frozen(self) -> Self:
         """Return a copy that does not change with this one."""

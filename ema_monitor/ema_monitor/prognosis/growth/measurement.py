@@ -1,22 +1,22 @@
 """What one valid test measures of the faults, and at which service hour."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ema_core.faults import COMPONENTS, FAULT_NAMES, N_FAULTS, healthy_faults
+from ema_core.arrays import Array, Flags
+from ema_core.faults import INDICES, N_FAULTS, healthy_faults
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 
-INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]
-"""Where the tracked components are in a fault vector."""
 HEALTHY: Final = healthy_faults()[INDICES]
 REACH: Final = SIGNIFICANT_SIGMAS[INDICES]
 """Standard deviations within which an estimate is set to healthy, ``(7,)`` [-]."""
+
+_AS_SERVICE: Final = np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class Measurement:
         Its covariance, ``(8, 8)``; rows and columns of unobservable components are not read.
     unobservable
         Components that the test does not show, ``(8,)``.
-    growth_hours
+    own_hours
         Hours of growth of each tracked component, ``(7,)`` [h]: those at a reference duty that do
-        the same damage (P23); the service hour when None.
+        the same damage (P23); the service hour by default.
 
     Raises
     ------
@@ -45,10 +45,10 @@ class Measurement:
     """
 
     hours: float
-    faults: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    unobservable: NDArray[np.bool_]
-    growth_hours: NDArray[np.float64] | None = None
+    faults: Array
+    covariance: Array
+    unobservable: Flags
+    own_hours: Array = field(default_factory=lambda: _AS_SERVICE)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.hours < math.inf:
@@ -62,6 +62,8 @@ class Measurement:
             if values.shape != shape:
                 raise ValueError(f"{name} of a measurement has shape {values.shape}, not {shape}")
             object.__setattr__(self, name, values)
+        if not self.own_hours.size:
+            object.__setattr__(self, "own_hours", np.full(len(INDICES), self.hours))
         seen = ~self.unobservable
         if not np.all(np.isfinite(self.faults[seen])):
             raise ValueError(f"faults = {self.faults}: an observable component is not finite")
@@ -70,9 +72,7 @@ class Measurement:
             raise ValueError(f"variances = {variances}: expected numbers of at least 0")
 
     @classmethod
-    def of(
-        cls, estimate: Estimate, hours: float, growth_hours: NDArray[np.float64] | None = None
-    ) -> Self:
+    def of(cls, estimate: Estimate, hours: float, own_hours: Array = _AS_SERVICE) -> Self:
         """Return the measurement that an estimate makes.
 
         Raises
@@ -82,57 +82,43 @@ class Measurement:
         """
         if not estimate.valid:
             raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")
-        return cls(
-            float(hours),
-            np.array(estimate.faults),
-            estimate.covariance,
-            estimate.unobservable,
-            growth_hours=growth_hours,
-        )
+        faults, covariance = np.array(estimate.faults), estimate.covariance
+        return cls(float(hours), faults, covariance, estimate.unobservable, own_hours)
 
-    def as_row(self) -> NDArray[np.float64]:
+    def as_row(self) -> Array:
         """Return all figures in one array, from which ``of_row`` makes the same measurement."""
         figures = (self.faults, self.unobservable, self.own_hours, self.covariance.ravel())
         return np.concatenate([[self.hours], *figures])
 
     @classmethod
-    def of_row(cls, row: NDArray[np.float64]) -> Self:
+    def of_row(cls, row: Array) -> Self:
         """Return the measurement that ``as_row`` was made of."""
         ends = np.cumsum([1, N_FAULTS, N_FAULTS, len(INDICES)])
         (hours,), faults, unobservable, own, covariance = np.split(row, ends)
         square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)
         return cls(float(hours), faults, square, hidden, own)
 
-    @property
-    def own_hours(self) -> NDArray[np.float64]:
-        """Hours of growth of each tracked component, ``(7,)`` [h]."""
-        if self.growth_hours is None:
-            return np.full(len(INDICES), self.hours)
-        return self.growth_hours
-
     @cached_property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Flags:
         """Tracked components that the test shows, ``(7,)``."""
         return ~self.unobservable[INDICES]
 
     @cached_property
-    def near_healthy(self) -> NDArray[np.bool_]:
+    def near_healthy(self) -> Flags:
         """Tracked components that were set to healthy: they lie somewhere near it, ``(7,)``."""
         return self.seen & (self.faults[INDICES] == HEALTHY)
 
     @cached_property
-    def value(self) -> NDArray[np.float64]:
+    def value(self) -> Array:
         """Signed distances of the tracked components from healthy [-], ``(7,)``."""
         return np.where(self.seen, self.faults[INDICES] - HEALTHY, 0.0)
 
     @cached_property
-    def noise(self) -> NDArray[np.float64]:
+    def noise(self) -> Array:
         """Variances of the error of ``value``, 1 where there is none, ``(7,)``."""
         return np.where(self.seen, np.diag(self.covariance)[INDICES], 1.0)
 
-    def normalized_innovation(
-        self, mean: NDArray[np.float64], variance: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def normalized_innovation(self, mean: Array, variance: Array) -> Array:
         """Return how many standard deviations each value is from its prediction, ``(7,)``."""
         away = np.abs(self.value - mean)
         reach = np.where(self.near_healthy, REACH * np.sqrt(self.noise), 0.0)

@@ -1,24 +1,24 @@
-"""All that is thought of how the components of a unit grow, weighed together: cells and waves.
+"""Mixture of all hypotheses of how the components of a unit grow: cells and waves.
 
-Probabilities of cells and filters are exact marginal likelihoods, but for what growth was like long
-ago where it does not keep to a law for life: each test draws those of rates that wander and of
-waves, and whether growth is by a law for life, at a rate that wanders or under a wave, towards
-their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging). Which of the
-laws for life it is, and whether anything grows, is not forgotten. So a unit whose growth is steady
-comes to count as such, and is told the narrower interval, and one whose growth is not does not.
+Probabilities of cells and filters are exact marginal likelihoods, with one exception: some of them
+are forgotten. Each test raises them to a power slightly below 1, towards their prior (dynamic model
+averaging: Raftery, Karny and Ettler 2010). Forgotten are the probabilities of wandering rates, of
+waves, and of the kind of growth: a steady law, a wandering rate, or a wave. Not forgotten are which
+steady law it is, and whether there is growth. Only a unit that grows steadily therefore gets the
+narrower interval.
 """
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import Owners, grid
 from ema_monitor.prognosis.growth.errors import EstimateErrors
-from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, Array
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.fleet import with_fleet
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -106,17 +106,6 @@ class Mixture(Kept):
         squares = float(weight @ cells.diffusion**2)
         return math.sqrt(squares / max(float(weight.sum()), LEAST_PROBABILITY))
 
-    def laws(self) -> dict[str, list[float]]:
-        """Return the probability of each law, by component; that under a wave is linear."""
-        cells = self.bank.cells
-        found = {
-            law: np.bincount(cells.component[part], self.weight[part], _N).astype(np.float64)
-            for law, part in cells.slices.items()
-        }
-        found["linear"] += self._of_kinds(self.weight)[_WAVE]
-        found["constant"] = self.constant()
-        return {law: share.tolist() for law, share in found.items()}
-
     def change_rate(self, number: int, rate: float, sigma: float) -> None:
         """Forget how a component grew, but for its rate of now and that it grows [1/h]."""
         at = self.members[number]
@@ -137,7 +126,7 @@ class Mixture(Kept):
         self.bank.advance(of_cells, hours)
         self.waves.advance(of_waves, hours)
 
-    def _forget(self, used: NDArray[np.bool_]) -> None:
+    def _forget(self, used: Flags) -> None:
         """Draw the probabilities of growth of some components towards their prior, by kind."""
         power = np.where(used, self._power, 1.0)
         before, at = self._of_kinds(self.weight), self._forgets
@@ -149,7 +138,7 @@ class Mixture(Kept):
         factor = wanted / np.maximum(self._of_kinds(self.weight), LEAST_PROBABILITY)
         self.weight *= factor.ravel()[self._kind]
 
-    def measure(self, test: Measurement, used: NDArray[np.bool_]) -> Array:
+    def measure(self, test: Measurement, used: Flags) -> Array:
         """Update by the components of a test that are used, ``(7,)``.
 
         Returns the probability of smaller values than its own, as it was before it, ``(7,)``; of no

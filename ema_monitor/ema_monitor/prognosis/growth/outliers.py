@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
@@ -92,12 +93,8 @@ class OutlierDetector(Kept):
         return None, events
 
     def judge(
-        self,
-        measurement: Measurement,
-        mean: NDArray[np.float64],
-        variance: NDArray[np.float64],
-        tests: NDArray[np.intp],
-    ) -> tuple[list[Event], NDArray[np.bool_], NDArray[np.bool_]]:
+        self, measurement: Measurement, mean: Array, variance: Array, tests: NDArray[np.intp]
+    ) -> tuple[list[Event], Flags, Flags]:
         """Return events, components whose level has changed, and components held back, ``(7,)``.
 
         Mean and variance are those of the test's prediction; ``tests`` counts the tests used so
@@ -128,9 +125,7 @@ class OutlierDetector(Kept):
         held_back = left if changed.any() else np.full_like(odd, left.any())
         return events, changed, held_back
 
-    def _agrees(
-        self, one: Measurement, other: Measurement, mean: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _agrees(self, one: Measurement, other: Measurement, mean: Array) -> Flags:
         occasional = self._settings.occasional_error**2
         tolerance = _AGREEMENT * np.sqrt(one.noise + other.noise + occasional)
         jump = np.abs(other.value - mean)
@@ -140,12 +135,7 @@ class OutlierDetector(Kept):
 
 
 def _event(
-    number: int,
-    measurement: Measurement,
-    mean: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    changed: bool,
-    since: float,
+    number: int, measurement: Measurement, mean: Array, variance: Array, changed: bool, since: float
 ) -> Event:
     name = COMPONENTS[number]
     was, now = HEALTHY[number] + mean[number], HEALTHY[number] + measurement.value[number]

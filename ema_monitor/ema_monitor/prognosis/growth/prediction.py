@@ -1,4 +1,4 @@
-"""What is known of each component, and its remaining useful life, where it can be given."""
+"""What is known of each component, its remaining useful life, and what that waits for."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,14 +6,33 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
-from ema_core.wording import text_table
+from ema_core.wording import counted, text_table
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.duty.course import FutureDuty
+from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.check import TrackRecord
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 
+NOT_SHOWN: Final = "fewer than two tests that agree so far"
+"""Why a fault that no test has shown has no life."""
+
+LEAST_TESTS: Final = 5
+"""Tests of a level below which no component newly counts as growing."""
+BEGINS_BELOW: Final = 1e-4
+"""Probability of no growth below which a component counts as growing [-].
+
+Of a component that does not grow, the probability that this ever happens is of the same size,
+however long it is monitored (Ville's inequality for likelihood ratios).
+"""
+ENDS_ABOVE: Final = 0.2
+"""Probability of no growth above which it no longer is [-]."""
+
+_LIKELY: Final = 0.5
+_LEAST: Final = 1e-300
+_MOST_TESTS: Final = 1000
 _ANY_LIMIT: Final = "first fault limit"
 
 
@@ -31,12 +50,6 @@ class TrackedFault:
         Mean and standard deviation, in the units of the fault vector [-]; NaN before any test.
     trend
         Growth of the value [1/h].
-    trend_sigma
-        Its standard deviation [1/h].
-    laws
-        Probability of each law [-]; ``constant`` stands for no growth yet.
-    growing_probability
-        Probability that it grows [-].
     calibration
         How its predictions held against the tests so far.
     """
@@ -46,9 +59,6 @@ class TrackedFault:
     value: float
     sigma: float
     trend: float
-    trend_sigma: float
-    laws: Mapping[str, float]
-    growing_probability: float
     calibration: TrackRecord
 
 
@@ -81,7 +91,7 @@ class RemainingLife:
         return cls(False, math.nan, math.nan, math.nan, criterion, reason)
 
     @classmethod
-    def of_samples(cls, hours: NDArray[np.float64], criterion: str) -> "RemainingLife":
+    def of_samples(cls, hours: Array, criterion: str) -> "RemainingLife":
         """Return the quantiles of samples of a life [h], ``(n,)``."""
         low, median, high = np.quantile(hours, [0.05, 0.5, 0.95], method="inverted_cdf")
         return cls(True, float(low), float(median), float(high), criterion)
@@ -114,9 +124,9 @@ class Prognosis:
     components: Mapping[str, RemainingLife]
     overall: RemainingLife
     dominant_fault: str
-    samples: NDArray[np.float64]
+    samples: Array
     future: FutureDuty
-    levels: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    levels: Array = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
@@ -127,16 +137,6 @@ class Prognosis:
         }
         overall = RemainingLife.unknown(_ANY_LIMIT, reason)
         return cls(math.nan, components, overall, "", np.empty(0), duty)
-
-    @property
-    def duty(self) -> float:
-        """Growth of the faults in a future flight hour beside the duty to come [-]."""
-        return self.future.factor
-
-    @property
-    def assumption(self) -> str:
-        """What is assumed of future use, in words."""
-        return str(self.future)
 
     def as_rows(self) -> list[dict[str, Any]]:
         """Return a table of plain values: a row a component, and one for the first of them."""
@@ -154,7 +154,7 @@ class Prognosis:
             for criterion, life in lives.items()
         ]
         table = text_table(("until", "5 %", "50 %", "95 %", ""), rows)
-        return f"remaining useful life from {self.hours:g} h on [h], {self.assumption}\n{table}"
+        return f"remaining useful life from {self.hours:g} h on [h], {self.future}\n{table}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,25 +165,22 @@ class Fan:
     ----------
     hours
         Hours from the latest test on [h], ``(m,)``.
-    levels
-        Probabilities of the quantiles [-], ``(q,)``.
     values
         Fault values by component [-], ``(q, m)`` each.
     """
 
-    hours: NDArray[np.float64]
-    levels: NDArray[np.float64]
-    values: Mapping[str, NDArray[np.float64]]
+    hours: Array
+    values: Mapping[str, Array]
 
 
 def prognosis_of(
     at_hours: float,
-    samples: NDArray[np.float64],
-    is_shown: NDArray[np.bool_],
+    samples: Array,
+    is_shown: Flags,
     reasons: Sequence[str],
     limits: HealthLimits,
     duty: FutureDuty,
-    levels: NDArray[np.float64],
+    levels: Array,
 ) -> Prognosis:
     """Return the prognosis by samples of lives, with quantiles where they can be given.
 
@@ -216,3 +213,43 @@ def _criterion(name: str, limit: float) -> str:
     if fault.is_two_sided:
         return f"{fault.label} differs from {fault.healthy:g} by more than {limit:g}"
     return f"{fault.label} exceeds {limit:g}"
+
+
+def growth_not_certain(constant: float, tests: int) -> str:
+    """Return why a fault is not judged to grow.
+
+    Evidence grows faster the longer growth lasts, so that fewer tests than it names may do.
+    ``constant`` is the probability that it does not grow, after some tests of its level.
+    """
+    if constant >= _LIKELY:
+        return "no significant growth"
+    log = math.log(max(constant, _LEAST))
+    pace = (math.log(CONSTANT_PRIOR) - log) / max(tests, 1)
+    missing = (log - math.log(BEGINS_BELOW)) / pace if pace > 0.0 else 0
+    more = max(math.ceil(missing), LEAST_TESTS - tests, 1)
+    return f"growth is not certain yet: its probability is {1.0 - constant:.3f}{_after(more)}"
+
+
+def beyond_horizon(
+    median_hours: float, observed_hours: float, tests: int, settings: TrackerSettings
+) -> str:
+    """Return why a life that ends late is not given; empty when it is.
+
+    The fault has been observed over some hours [h], in some tests.
+    """
+    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours)
+    if median_hours <= horizon:
+        return ""
+    reason = f"limit not within the horizon of {horizon:.0f} h"
+    if tests < 2 or observed_hours <= 0.0 or not median_hours <= settings.horizon_hours:
+        return reason
+    # What is observed grows as life goes by: u + d = (median - d) / factor.
+    until = (median_hours / settings.horizon_factor - observed_hours) / (
+        1.0 + 1.0 / settings.horizon_factor
+    )
+    return reason + _after(max(math.ceil(until * (tests - 1) / observed_hours), 1))
+
+
+def _after(tests: int) -> str:
+    """Return after how many more tests this is likely to have changed; empty for very many."""
+    return "" if tests > _MOST_TESTS else f" (about {counted(tests, 'more test')})"

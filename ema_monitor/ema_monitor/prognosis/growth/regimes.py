@@ -1,19 +1,19 @@
 """Abrupt changes of the rate of growth: another mission, another load, lost lubrication.
 
-The latest tests of each component are explained by two straight lines that meet at a test, and by
-growth without a break: a parabola, a cubic, a line with an exponential, and lines under waves. The
-errors of the tests and the noise of the growth between them are as the tracker knows them
-(generalised least squares). A change is told once the broken line explains the tests better than
-all others by a margin of its sum of squares, so that neither growth that accelerates nor a season
-is taken for one (the generalised likelihood ratio of Willsky and Jones 1976, with rivals).
+Two kinds of curves are fitted to the latest tests of each component: two straight lines that meet
+at a test, and growth without a break (a parabola, a cubic, a line with an exponential, lines under
+waves). The fit is generalised least squares; the tracker gives the errors of the tests and the
+noise of the growth between them. A change is reported once the sum of squares of the broken line is
+lower than all others by a margin. Accelerating growth or a season is therefore not mistaken for a
+change (the generalised likelihood ratio of Willsky and Jones 1976, with rivals).
 """
 
 import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -41,8 +41,6 @@ _SIGNIFICANT: Final = 3.0
 _ODD_SIGMAS: Final = 4.0
 _SCALES: Final = (0.1, 0.2, 0.4)
 _LEAST_HINGE: Final = 1e-9
-
-Array = NDArray[np.float64]
 
 
 class RegimeChange(NamedTuple):
@@ -89,7 +87,7 @@ class RegimeWatch(Kept):
         """Forget the tests of a component: its level has changed."""
         self._count[number] = 0
 
-    def add(self, test: Measurement, noise: Array, used: NDArray[np.bool_]) -> None:
+    def add(self, test: Measurement, noise: Array, used: Flags) -> None:
         """Add the components that a test measures, with the variances of its errors, ``(7,)``."""
         service = np.full_like(noise, test.hours)
         row = np.stack([test.own_hours, test.value, noise, service], axis=1)

@@ -7,11 +7,11 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, KINDS, TYPICAL, kind_of, settings_by_kind
 from ema_core.growth_laws import LAWS, hours_until
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 from ema_core.wording import unknown_name
 from ema_monitor.health import HealthLimits
 
@@ -23,7 +23,7 @@ LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, 97)
 
 
 @dataclass(frozen=True)
-class KnownLaw:
+class KnownLaw(Checked):
     """Law by which a component is known to grow, with the prior of its rate.
 
     The prior of the rate is half a lognormal of these figures and half log-uniform over all rates
@@ -55,7 +55,7 @@ class KnownLaw:
     diffusion: float = quantity(1e-3, "1/sqrt(h)", 1e-9, 1.0, "s of law drift")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.law == "power" and self.shape == 0.0:
             raise ValueError("shape = 0: law power needs an exponent p above 0")
         if self.law == "exponential" and self.shape == 0.0:
@@ -69,14 +69,12 @@ class KnownLaw:
         return cls(law, rate, rate_sigma, shape=second)
 
 
-def _nominal(component: str) -> KnownLaw:
-    typical = TYPICAL[kind_of(component)]
-    second = typical.diffusion if typical.law == "drift" else typical.shape
-    return KnownLaw.of(typical.law, typical.rate, second, typical.rate_sigma)
-
-
 NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
-    {component: _nominal(component) for component in COMPONENTS}
+    {
+        name: KnownLaw.of(one.law, one.rate, one.diffusion or one.shape, one.rate_sigma)
+        for name in COMPONENTS
+        for one in [TYPICAL[kind_of(name)]]
+    }
 )
 """Laws and median rates of the simulated lives, for a tracker that knows the law."""
 
@@ -188,9 +186,7 @@ class FleetPrior:
     units: int
     names: str = ""
     counts: Mapping[str, int] = field(default_factory=dict, compare=False, repr=False)
-    shares: Mapping[str, NDArray[np.float64]] = field(
-        default_factory=dict, compare=False, repr=False
-    )
+    shares: Mapping[str, Array] = field(default_factory=dict, compare=False, repr=False)
 
     def in_words(self) -> str:
         """Return whose growth is assumed."""
@@ -199,7 +195,7 @@ class FleetPrior:
 
 
 @dataclass(frozen=True)
-class TrackerSettings:
+class TrackerSettings(Checked):
     """What a tracker assumes; each number says its unit, range and meaning.
 
     Of components that ``laws`` does not name the law is unknown, and all are averaged. ``fleet``
@@ -228,7 +224,7 @@ class TrackerSettings:
     samples: int = quantity(2000, "-", 100, 100_000, "samples of a prediction")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         for name in self.laws:
             if name not in COMPONENTS:
                 raise ValueError(f"law of unknown fault {name!r}; known: {', '.join(COMPONENTS)}")

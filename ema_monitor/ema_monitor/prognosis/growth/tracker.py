@@ -14,36 +14,41 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ema_core.arrays import Array, Flags
 from ema_core.faults import (
     COMPONENTS,
     ECCENTRICITY_PHASE,
     FAULTS,
     HIGHEST,
+    INDICES,
     N_FAULTS,
     healthy_faults,
 )
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
-from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.duty.course import STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import SAMPLES, PredictionCheck, widened, widened_lives
 from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.kept import Kept
-from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
+from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.outliers import Event, OutlierDetector
-from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, TrackedFault, prognosis_of
-from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeWatch
-from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.waiting import (
+from ema_monitor.prognosis.growth.prediction import (
     BEGINS_BELOW,
     ENDS_ABOVE,
     LEAST_TESTS,
     NOT_SHOWN,
+    Fan,
+    Prognosis,
+    TrackedFault,
     beyond_horizon,
     growth_not_certain,
+    prognosis_of,
 )
+from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeWatch
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
@@ -142,10 +147,7 @@ class Tracker(Kept):
         return events + odd
 
     def _use(
-        self,
-        measurement: Measurement,
-        changed: NDArray[np.bool_] | bool = False,
-        held: NDArray[np.bool_] | bool = False,
+        self, measurement: Measurement, changed: Flags | bool = False, held: Flags | bool = False
     ) -> list[Event]:
         """Update by a test, but for components whose level it has set and those held back.
 
@@ -169,7 +171,7 @@ class Tracker(Kept):
             self._keep_prediction(measurement.own_hours)
         return events
 
-    def _changes_of_regime(self, measurement: Measurement, plain: NDArray[np.bool_]) -> list[Event]:
+    def _changes_of_regime(self, measurement: Measurement, plain: Flags) -> list[Event]:
         """Return the changes of growth that a test shows; what was known of it is forgotten."""
         mixture, events = self._mixture, list[Event]()
         self._regimes.add(measurement, mixture.errors.noise_of(measurement.noise), plain)
@@ -187,7 +189,7 @@ class Tracker(Kept):
                 events.append(change.event(COMPONENTS[number]))
         return events
 
-    def _keep_prediction(self, own_hours: NDArray[np.float64]) -> None:
+    def _keep_prediction(self, own_hours: Array) -> None:
         """Keep a prediction of what later tests will show, to hold it against them."""
         rng = np.random.default_rng([1, self.updates])
         sample = draw(self._mixture, SAMPLES, rng)
@@ -211,41 +213,24 @@ class Tracker(Kept):
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        (mean, variance), (trend, spread) = self._mixture.moments(), self._mixture.trend()
+        (mean, variance), (trend, _) = self._mixture.moments(), self._mixture.trend()
         value = np.clip(HEALTHY + mean, 0.0, HIGHEST[INDICES])
-        figures = np.array([value, np.sqrt(variance), trend, np.sqrt(spread)])
+        figures = np.array([value, np.sqrt(variance), trend])
         figures[:, self._tests == 0] = np.nan
-        laws = self._mixture.laws()
         return tuple(
-            TrackedFault(
-                name,
-                int(self._tests[i]),
-                value=float(figures[0, i]),
-                sigma=float(figures[1, i]),
-                trend=float(figures[2, i]),
-                trend_sigma=float(figures[3, i]),
-                laws={law: share[i] for law, share in laws.items()},
-                growing_probability=1.0 - laws["constant"][i],
-                calibration=self._check.of(i),
-            )
+            TrackedFault(name, int(self._tests[i]), *figures[:, i].tolist(), calibration=record)
             for i, name in enumerate(COMPONENTS)
+            for record in [self._check.of(i)]
         )
 
-    def predict(self, duty: FutureDuty | float = 1.0) -> Prognosis:
+    def predict(self, duty: FutureDuty = STEADY) -> Prognosis:
         """Return the remaining useful life from the latest test on.
 
         Parameters
         ----------
         duty
-            Growth of the faults in a future flight hour, relative to a past one, > 0: with twice
-            the test cycles to the hour it is 2, and all lives are half as long [-].
-
-        Raises
-        ------
-        ValueError
-            When the duty is not a number above 0.
+            The duty to come: with a factor of 2 all lives are half as long.
         """
-        duty = FutureDuty.of(duty)
         rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, self._settings.samples, rng)
         own = widened_lives(lives(sample, rng), self._check.widening())
@@ -262,7 +247,7 @@ class Tracker(Kept):
         levels = sample.x
         return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, levels)
 
-    def _reason_unknown(self, number: int, own_hours: NDArray[np.float64]) -> str:
+    def _reason_unknown(self, number: int, own_hours: Array) -> str:
         """Return why no life of a component can be given; empty when one can."""
         tests = int(self._tests[number])
         if not tests:
@@ -273,9 +258,7 @@ class Tracker(Kept):
         observed = float(self._own_hours[number] - self._first_hours[number])
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 
-    def futures(
-        self, hours: ArrayLike, n: int = 500, duty: FutureDuty | float = 1.0
-    ) -> NDArray[np.float64]:
+    def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:
         """Return samples of the fault vector in the future.
 
         Parameters
@@ -296,14 +279,14 @@ class Tracker(Kept):
         Raises
         ------
         ValueError
-            When the hours descend or are below 0, or the duty is not a number above 0.
+            When the hours descend or are below 0.
         """
         times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, n, rng)
-        own = FutureDuty.of(duty).own_hours(times, n)
+        own = duty.own_hours(times, n)
         away = widened(futures(sample, own, rng), self._check.widening())
         vectors = np.tile(healthy_faults(), (times.size, n, 1))
         vectors[..., INDICES] += np.moveaxis(away, 1, 2)
@@ -314,7 +297,7 @@ class Tracker(Kept):
         self,
         hours: ArrayLike,
         levels: tuple[float, ...] = (0.05, 0.25, 0.5, 0.75, 0.95),
-        duty: FutureDuty | float = 1.0,
+        duty: FutureDuty = STEADY,
     ) -> Fan:
         """Return quantiles of the future of each component, for plots.
 
@@ -333,6 +316,5 @@ class Tracker(Kept):
         values = np.quantile(self.futures(hours, duty=duty), levels, axis=1)
         return Fan(
             np.atleast_1d(np.asarray(hours, dtype=np.float64)),
-            np.array(levels),
             {name: values[..., i] for name, i in zip(COMPONENTS, INDICES, strict=True)},
         )

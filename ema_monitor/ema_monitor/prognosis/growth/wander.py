@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 
 SIGMA: Final = 0.5
@@ -38,7 +39,7 @@ _LEAST_WEIGHT: Final = 1e-270
 _LEAST_VARIANCE: Final = 1e-14
 
 
-def _generator() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _generator() -> tuple[Array, Array, Array]:
     """Return eigenvalues, left and right vectors of the rates of change between paces."""
     root = np.sqrt(SHARES)
     diffusion = SIGMA**2 / WANDER_HOURS / (PACES[1] - PACES[0]) ** 2
@@ -53,7 +54,7 @@ def _generator() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.f
 _GENERATOR: Final = _generator()
 
 
-def transition(hours: ArrayLike) -> NDArray[np.float64]:
+def transition(hours: ArrayLike) -> Array:
     """Return the probabilities from pace to pace over some hours [h], ``(..., p, p)``."""
     values, left, right = _GENERATOR
     kept = np.exp(values * np.asarray(hours, dtype=np.float64)[..., None])
@@ -61,11 +62,7 @@ def transition(hours: ArrayLike) -> NDArray[np.float64]:
 
 
 def mix_paces(
-    weight: NDArray[np.float64],
-    mean: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    blocks: NDArray[np.intp],
-    hours: NDArray[np.float64],
+    weight: Array, mean: Array, variance: Array, blocks: NDArray[np.intp], hours: Array
 ) -> None:
     """Let the paces of cells change over hours of each curve, in place, merging what comes to each.
 
@@ -83,9 +80,7 @@ def mix_paces(
 
 
 @kernel()
-def followed(
-    pace: NDArray[np.float64], steps: NDArray[np.float64], normal: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def followed(pace: Array, steps: Array, normal: Array) -> Array:
     """Return the time of growth that passes in each of some steps, ``(m, n)`` [h].
 
     ``pace`` is the logarithm of the pace now [-], ``(n,)``; the standard normal numbers are
@@ -105,9 +100,7 @@ def followed(
     return passed
 
 
-def hours_of(
-    own: NDArray[np.float64], pace: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def hours_of(own: Array, pace: Array, rng: np.random.Generator) -> Array:
     """Return the hours in which a wandering pace makes growth pass its own hours, ``(n,)`` [h].
 
     ``own`` are the hours at pace 1, ``pace`` is the logarithm of the pace now [-]. After ``STEPS``

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
-    Array,
     Observation,
     growth_of_rate,
     measured,
@@ -74,9 +74,7 @@ class Waves(Kept):
 
     kept = ("mean", "covariance")
 
-    def __init__(
-        self, limits: HealthLimits, settings: TrackerSettings, two_sided: NDArray[np.bool_]
-    ) -> None:
+    def __init__(self, limits: HealthLimits, settings: TrackerSettings, two_sided: Flags) -> None:
         self._settings, self.two_sided = settings, two_sided
         self.omega = np.tile(2.0 * np.pi / PERIODS, _LIVES.size)
         self.grows = np.repeat(np.isfinite(_LIVES), PERIODS.size)

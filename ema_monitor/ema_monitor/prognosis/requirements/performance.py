@@ -10,16 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.current_loop import current_loop
-from ema_core.faults import (
-    BACKLASH,
-    FAULTS,
-    HIGHEST,
-    N_FAULTS,
-    degrade,
-    healthy_faults,
-)
+from ema_core.faults import BACKLASH, FAULTS, HIGHEST, N_FAULTS, degrade, healthy_faults
 from ema_core.parameters import (
     ActuatorParameters,
     ControlConstants,
@@ -111,10 +105,10 @@ class Performance(NamedTuple):
     ``torque_margin`` [-].
     """
 
-    tracking_error: NDArray[np.float64]
-    bandwidth: NDArray[np.float64]
-    free_play: NDArray[np.float64]
-    torque_margin: NDArray[np.float64]
+    tracking_error: Array
+    bandwidth: Array
+    free_play: Array
+    torque_margin: Array
 
 
 class PerformanceModel:
@@ -211,12 +205,12 @@ class PerformanceModel:
             tracking_error, self.bandwidth(faults), self.free_play(faults), torque_margin
         )
 
-    def chirp(self, faults: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def chirp(self, faults: ArrayLike) -> tuple[Array, Array]:
         """Return tracking error [rad] and torque margin [-] only, ``(m,)`` each."""
         error, used, _ = self._run(self._chirp_figures, as_faults(faults))
         return error.max(axis=1), 1.0 - used.max(axis=1)
 
-    def bandwidth(self, faults: ArrayLike) -> NDArray[np.float64]:
+    def bandwidth(self, faults: ArrayLike) -> Array:
         """Return the bandwidth only, ``(m,)`` [Hz]."""
         figures = self._sweep_figures
         _, _, fundamental = self._run(figures, as_faults(faults))
@@ -232,14 +226,14 @@ class PerformanceModel:
         bandwidth = np.where(below.any(axis=1), bandwidth, f[-1])
         return np.where(np.isnan(ratio).any(axis=1), np.nan, bandwidth)
 
-    def free_play(self, faults: ArrayLike) -> NDArray[np.float64]:
+    def free_play(self, faults: ArrayLike) -> Array:
         """Return the free play only, ``(...,)`` [rad], of fault vectors, ``(..., 8)``."""
         backlash = np.asarray(faults, dtype=np.float64)[..., BACKLASH]
         return self._width * FAULTS[BACKLASH].at(np.clip(backlash, 0.0, HIGHEST[BACKLASH]))
 
     def _run(
-        self, figures: "_Figures", faults: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
+        self, figures: "_Figures", faults: Array
+    ) -> tuple[Array, Array, NDArray[np.complex128]]:
         known = np.flatnonzero(np.isfinite(faults).all(axis=1))
         results = np.full((4, len(faults), len(figures.frequencies)), np.nan)
         if known.size:
@@ -272,7 +266,7 @@ class _Figures:
         f0, rate = command.start_frequency, command.end_frequency - command.start_frequency
         rate /= command.duration
 
-        def turns(t: NDArray[np.float64]) -> NDArray[np.float64]:
+        def turns(t: Array) -> Array:
             return t * (f0 + rate * t / 2.0)
 
         # An Euler step responds half a step too early: the command is read half a step later.
@@ -291,7 +285,7 @@ class _Figures:
         )
 
 
-def as_faults(faults: ArrayLike) -> NDArray[np.float64]:
+def as_faults(faults: ArrayLike) -> Array:
     """Return fault vectors, ``(m, 8)``, within their ranges; NaN stays NaN.
 
     Raises

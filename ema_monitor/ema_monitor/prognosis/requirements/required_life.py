@@ -7,11 +7,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, healthy_faults
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
-from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, TrackedFault
+from ema_monitor.prognosis.growth.prediction import (
+    NOT_SHOWN,
+    Prognosis,
+    RemainingLife,
+    TrackedFault,
+)
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_monitor.prognosis.growth.waiting import NOT_SHOWN
 from ema_monitor.prognosis.requirements.requirements import (
     MODELLED,
     REQUIREMENTS,
@@ -71,7 +76,7 @@ class RequiredLife:
     overall: RemainingLife
     dominant: str
     with_limits: RemainingLife
-    samples: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    samples: Array = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def unknown(
@@ -91,7 +96,7 @@ class RequiredLife:
 def required_life(
     requirements: Requirements,
     judgement: Judgement,
-    faults: NDArray[np.float64],
+    faults: Array,
     tracker: Tracker,
     tracked: tuple[TrackedFault, ...],
     prognosis: Prognosis,
@@ -151,9 +156,7 @@ def required_life(
 
 
 def lives_by_requirements(
-    failures: Mapping[str, NDArray[np.float64]],
-    required: Requirements | RequirementLimits,
-    horizon_hours: float,
+    failures: Mapping[str, Array], required: Requirements | RequirementLimits, horizon_hours: float
 ) -> tuple[dict[str, RemainingLife], RemainingLife, str]:
     """Return the life under each requirement, that until the first fails, and which that is.
 
@@ -167,7 +170,7 @@ def lives_by_requirements(
         Hours looked ahead [h]: a life is known when at least half of the samples end within them.
     """
 
-    def life(samples: NDArray[np.float64], criterion: str) -> RemainingLife:
+    def life(samples: Array, criterion: str) -> RemainingLife:
         found = RemainingLife.of_samples(samples, criterion)
         if np.isinf(found.hours_50):
             reason = f"not within the {horizon_hours:.0f} h looked ahead"
@@ -184,9 +187,7 @@ def lives_by_requirements(
     return lives, replace(overall, criterion=lives[dominant].criterion), dominant
 
 
-def failure_hours(
-    requirements: Requirements, paths: NDArray[np.float64], hours: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
+def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dict[str, Array]:
     """Return when each sample of the faults to come first fails each requirement.
 
     Parameters
@@ -216,17 +217,16 @@ def failure_hours(
     """
     play = requirements.reserve("free_play", requirements.model.free_play(paths))
     index = {name: _modelled_crossings(requirements, name, paths) for name in MODELLED}
-    index["free_play"] = _first_crossing(lambda _: play[:, 0], play, np.arange(len(hours)), paths)
-    number = np.arange(len(hours))
-    return {
-        name: np.where(np.isinf(index[name]), np.inf, np.interp(index[name], number, hours))
-        for name in REQUIREMENTS
-    }
+    index["free_play"] = _crossing_of(play)
+    return {name: _hours_at(index[name], hours) for name in REQUIREMENTS}
 
 
-def _modelled_crossings(
-    requirements: Requirements, name: str, paths: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _hours_at(index: Array, hours: Array) -> Array:
+    """Return the hours at indices of times, infinite as these are."""
+    return np.where(np.isinf(index), np.inf, np.interp(index, np.arange(len(hours)), hours))
+
+
+def _modelled_crossings(requirements: Requirements, name: str, paths: Array) -> Array:
     """Return the index of the time at which each sample fails a requirement, or infinity."""
     n, t, _ = paths.shape
     nodes = np.unique(np.linspace(0, t - 1, NODES).round().astype(np.intp))
@@ -246,12 +246,7 @@ def _modelled_crossings(
     return crossing
 
 
-def _doubtful(
-    crossing: NDArray[np.float64],
-    coarse: NDArray[np.float64],
-    nodes: NDArray[np.intp],
-    paths: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _doubtful(crossing: Array, coarse: Array, nodes: NDArray[np.intp], paths: Array) -> Array:
     """Return where to run the model: faults at crossings, or at the least reserve if in doubt."""
     lowest = nodes[coarse.argmin(axis=1)].astype(float)
     place = np.where(np.isinf(crossing), lowest, crossing)
@@ -266,12 +261,16 @@ def _doubtful(
     return (1.0 - share) * paths[rows, before] + share * paths[rows, after]
 
 
+def _crossing_of(reserves: Array) -> Array:
+    """Return the index of the time at which reserves, ``(n, t)``, first reach 0, or infinity."""
+    # No time is left out: there is nothing to bisect.
+    times = np.arange(reserves.shape[1])
+    return _first_crossing(lambda faults: faults[:, 0], reserves, times, reserves[..., None])
+
+
 def _first_crossing(
-    reserve: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    coarse: NDArray[np.float64],
-    nodes: NDArray[np.intp],
-    paths: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    reserve: Callable[[Array], Array], coarse: Array, nodes: NDArray[np.intp], paths: Array
+) -> Array:
     """Return the index of the time at which each reserve first reaches 0, or infinity, ``(n,)``."""
     failed = coarse < 0.0
     first = failed.argmax(axis=1)
@@ -289,35 +288,15 @@ def _first_crossing(
     return crossing
 
 
-def limit_passage(
-    paths: NDArray[np.float64], hours: NDArray[np.float64], limits: HealthLimits
-) -> NDArray[np.float64]:
-    """Return when samples of the faults to come first reach a fault limit.
+def limit_passage(paths: Array, hours: Array, limits: HealthLimits) -> Array:
+    """Return when samples of the faults to come first reach a fault limit, ``(n,)`` [h].
 
-    Parameters
-    ----------
-    paths
-        Fault vectors, ``(n, t, 8)``; between the hours they go on in a straight line.
-    hours
-        Their hours, rising from 0 [h], ``(t,)``.
-    limits
-        Those of the faults.
-
-    Returns
-    -------
-    numpy.ndarray
-        Hours [h], infinite where none is reached, ``(n,)``.
+    Paths and hours are as of ``failure_hours``; it is infinite where no limit is reached.
     """
     reach = [limits.of(name) if name in COMPONENTS else np.inf for name in FAULT_NAMES]
-    # Share of the way of what is furthest: past 1 life has ended.
-    way = np.max(np.abs(paths - healthy_faults()) / reach, axis=2)
-    first = np.argmax(way >= 1.0, axis=1)
-    rows = np.arange(len(way))
-    before = np.maximum(first - 1, 0)
-    start, end = way[rows, before], way[rows, first]
-    share = np.where(first > 0, (1.0 - start) / np.where(first > 0, end - start, 1.0), 0.0)
-    passed = hours[before] + share * (hours[first] - hours[before])
-    return np.where(way[rows, first] >= 1.0, passed, np.inf)
+    # Of what is furthest on its way; none is left at the limit itself, where a range may end.
+    left = np.nextafter(1.0, 0.0) - np.max(np.abs(paths - healthy_faults()) / reach, axis=2)
+    return _hours_at(_crossing_of(left), hours)
 
 
 def _surely_fails(item: FaultHealth) -> bool:

@@ -5,18 +5,15 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ema_core.arrays import Array
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import Checked, quantity
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
-from ema_monitor.prognosis.requirements.performance import (
-    Performance,
-    PerformanceModel,
-    as_faults,
-)
+from ema_monitor.prognosis.requirements.performance import Performance, PerformanceModel, as_faults
 
 REQUIREMENTS: Final = Performance._fields
 """Names of the requirements, in the order of `Performance`."""
@@ -37,7 +34,7 @@ _MOST_UNITS = 256
 
 
 @dataclass(frozen=True)
-class RequirementLimits:
+class RequirementLimits(Checked):
     """What an actuator must still perform.
 
     A healthy built-in actuator has a tracking error of 2.14 mrad, a bandwidth of 32.9 Hz, a free
@@ -55,9 +52,6 @@ class RequirementLimits:
     bandwidth: float = quantity(12.0, "Hz", 0.1, 1e3, "smallest bandwidth at -3 dB")
     free_play: float = quantity(5e-4, "rad", 1e-7, 1.0, "largest free play at the user shaft")
     torque_margin: float = quantity(0.5, "-", 0.0, 0.99, "least unused share of the torque")
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @classmethod
     def unit(cls, name: str) -> str:
@@ -90,7 +84,7 @@ class Judgement:
     """
 
     healths: tuple[FaultHealth, ...]
-    gradients: dict[str, NDArray[np.float64]]
+    gradients: dict[str, Array]
 
 
 class Requirements:
@@ -133,13 +127,10 @@ class Requirements:
                     f"the limit of {self.limit[name]:.4g} {unit}; set one that it meets"
                 )
 
-    def reserve(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def reserve(self, name: str, values: Array) -> Array:
         """Return how much is left of the way from healthy to the limit: 1 when healthy, 0 there.
 
-        Parameters
-        ----------
-        name, values
-            Requirement, and performance in its unit, of any shape.
+        The values of the performance are in its unit, of any shape.
         """
         return (self.limit[name] - values) / self._scale[name]
 
@@ -147,16 +138,13 @@ class Requirements:
         """Return in words when a requirement fails."""
         return _criterion(name, self.limit[name])
 
-    def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> NDArray[np.float64]:
+    def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> Array:
         """Return reserves by the model, ``(m, len(names))``, running only what they need.
 
-        Parameters
-        ----------
-        names, faults
-            Requirements, and fault vectors, ``(m, 8)``.
+        They are those of fault vectors, ``(m, 8)``.
         """
         faults = as_faults(faults)
-        found: dict[str, NDArray[np.float64]] = {}
+        found: dict[str, Array] = {}
         if "tracking_error" in names or "torque_margin" in names:
             found["tracking_error"], found["torque_margin"] = self.model.chirp(faults)
         if "bandwidth" in names:

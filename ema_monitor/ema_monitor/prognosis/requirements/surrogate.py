@@ -7,8 +7,8 @@ Design and Analysis of Computer Experiments, Springer 2018, chapter 3).
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_core.faults import (
     BACKLASH,
     ECCENTRICITY,
@@ -30,7 +30,7 @@ _WIDEST_SHORT_CIRCUIT = 0.5
 _RIDGE = 1e-3
 
 
-def coordinates(faults: NDArray[np.float64]) -> NDArray[np.float64]:
+def coordinates(faults: Array) -> Array:
     """Return coordinates of fault vectors, ``(n, 8)``, in which performance is smooth.
 
     Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``, the backlash its root, since the
@@ -55,7 +55,7 @@ class Surrogate:
         The value there, ``(k,)``.
     """
 
-    def __init__(self, faults: NDArray[np.float64], exact: NDArray[np.float64]) -> None:
+    def __init__(self, faults: Array, exact: Array) -> None:
         self._known = coordinates(faults)
         self._center, self._mean = self._known.mean(axis=0), float(exact.mean())
         away, k = self._known - self._center, len(exact)
@@ -65,14 +65,14 @@ class Surrogate:
         alike = _alike(self._known, self._known) + NUGGET * np.eye(k)
         self._weights = np.linalg.solve(alike, missed)
 
-    def at(self, faults: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, faults: Array) -> Array:
         """Return the values, ``(m,)``, at fault vectors, ``(m, 8)``."""
         x = coordinates(faults)
         trend = self._mean + (x - self._center) @ self._slope
         return trend + _alike(x, self._known) @ self._weights
 
 
-def _alike(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def _alike(one: Array, other: Array) -> Array:
     """Return the correlation between points, ``(m, k)``: rational quadratic, of power 4."""
     squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * one @ other.T
     return (1.0 + 0.125 * np.maximum(squares, 0.0) / CORRELATION_LENGTH**2) ** -4

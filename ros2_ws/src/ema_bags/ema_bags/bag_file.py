@@ -50,10 +50,10 @@ class WrittenTopic:
         return "actuator_id" in self.message_class.get_fields_and_field_types()
 
 
-class _HeldFile:
+class HeldFile:
     """A new file whose ``write`` takes everything: ``flush`` alone fails, and can be repeated.
 
-    Whoever writes through it never stops in the middle of a record.
+    Whoever writes through it never stops in the middle of a record. ``held`` waits to be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,13 +62,16 @@ class _HeldFile:
         self.held = bytearray()
 
     def write(self, data: bytes) -> int:
+        """Take bytes, and return how many."""
         self.held += data
         return len(data)
 
     def tell(self) -> int:
+        """Return how many bytes were taken."""
         return self._written + len(self.held)
 
     def flush(self) -> None:
+        """Hand what is held to the system."""
         while self.held:
             count = self._file.write(self.held) or 0
             if not count:
@@ -77,9 +80,11 @@ class _HeldFile:
             del self.held[:count]
 
     def close(self) -> None:
+        """Close the file; what is held is lost."""
         self._file.close()
 
     def is_at(self, path: Path) -> bool:
+        """Return whether it has neither been removed from a path nor moved."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(path))
         except FileNotFoundError:
@@ -95,6 +100,8 @@ class BagFile:
         Its name, and the extent of what is in it.
     counts
         How many messages of each topic.
+    disk
+        Where it is written, without the chunk that is being gathered.
 
     Raises
     ------
@@ -109,25 +116,10 @@ class BagFile:
         self.counts: Counter[str] = Counter()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._file = _HeldFile(path)
+        self.disk = HeldFile(path)
         # It writes, tells where it is and flushes: more is not asked of a stream.
-        self._mcap = Writer(cast(BufferedWriter, self._file), chunk_bytes)
+        self._mcap = Writer(cast(BufferedWriter, self.disk), chunk_bytes)
         self._mcap.start(profile="ros2", library=f"ema_bags {__version__}")
-
-    @property
-    def size(self) -> int:
-        """Bytes so far, without the chunk that is being gathered."""
-        return self._file.tell()
-
-    @property
-    def is_there(self) -> bool:
-        """Whether it has neither been removed nor moved."""
-        return self._file.is_at(self.path)
-
-    @property
-    def waiting(self) -> int:
-        """How many of them are not written yet [B]."""
-        return len(self._file.held)
 
     def add_topic(self, topic: WrittenTopic) -> None:
         """Add a topic that messages follow of."""
@@ -151,10 +143,6 @@ class BagFile:
         """Tell of messages that are not recorded."""
         self._mcap.add_metadata(GAP, gap.as_metadata())
 
-    def write_waiting(self) -> None:
-        """Hand what waits to the system, without the chunk that is being gathered."""
-        self._file.flush()
-
     def flush(self) -> None:
         """Hand everything so far to the operating system."""
         self._mcap.flush()
@@ -167,9 +155,5 @@ class BagFile:
 
     def close(self) -> None:
         """Write what waits, and close; a file that cannot be written stays open."""
-        self._file.flush()
-        self._file.close()
-
-    def abandon(self) -> None:
-        """Close a file that could not be written."""
-        self._file.close()
+        self.disk.flush()
+        self.disk.close()

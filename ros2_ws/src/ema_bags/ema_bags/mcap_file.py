@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import BinaryIO, Final
 
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
@@ -30,6 +29,8 @@ CONVERT: Final = (
 """Remedy for a bag in a storage or compression that is not read."""
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
+# The end of a file, at which mcap's reader stops.
+_END: Final = bytes([Opcode.FOOTER]) + (20).to_bytes(8, "little") + bytes(20) + _MAGIC
 _LZ4_MAGIC: Final = b"\x04\x22\x4d\x18"
 _COMPRESSIONS: Final = ("", "zstd", "lz4")
 _CHUNK_HEAD_BYTES: Final = 9 + 40
@@ -154,7 +155,8 @@ def read_messages(file: BinaryIO, stretch: Stretch, contents: Contents) -> list[
         raise DamageError("it is cut off")
     messages = []
     with _damage():
-        for record in _records(data):
+        reader = StreamReader(io.BytesIO(data + _END), skip_magic=True, validate_crcs=True)
+        for record in reader.records:
             if isinstance(record, Message):
                 messages.append(record)
             else:
@@ -173,18 +175,6 @@ def _damage() -> Iterator[None]:
         raise DamageError("a record is cut off") from error
     except _FAILURES as error:
         raise DamageError(f"{type(error).__name__} {error}".strip()) from error
-
-
-def _records(data: bytes) -> Iterator[object]:
-    """Yield the records in a stretch."""
-    source = io.BytesIO(data)
-    if data[:1] == bytes([Opcode.CHUNK]):
-        source.seek(9)
-        yield from breakup_chunk(Chunk.read(ReadDataStream(source)), validate_crc=True)
-        return
-    records = StreamReader(source, skip_magic=True).records
-    while source.tell() < len(data):
-        yield next(records)
 
 
 def _by_index(file: BinaryIO, size: int) -> Contents | None:

@@ -1,40 +1,31 @@
 """The part of a bag that is played."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
 
 from ema_bags.message_type import message_class, type_name
 from ema_bags.qos import recorded_qos, replay_qos
 from ema_bags.reader import Bag, Recorded, Topic
-from ema_bags.schema import to_installed
-from ema_core.quantity import check_quantities, flag, quantity, text, texts
+from ema_core.quantity import Checked, flag, quantity, text, texts
 from ema_core.wording import unknown_name
-from ema_interfaces.msg import (
-    ActuatorDescription,
-    FaultVectorStamped,
-    MeasuredCauses,
-    PlaybackState,
-    TelemetryBlock,
-    Usage,
-)
+from ema_interfaces.msg import PlaybackState
+from ema_ros import topics
 
 CLOCK: Final = "/clock"
 """The topic that a player publishes itself."""
 
 _OWN: Final = type_name(PlaybackState)
 _OF_ACTUATORS: Final = frozenset(
-    type_name(kind)
-    for kind in (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState, Usage)
-) | {type_name(MeasuredCauses)}
+    type_name(kind) for kind, _ in (topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS).values()
+)
 
 
 @dataclass(frozen=True)
-class PlayerSettings:
+class PlayerSettings(Checked):
     """What to play, and how fast. Names as rosbag2 has them."""
 
     bag: str = text("", "bag to play: a file or a folder")
@@ -54,9 +45,6 @@ class PlayerSettings:
     clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
     stay: bool = flag(False, "stay at the end of the bag, for a seek, instead of ending")
     topics: tuple[str, ...] = texts("topics to play; empty: all")
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class PlayedBag:
@@ -92,6 +80,7 @@ class PlayedBag:
         self.bag = Bag(settings.bag)
         self.remarks: dict[str, str] = {}
         self.skipped = 0
+        self._upgrades: dict[str, Callable[[bytes], bytes] | None] = {}
         self.topics = self._playable(settings.actuator_only, wanted)
         self.offers: dict[str, QoSProfile] = {}
         for name, topic in self.topics.items():
@@ -100,9 +89,6 @@ class PlayedBag:
             except ValueError as error:
                 self.offers[name] = replay_qos(())
                 self.remarks[name] = f"played as a reliable stream, {error}"
-        self._upgrades = {
-            name: to_installed(*topic.identity) for name, topic in self.topics.items()
-        }
         # What was latched up to a time of the bag, and up to which it is known.
         self._latched: list[tuple[Recorded, str]] = []
         self._latched_until_ns = 0
@@ -178,10 +164,8 @@ class PlayedBag:
             if not topic.count or is_own or excluded or name not in (wanted or bag.topics):
                 continue
             try:
-                if topic.encoding != "cdr":
-                    raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
                 message_class(topic.type_name)
-                to_installed(*topic.identity)
+                self._upgrades[name] = topic.upgrade()
                 playable[name] = topic
             except ValueError as error:
                 self.remarks[name] = f"not played, {error}"
@@ -203,6 +187,6 @@ class PlayedBag:
                 deserialize_message(message, message_class(item.type_name))
             except Exception as error:  # whatever the middleware makes of what is no message
                 self.skipped += 1
-                self.bag.note_malformed(item, str(error))
+                self.bag.malformed.note(item, str(error))
                 continue
             yield item._replace(message=message)

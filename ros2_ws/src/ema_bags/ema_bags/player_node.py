@@ -7,16 +7,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock as SteadyClock
-from rclpy.clock_type import ClockType
 from std_srvs.srv import Trigger
 
 from ema_bags.playback import Playback
 from ema_bags.played_bag import PlayedBag, PlayerSettings
 from ema_bags.player_outputs import PlayerOutputs
 from ema_bags.reader import Recorded
-from ema_bags.topic_names import topic_names
 from ema_core.wording import counted
 from ema_interfaces.msg import PlaybackState
 from ema_interfaces.srv import (
@@ -70,18 +66,11 @@ class PlayerNode(ManagedNode):
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
         self._steered = threading.RLock()  # over start and stop of the worker
-        self._state_timer = self.create_timer(
-            _STATE_S,
-            lambda: self._status == PlaybackState.PLAYING and self._publish_state(),
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=SteadyClock(clock_type=ClockType.STEADY_TIME),
-            autostart=False,
-        )
 
     def configure(self) -> None:
         """Open the bag and create the publishers of what is in it."""
         self._settings = read(self, PlayerSettings)
-        self._played = PlayedBag(self._settings, topic_names(self, self._settings.topics))
+        self._played = PlayedBag(self._settings, self.full_topic_names(self._settings.topics))
         self._outputs = PlayerOutputs(self, self._played)
         for name, reason in self._played.remarks.items():
             self.get_logger().warning(f"{name}: {reason}")
@@ -99,29 +88,21 @@ class PlayerNode(ManagedNode):
         paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
         self._status = paused if self._settings.start_paused else playing
         group = WaitingCallbackGroup()  # a seek reads the bag
-        self._control = [
+        for name, kind in _SERVICES.items():
             self.create_service(kind, f"~/{name}", self._answerer(name), callback_group=group)
-            for name, kind in _SERVICES.items()
-        ]
         self._state_output = self.create_publisher(PlaybackState, PLAYBACK_STATE, LATCHED)
 
     def activate(self) -> None:
         """Play on, unless it is paused."""
         with self._steered:
             self._go_on()
-        self._state_timer.reset()
+        self.add_timer(
+            _STATE_S, lambda: self._status == PlaybackState.PLAYING and self._publish_state()
+        )
 
     def deactivate(self) -> None:
         """Stop before the next message."""
-        self._state_timer.cancel()
         self._halt()
-
-    def clean_up(self) -> None:
-        """Destroy the publishers and services."""
-        for service in self._control:
-            self.destroy_service(service)
-        self.destroy_publisher(self._state_output)
-        self._outputs.close()
 
     def tasks(self) -> list[Task]:
         """Return how far the bag is played, and what is wrong."""
@@ -163,15 +144,11 @@ class PlayerNode(ManagedNode):
                 self._worker.join()
 
     def _answerer(self, name: str) -> Callable[[Any, Any], Any]:
-        """Return what serves a request: a refusal says why."""
+        """Return what serves a request."""
         act: Callable[[Any], Mapping[str, Any] | None] = getattr(self, f"_{name}")
 
         def answer(request: Any, response: Any) -> Any:
-            try:
-                fields = act(request) or {"success": True}
-            except (OSError, ValueError) as error:
-                fields = {"message": str(error)}
-            for field, value in fields.items():
+            for field, value in (act(request) or {"success": True}).items():
                 setattr(response, field, value)
             return response
 
@@ -347,7 +324,3 @@ class PlayerNode(ManagedNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(PlayerNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -11,14 +11,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
-from ema_bags.message_type import message_class, type_name
+from ema_bags.message_type import message_class
 from ema_bags.played_bag import CLOCK, PlayedBag
 from ema_bags.reader import Recorded
-from ema_interfaces.msg import Health, TelemetryBlock
+from ema_bags.telemetry import HEALTH_TYPE, TELEMETRY_TYPE
 from ema_ros.peers import UNKNOWN_NODE
 
-_TELEMETRY: Final = type_name(TelemetryBlock)
-_HEALTH: Final = type_name(Health)
 _POLL_S: Final = 0.05
 _LATCHED_S: Final = 0.2
 _SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
@@ -39,7 +37,7 @@ class PlayerOutputs:
                 reason = " ".join(str(error).split()).partition(", at ")[0]
                 played.leave_out(name, reason)
         self._telemetry = [
-            name for name, topic in played.topics.items() if topic.type_name == _TELEMETRY
+            name for name, topic in played.topics.items() if topic.type_name == TELEMETRY_TYPE
         ]
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._clock = node.create_publisher(Clock, CLOCK, clock_qos)
@@ -103,14 +101,9 @@ class PlayerOutputs:
                 taken = self._node.get_subscriber_names_and_types_by_node(name, namespace)
             except NodeNameNonExistentError:
                 continue  # it has ended since
-            if any(_HEALTH in types for _, types in given) and CLOCK not in dict(taken):
+            if any(HEALTH_TYPE in types for _, types in given) and CLOCK not in dict(taken):
                 found.append(
                     f"{namespace.rstrip('/')}/{name} does not follow /clock and takes what is "
                     "played for new tests: start it with use_sim_time:=true"
                 )
         return found
-
-    def close(self) -> None:
-        """Destroy the publishers."""
-        for publisher in (*self.publishers.values(), self._clock):
-            self._node.destroy_publisher(publisher)

@@ -44,10 +44,17 @@ class Topic:
     schema: str
     qos: str
 
-    @property
-    def identity(self) -> tuple[str, str, str]:
-        """Name, definition and hash of the type."""
-        return self.type_name, self.schema, self.type_hash
+    def upgrade(self) -> Callable[[bytes], bytes] | None:
+        """Return what makes messages of the installed type of its own; None if they are such.
+
+        None as well where the type is not installed; ValueError as of ``to_installed``, and where
+        they are not CDR.
+        """
+        if self.encoding != "cdr":
+            raise ValueError(f"it is encoded as {self.encoding!r}, expected 'cdr'")
+        if not is_installed(self.type_name):
+            return None
+        return to_installed(self.type_name, self.schema, self.type_hash)
 
 
 class MessagePlace(NamedTuple):
@@ -74,6 +81,25 @@ class Recorded(NamedTuple):
         return self.place.log_time_ns
 
 
+class MalformedMessages:
+    """Messages that are none of their type: by topic why the first is none, and where all are."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[str, set[MessagePlace]]] = {}
+
+    def note(self, item: Recorded, reason: str) -> None:
+        """Take a message, which counts once however often it is read."""
+        first = f"the first of log time {item.log_time_ns} ns: {reason}"
+        self._found.setdefault(item.topic, (first, set()))[1].add(item.place)
+
+    def remarks(self) -> list[str]:
+        """Return how many there are, a remark a topic."""
+        return [
+            f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
+            for name, (first, places) in self._found.items()
+        ]
+
+
 class Bag:
     """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
 
@@ -87,6 +113,8 @@ class Bag:
         What was recorded, by topic.
     start_ns, end_ns
         Log times of the first and last message [ns]; None when there is none.
+    malformed
+        Messages that cannot be used; ``damage`` says why, and counts each once.
 
     Raises
     ------
@@ -100,8 +128,7 @@ class Bag:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._damage: dict[str, None] = {}
-        # Why the first malformed message of each topic is none, and where all of them are.
-        self._malformed: dict[str, tuple[str, set[MessagePlace]]] = {}
+        self.malformed = MalformedMessages()
         self._files: dict[Path, Contents] = {}
         self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
@@ -127,11 +154,7 @@ class Bag:
         A chunk that was damaged in an indexed file, and a malformed message, are only found when
         they are read.
         """
-        malformed = [
-            f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
-            for name, (first, places) in self._malformed.items()
-        ]
-        return "; ".join([*self._damage, *malformed])
+        return "; ".join([*self._damage, *self.malformed.remarks()])
 
     @property
     def gaps(self) -> list[Gap]:
@@ -153,11 +176,6 @@ class Bag:
         """Return how many messages of each topic can be read: all chunks are read for it."""
         found = Counter(item.topic for item in self.raw_messages())
         return {name: found[name] for name in self.topics}
-
-    def note_malformed(self, item: Recorded, reason: str) -> None:
-        """Take a message for none that can be used; ``damage`` says why, and counts it once."""
-        first = f"the first of log time {item.log_time_ns} ns: {reason}"
-        self._malformed.setdefault(item.topic, (first, set()))[1].add(item.place)
 
     def topics_of(self, *type_names: str) -> list[str]:
         """Return the topics of some types."""
@@ -300,10 +318,7 @@ class Bag:
 
     def _decoder(self, name: str, topic: Topic) -> Callable[[bytes], Any]:
         try:
-            if topic.encoding != "cdr":
-                raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
-            installed = is_installed(topic.type_name)
-            if installed and (upgrade := to_installed(*topic.identity)):
+            if upgrade := topic.upgrade():
                 decode = decoder(topic.type_name, schema_text(topic.type_name))
                 return lambda data: decode(upgrade(data))
             return decoder(topic.type_name, topic.schema or schema_text(topic.type_name))
@@ -317,7 +332,7 @@ class Bag:
             try:
                 message = decoders[item.topic](item.message)
             except ValueError as error:
-                self.note_malformed(item, str(error))
+                self.malformed.note(item, str(error))
                 continue
             yield item._replace(message=message)
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_bags.message_type import message_class, type_hash
@@ -94,6 +93,8 @@ class RecordedTopic:
         What its publishers offer.
     request
         What its subscription requests.
+    is_received
+        Whether the node has a subscription to it.
     incompatible
         Nodes that publish it and offer less than is requested: nothing is received from them.
 
@@ -108,7 +109,7 @@ class RecordedTopic:
         offers = [item.qos_profile for item in publishers]
         self.message_class = _installed_class(types, publishers)
         self.offer = joint_offer(offers)
-        self.subscription: Subscription | None = None
+        self.is_received = False
         self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
         self._gaps = SequenceGaps()

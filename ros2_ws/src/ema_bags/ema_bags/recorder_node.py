@@ -8,15 +8,11 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from std_srvs.srv import Trigger
 
 from ema_bags.gaps import Gap
 from ema_bags.recorded_topic import RecordedTopic
 from ema_bags.recording import RecorderSettings, Recording
-from ema_bags.topic_names import topic_names
 from ema_core.wording import counted
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
@@ -57,19 +53,11 @@ class RecorderNode(ManagedNode):
         self._writing = threading.Lock()  # over the bag
         self._recording = False
         self._recorded: Recording | None = None
-        self._receiving = MutuallyExclusiveCallbackGroup()  # keeps the order of a topic
-        self._discovery = self.create_timer(
-            _DISCOVERY_S,
-            self._discover,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-            autostart=False,
-        )
 
     def configure(self) -> None:
         """Begin the bag."""
         settings = self._settings.value
-        self._wanted = topic_names(self, settings.topics)
+        self._wanted = self.full_topic_names(settings.topics)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
@@ -79,11 +67,11 @@ class RecorderNode(ManagedNode):
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
             own = self.get_fully_qualified_name()
-            self._recorded = Recording(output, settings, own, self._report_end)
+            self._recorded = Recording(output, settings, own, self.report_end)
         except FileExistsError as error:
             hint = "" if settings.overwrite else "; parameter overwrite (--replace) replaces a bag"
             raise FileExistsError(f"parameter output: {error}{hint}") from error
-        self._snapshot_service = self.create_service(
+        self.create_service(
             Trigger, "~/snapshot", self._serve_snapshot, callback_group=WaitingCallbackGroup()
         )
         self.get_logger().info(f"recording to {self._recorded.bag.path}")
@@ -91,11 +79,10 @@ class RecorderNode(ManagedNode):
     def activate(self) -> None:
         """Look for topics and record them."""
         self._recording = True
-        self._discovery.reset()
+        self.add_timer(_DISCOVERY_S, self._discover)
 
     def deactivate(self) -> None:
         """Stop recording."""
-        self._discovery.cancel()
         self._note_standstill()
         with self._discovering:
             self._recording = False
@@ -103,13 +90,10 @@ class RecorderNode(ManagedNode):
             self._update_publishers()
             for topic in self._topics.values():
                 topic.pause()
-                if topic.subscription is not None:
-                    self.destroy_subscription(topic.subscription)
-                    topic.subscription = None
+                topic.is_received = False
 
     def clean_up(self) -> None:
         """Close the bag."""
-        self.destroy_service(self._snapshot_service)
         with self._writing:
             recorded, self._recorded = self._recorded, None
         if recorded is None:
@@ -149,6 +133,8 @@ class RecorderNode(ManagedNode):
             )
         if not topics and not missing:
             remarks.append("nothing is published yet")
+        elif not recorded.messages and self._recording and not settings.snapshot_duration:
+            remarks.append("no message received yet")
         remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
         is_wrong = bag.failure or bag.flusher.failure or bag.removed
         level = ERROR if is_wrong else WARN if remarks else OK
@@ -209,16 +195,12 @@ class RecorderNode(ManagedNode):
                     self._add_topic(recorded, name, types)
             self._update_publishers()
             for name, topic in self._topics.items():
-                if topic.subscription is None:
+                if not topic.is_received:
                     receive: Any = partial(self._receive, name)
-                    topic.subscription = self.create_subscription(
-                        topic.message_class,
-                        name,
-                        receive,
-                        topic.request,
-                        callback_group=self._receiving,
-                        raw=True,
+                    self.create_subscription(
+                        topic.message_class, name, receive, topic.request, raw=True
                     )
+                    topic.is_received = True
 
     def _note_standstill(self) -> None:
         """Tell of a time before now in which this process did not run."""
@@ -242,7 +224,7 @@ class RecorderNode(ManagedNode):
             return
         try:
             topic = RecordedTopic(types, publishers)
-            recorded.add_topic(name, topic.message_class, topic.offer)
+            recorded.bag.add_topic(name, topic.message_class, topic.offer)
         except ValueError as error:
             self._skipped[name] = str(error)
             self.get_logger().warning(f"{name} is not recorded: {error}")
@@ -279,21 +261,12 @@ class RecorderNode(ManagedNode):
         return done
 
     def _serve_snapshot(self, _: Any, response: Trigger.Response) -> Trigger.Response:
-        try:
-            with self._writing:
-                if self._recorded is None:
-                    raise ValueError("no bag is open")
-                response.message = self._write_snapshot(self._recorded, "snapshot on demand")
-        except (ValueError, OSError) as error:
-            response.message = str(error)
-        else:
-            response.success = True
+        with self._writing:
+            if self._recorded is None:
+                raise ValueError("no bag is open")
+            response.message = self._write_snapshot(self._recorded, "snapshot on demand")
+        response.success = True
         return response
-
-    def _report_end(self, failure: str, trace: str) -> None:
-        """Tell that a thread has ended by itself."""
-        self.get_logger().error(f"{failure}\n{trace}")
-        self.report()
 
     def _report_trouble(self, recorded: Recording) -> None:
         """Log once that the bag cannot be written, and once that it can again."""
@@ -316,7 +289,3 @@ def _in_words(recorded: Recording) -> str:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(RecorderNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

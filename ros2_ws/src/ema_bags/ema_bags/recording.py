@@ -6,22 +6,23 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from ema_bags.writer import BagWriter
 from ema_core.levels import LEVEL_NAMES
-from ema_core.quantity import check_quantities, flag, quantity, text, texts
+from ema_core.quantity import Checked, flag, quantity, text, texts
 from ema_core.wording import counted
 from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
 
 _READ: Final = (FaultEstimate, Health, HealthSummary, DiagnosticArray)
 _BESIDES_BYTES: Final = 200
 _LEAST_BAG_BYTES: Final = 100_000
+# As time ends a chunk, too: of smaller ones the index, which stays in memory, grows twice as fast.
+_CHUNK_BYTES: Final = 768 * 1024
 
 
 @dataclass(frozen=True)
-class RecorderSettings:
+class RecorderSettings(Checked):
     """Where and how to record; fixed while a bag is open. Names as rosbag2 has them."""
 
     output: str = text(
@@ -55,7 +56,7 @@ class RecorderSettings:
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if 0 < self.max_bag_size < _LEAST_BAG_BYTES:
             raise ValueError(
                 f"max_bag_size = {self.max_bag_size} B: expected 0 or at least {_LEAST_BAG_BYTES} B"
@@ -117,6 +118,7 @@ class Recording:
         self.bag = BagWriter(
             path,
             flush_s=settings.flush_s,
+            chunk_bytes=_CHUNK_BYTES,
             max_bytes=settings.max_bag_size,
             max_duration_s=settings.max_bag_duration,
             overwrite=settings.overwrite,
@@ -129,18 +131,12 @@ class Recording:
         self._kept: deque[_Kept] = deque()
         self._own = f"{own}:"
         self._levels: dict[str, int] = {}
-        self._classes: dict[str, Any] = {}
 
     @property
     def kept_s(self) -> float:
         """Time from the first to the last message that is kept [s]."""
         kept = self._kept
         return max(0.0, (kept[-1].log_time_ns - kept[0].log_time_ns) / 1e9) if kept else 0.0
-
-    def add_topic(self, topic: str, message_class: Any, qos: QoSProfile) -> None:
-        """Add a topic, as of ``BagWriter``."""
-        self.bag.add_topic(topic, message_class, qos)
-        self._classes[topic] = message_class
 
     def receive(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None
@@ -206,7 +202,7 @@ class Recording:
 
     def _read(self, topic: str, data: bytes) -> Any:
         """Return a message that says something to the recorder; None of any other type."""
-        kind = self._classes[topic]
+        kind = self.bag.topics[topic].message_class
         try:
             return deserialize_message(data, kind) if issubclass(kind, _READ) else None
         except Exception:  # whatever the middleware makes of what is no message

@@ -154,7 +154,7 @@ def _converted(bag: Bag, item: Recorded) -> Telemetry | Malformed | ActuatorDesc
         return description_from_message(item.message)
     except ValueError as error:
         is_block = item.type_name == TELEMETRY_TYPE
-        bag.note_malformed(item, f"{'' if is_block else 'the description is impossible: '}{error}")
+        bag.malformed.note(item, f"{'' if is_block else 'the description is impossible: '}{error}")
         return Malformed(stamp_from_message(item.message.header.stamp), str(error))
 
 

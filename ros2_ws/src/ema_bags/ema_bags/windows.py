@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
 
 if TYPE_CHECKING:
-    from ema_monitor.prognosis.duty.flown import FlownDuty
+    from ema_monitor.prognosis.duty.damage import FlownDuty
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
@@ -166,24 +166,6 @@ class BagWindows:
             lines.append(f"{item.number:4d}  {start:.4f} s to {end:.4f} s: {state}")
         return "\n".join([*lines, *self.remarks])
 
-    def with_measured(self, measured: tuple[CauseEstimate, ...]) -> Self:
-        """Return the same with causes that were measured throughout, beside those recorded.
-
-        Each takes the place of what the bag holds of it.
-        """
-        return replace(
-            self,
-            windows=[
-                replace(
-                    item,
-                    measured=measured_causes(
-                        {one.name: (one.value, one.sigma) for one in (*item.measured, *measured)}
-                    ),
-                )
-                for item in self.windows
-            ],
-        )
-
     def seconds(self, stamp_ns: int) -> float:
         """Return a stamp in seconds since the first sample."""
         return (stamp_ns - self.first_ns) * 1e-9
@@ -254,6 +236,7 @@ def find_recorded_windows(
     settings: TriggerSettings | None = None,
     *,
     description: ActuatorDescription | None = None,
+    measured: Sequence[CauseEstimate] = (),
     measured_max_age_s: float = MAX_AGE_S,
     on_block: Callable[[Telemetry], None] | None = None,
     with_duty: bool = False,
@@ -264,6 +247,8 @@ def find_recorded_windows(
     ----------
     description
         The actuator; as the recording describes it when None.
+    measured
+        Causes that were measured throughout, each in the place of what the bag holds of it.
     measured_max_age_s
         Age at the start of a window up to which a recorded measurement holds for it [s].
     with_duty
@@ -286,12 +271,12 @@ def find_recorded_windows(
     blocks = samples = last_ns = 0
     windows: list[RecordedWindow] = []
     defects: list[Defect] = []
-    flown: list[tuple[int, FlownDuty]] = []
+    flown: deque[tuple[int, FlownDuty]] = deque()
     meter = None
     if with_duty:
         from ema_monitor.prognosis.duty.meter import DutyMeter  # the compiler only for it
 
-        meter = DutyMeter()
+        meter = DutyMeter(flown)
 
     def take(events: Iterable[Segment | Defect]) -> None:
         for event in events:
@@ -299,8 +284,11 @@ def find_recorded_windows(
                 defects.append(event)
                 continue
             window = _recorded_window(event, recorded, latest)
-            measured = measurements.at(unit, window.start_ns, measured_max_age_s)
-            windows.append(replace(window, measured=measured))
+            known = measurements.at(unit, window.start_ns, measured_max_age_s)
+            if measured:
+                every = {one.name: (one.value, one.sigma) for one in (*known, *measured)}
+                known = measured_causes(every)
+            windows.append(replace(window, measured=known))
 
     for place, item in recorded.items():
         if isinstance(item, ActuatorDescription):
@@ -324,11 +312,12 @@ def find_recorded_windows(
             if on_block is not None:
                 on_block(item)
         if meter is not None:
-            flown += [(one.end_ns, meter.take()) for one in windows[len(flown) :]]
+            for window in windows[len(flown) :]:
+                meter.cut(window.end_ns)
     obstacle = finder.shortage or finder.obstacle
     take(event for event in finder.finish() if isinstance(event, Segment))
     if meter is not None:
-        flown.append((last_ns, meter.take()))
+        meter.cut(last_ns)
     truths = _recorded_truths(recorded)
     first_ns = first.stamp_ns if first else 0
     remarks = [
@@ -355,7 +344,7 @@ def find_recorded_windows(
         finder.has_rested,
         obstacle,
         truths,
-        flown,
+        list(flown),
     )
 
 
@@ -396,7 +385,7 @@ def _recorded_truths(recorded: RecordedTelemetry) -> list[StampedFaults]:
             try:
                 truths.append(stamped_faults_from_message(item.message))
             except ValueError as error:
-                bag.note_malformed(item, str(error))
+                bag.malformed.note(item, str(error))
     return truths
 
 

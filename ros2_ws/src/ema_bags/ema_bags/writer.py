@@ -68,6 +68,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         next message is refused for it. Of one that waits for room it goes again.
     flusher
         The thread that writes by time.
+    topics
+        The topics that were added.
     removed
         What of it was removed or moved while it was recorded, in words.
     gaps
@@ -107,7 +109,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         _clear(self.path, overwrite)
         (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         self.custom_data: dict[str, str] = {}
-        self._topics: dict[str, WrittenTopic] = {}
+        self.topics: dict[str, WrittenTopic] = {}
         # The latest message of each topic and actuator that says how things stand.
         self._states: dict[tuple[str, str], tuple[bytes, int]] = {}
         self._ended: list[FileInformation] = []
@@ -137,7 +139,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     @property
     def waiting(self) -> int:
         """How much waits to be written, without the chunk that is being gathered [B]."""
-        return sum(file.waiting for file in (self._file, *self._unwritten))
+        return sum(len(file.disk.held) for file in (self._file, *self._unwritten))
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
         """Add a topic with what its publisher offers; it must be added before it is written.
@@ -149,10 +151,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         """
         added = WrittenTopic(topic, message_class, qos)
         with self._writing():
-            if topic in self._topics:
+            if topic in self.topics:
                 raise ValueError(f"topic {topic} was added before")
             self._file.add_topic(added)
-            self._topics[topic] = added
+            self.topics[topic] = added
 
     def write(
         self, topic: str, message: Any, log_time_ns: int, publish_time_ns: int | None = None
@@ -209,9 +211,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                     self._begin_next(log_time_ns)
             self._file.write(written, data, log_time_ns, publish_time_ns)
             self._note_state(written, data, publish_time_ns)
-            if self._file.waiting >= _WRITE_BYTES:
+            if len(self._file.disk.held) >= _WRITE_BYTES:
                 with self._trying():
-                    self._file.write_waiting()
+                    self._file.disk.flush()
             # The thread that flushes may get no processor while messages keep coming.
             if time.monotonic() - self._flushed_s >= self._flush_s:
                 self._flush()
@@ -267,17 +269,17 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                 self._write_ended()
             except OSError:
                 for file in (*self._unwritten, self._file):
-                    file.abandon()
+                    file.disk.close()
                 raise
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def _topic(self, topic: str) -> WrittenTopic:
-        if topic not in self._topics:
-            known = ", ".join(self._topics) or "none"
+        if topic not in self.topics:
+            known = ", ".join(self.topics) or "none"
             raise ValueError(f"topic {topic!r} was not added to the recording; added: {known}")
-        return self._topics[topic]
+        return self.topics[topic]
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -316,11 +318,11 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         try:
             file.flush()
         except OSError:
-            file.abandon()
+            file.disk.close()
             path.unlink(missing_ok=True)
             raise
         self._number += 1
-        for topic in self._topics.values():
+        for topic in self.topics.values():
             file.add_topic(topic)
         return file
 
@@ -329,7 +331,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         if not information.count:
             return False
         age_s = (log_time_ns - information.start_ns) / 1e9
-        is_large = self._max_bytes and self._file.size >= self._max_bytes
+        is_large = self._max_bytes and self._file.disk.tell() >= self._max_bytes
         return bool(is_large or (self._max_duration_s and age_s >= self._max_duration_s))
 
     def _begin_next(self, log_time_ns: int) -> None:
@@ -344,7 +346,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _write_states(self, log_time_ns: int) -> None:
         """Write how things stand, for a reader of this file alone."""
         for (topic, _), (data, publish_time_ns) in self._states.items():
-            self._file.write(self._topics[topic], data, log_time_ns, publish_time_ns)
+            self._file.write(self.topics[topic], data, log_time_ns, publish_time_ns)
 
     def _note_state(self, topic: WrittenTopic, data: bytes, publish_time_ns: int) -> None:
         """Take a message for the latest of its topic and actuator."""
@@ -363,7 +365,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _end_file(self) -> None:
         """End the file; what is left of it waits to be written."""
         self._ended.append(self._file.information)
-        self._metadata = bag_information(self._ended, self._topics.values(), self.custom_data)
+        self._metadata = bag_information(self._ended, self.topics.values(), self.custom_data)
         self._file.finish(self._metadata)
         self._unwritten.append(self._file)
 
@@ -379,7 +381,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _flush(self) -> None:
         """Hand everything to the operating system, and note that there is room again."""
         self._flushed_s = time.monotonic()
-        if not self._file.is_there:
+        if not self._file.disk.is_at(self._file.path):
             self._begin_anew()
         self._write_ended()
         self._file.flush()
@@ -398,8 +400,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         if self._folder is not None:
             self._ended = [one for one in self._ended if (self._folder / one.name).exists()]
         self._file = self._next_file()
-        gone.abandon()
-        for name, topic in self._topics.items():
+        gone.disk.close()
+        for name, topic in self.topics.items():
             topic.count -= gone.counts[name]
         gap = Gap(reason, span.start_ns, span.end_ns, span.count)
         self.removed.append(str(gap))

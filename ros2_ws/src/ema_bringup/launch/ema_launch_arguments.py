@@ -12,7 +12,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
+from ema_cli.processes.fleet_commands import file_for, monitor_names, shard_parameters
 from ema_core.linear_algebra import one_thread
 from launch import LaunchContext, LaunchDescription
 
@@ -118,9 +118,7 @@ def node(
     respawn, it is never started again.
     """
     file = file or value_of(context, f"{name}_params")
-    # Launch would start the node with its defaults.
-    if not Path(file).is_file():
-        raise RuntimeError(f"{name}_params:={file}: there is no such file")
+    _require_file(name, file)
     own = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
     if flag_of(context, "use_sim_time"):
         own["use_sim_time"] = True
@@ -156,7 +154,9 @@ def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> lis
     own = chosen(context, "calibration_file", "history_folder") | parameters
     if len(names) == 1:
         return [node(context, "monitor", "ema_monitor", parameters=own)]
-    folder, file = Path(tempfile.mkdtemp(prefix="ema_")), Path(value_of(context, "monitor_params"))
+    file = Path(value_of(context, "monitor_params"))
+    _require_file("monitor", str(file))
+    folder = Path(tempfile.mkdtemp(prefix="ema_"))
     return [
         node(
             context,
@@ -168,3 +168,9 @@ def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> lis
         )
         for index, name in enumerate(names)
     ]
+
+
+def _require_file(name: str, file: str) -> None:
+    # Launch would start the node with its defaults.
+    if not Path(file).is_file():
+        raise RuntimeError(f"{name}_params:={file}: there is no such file")

@@ -6,9 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
-from rclpy.clock_type import ClockType
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 
@@ -17,7 +15,7 @@ from ema_dashboard.access import Access
 from ema_dashboard.contents import FleetDocument
 from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTopic, known_topics
-from ema_dashboard.metrics import Metrics, OwnFigures
+from ema_dashboard.metrics import Metrics
 from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import (
     DashboardSettings,
@@ -61,13 +59,6 @@ class DashboardNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("dashboard", **kwargs)
         declare(self, DashboardSettings)
-        self._discovery = self.create_timer(
-            _DISCOVERY_S,
-            self._discover,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=RosClock(clock_type=ClockType.STEADY_TIME),
-            autostart=False,
-        )
 
     def configure(self) -> None:
         """Listen."""
@@ -91,7 +82,7 @@ class DashboardNode(ManagedNode):
         self._histories = {
             name: Histories(self, name, self._hub, self._time_ns) for name in namespaces
         }
-        self._metrics = Metrics(namespaces, self._own_figures)
+        self._metrics = Metrics(namespaces, self._hub.figures)
         self._web = WebServer(
             listener,
             tls,
@@ -104,30 +95,26 @@ class DashboardNode(ManagedNode):
                 "/metrics": self._metrics.exposition,
                 "/fleet.json": FleetDocument(settings.archive),
             },
-            self._report_end,
+            self.report_end,
         )
         self._web.start()
         self.get_logger().info(f"dashboard at {self.address}")
 
     def activate(self) -> None:
         """Look for topics and send them on."""
-        self._discovery.reset()
+        self.add_timer(_DISCOVERY_S, self._discover)
 
     def deactivate(self) -> None:
         """Receive nothing any more; clients stay connected."""
-        self._discovery.cancel()
         self._inputs.clear()
 
     def clean_up(self) -> None:
         """Disconnect the clients and free the port."""
         self._web.stop()
-        self._playback.set_player("")
-        for histories in self._histories.values():
-            histories.close()
 
     def tasks(self) -> list[Task]:
         """Return where it serves, to how many clients, and what they did not take."""
-        own = self._own_figures()
+        own = self._hub.figures()
         values = {
             "address": self.address,
             "clients": own.clients,
@@ -145,18 +132,6 @@ class DashboardNode(ManagedNode):
         failure = self._web.thread.failure
         level, message = (ERROR, failure) if failure else (OK, message)
         return [Task("dashboard", level, message, self.hardware_id, values)]
-
-    def _own_figures(self) -> OwnFigures:
-        dropped, waiting = self._hub.statistics()
-        clients, totals = self._web.admitted, self._hub.totals
-        return OwnFigures(
-            clients, totals.messages, totals.sent_bytes, waiting, dropped, totals.refused
-        )
-
-    def _report_end(self, failure: str, trace: str) -> None:
-        """Tell that a thread has ended by itself."""
-        self.get_logger().error(f"{failure}\n{trace}")
-        self.report()
 
     def _discover(self) -> None:
         """Offer topics that have a publisher, and receive those that are looked at."""
@@ -278,7 +253,3 @@ def main(args: list[str] | None = None) -> int:
     # Whatever clients ask for, the nodes of the graph come first.
     os.nice(_NICENESS)
     return run(DashboardNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

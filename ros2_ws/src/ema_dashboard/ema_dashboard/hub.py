@@ -4,12 +4,13 @@ Nodes of the graph publish into it from any thread; clients live in its event lo
 """
 
 import asyncio
+import json
 import struct
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ema_bags.message_type import type_name
@@ -34,10 +35,12 @@ class KeptMessage(NamedTuple):
 
 @dataclass
 class Totals:
-    """What all clients together were sent since the dashboard came up."""
+    """What all clients together were sent since the dashboard came up, and wait for now."""
 
+    clients: int = 0
     messages: int = 0
     sent_bytes: int = 0
+    waiting_bytes: int = 0
     dropped: int = 0
     refused: int = 0
 
@@ -64,7 +67,7 @@ class Hub:
     playback_range
         First and last time of a playback that clients can control [ns]; None without one.
     totals
-        What was sent and refused.
+        What was sent and refused, without what is counted by the clients that are connected.
     """
 
     def __init__(self) -> None:
@@ -97,7 +100,7 @@ class Hub:
         )
         with self._lock:
             self._channels[topic.name] = channel
-        self.in_loop(self._tell_all, _advertise([channel]))
+        self.in_loop(self._send_all, json.dumps(_advertise([channel])))
 
     def has_clients(self, topic: str) -> bool:
         """Return whether a client looks at a topic; any thread may ask."""
@@ -160,11 +163,12 @@ class Hub:
         self._session = time.time_ns()
         self.in_loop(self.end_all, 1012, b"the dashboard has changed what it serves")
 
-    def statistics(self) -> tuple[int, int]:
-        """Return how many messages were dropped, and how much waits for clients [B]."""
+    def figures(self) -> Totals:
+        """Return the totals as they are now, with those of the clients that are connected."""
         clients = tuple(self.clients)
         dropped = self.totals.dropped + sum(client.dropped for client in clients)
-        return dropped, sum(client.waiting_bytes for client in clients)
+        waiting = sum(client.waiting_bytes for client in clients)
+        return replace(self.totals, dropped=dropped, waiting_bytes=waiting)
 
     def tell_playback(self, frame: bytes) -> None:
         """Tell all clients how a playback stands."""
@@ -205,13 +209,9 @@ class Hub:
             if subscription is not None:
                 client.take(message_frame(subscription, log_time_ns, data), droppable=True)
 
-    def _send_all(self, frame: bytes) -> None:
+    def _send_all(self, frame: str | bytes) -> None:
         for client in self.clients:
             client.take(frame, droppable=False)
-
-    def _tell_all(self, content: dict[str, Any]) -> None:
-        for client in self.clients:
-            client.tell(content)
 
 
 def message_frame(subscription: int, log_time_ns: int, data: bytes) -> bytes:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from prometheus_client import CollectorRegistry, ProcessCollector
@@ -23,6 +23,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from ema_dashboard.contents import Made
+from ema_dashboard.hub import Totals
 from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
 from ema_ros.stamps import stamp_from_message
 
@@ -81,17 +82,6 @@ _OF_STATUS: Final = (
 """Counters of actuators: name, documentation, and keys of the status of telemetry by verdict."""
 
 
-class OwnFigures(NamedTuple):
-    """What the dashboard did since it came up."""
-
-    clients: int
-    messages: int
-    sent_bytes: int
-    waiting_bytes: int
-    dropped: int
-    refused: int
-
-
 @dataclass
 class _Actuator:
     """What is known of an actuator."""
@@ -125,7 +115,7 @@ class Metrics(Collector):
         Returns the figures of the dashboard.
     """
 
-    def __init__(self, namespaces: Iterable[str], own: Callable[[], OwnFigures]) -> None:
+    def __init__(self, namespaces: Iterable[str], own: Callable[[], Totals]) -> None:
         self._prefixes = tuple(f"{name.rstrip('/')}/" for name in namespaces)
         self._own = own
         self._lock = threading.Lock()
@@ -257,7 +247,7 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
     yield from (latency, computing)
 
 
-def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
+def _of_dashboard(own: Totals) -> Iterator[Metric]:
     for name, documentation, value in (
         ("messages_sent", "Messages sent to clients.", own.messages),
         ("messages_dropped", "Messages dropped for slow clients.", own.dropped),

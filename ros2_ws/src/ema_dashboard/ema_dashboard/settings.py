@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ema_core.quantity import check_quantities, quantity, text, texts
+from ema_core.quantity import Checked, quantity, text, texts
 
 _LEAST_TOKEN: Final = 16
 
 
 @dataclass(frozen=True)
-class DashboardSettings:
+class DashboardSettings(Checked):
     """What the dashboard serves to whom.
 
     Raises
@@ -47,7 +47,7 @@ class DashboardSettings:
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if bool(self.tls_certificate) != bool(self.tls_key):
             given, missing = ("tls_certificate", "tls_key")
             if self.tls_key:

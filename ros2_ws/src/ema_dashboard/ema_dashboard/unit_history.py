@@ -249,14 +249,6 @@ class Histories:
                     elif key not in self._asked or now_s - self._asked[key] > _PATIENCE_S:
                         self._ask(key, client, now_s)
 
-    def close(self) -> None:
-        """Ask no more."""
-        with self._lock:
-            for client in self._monitors.values():
-                self._node.destroy_client(client)
-            self._monitors.clear()
-            self._asked.clear()
-
     def _forget_asked(self, actuator_id: str) -> None:
         self._asked = {key: at_s for key, at_s in self._asked.items() if key[1] != actuator_id}
 

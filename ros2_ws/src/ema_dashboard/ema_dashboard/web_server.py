@@ -40,7 +40,7 @@ class WebServer:
     """Serves page, documents by their paths and WebSocket in a thread, in the hub's event loop.
 
     The listener, a bound socket, is closed with the server; ``control`` is as of ``Client``,
-    ``most_bytes`` may wait for each of ``most_clients``, of which there are ``admitted`` now.
+    ``most_bytes`` may wait for each of ``most_clients``.
     """
 
     def __init__(
@@ -65,7 +65,6 @@ class WebServer:
         self._scheme = "https" if tls else "http"
         self._page = read_page()
         self._documents = Documents(documents)
-        self.admitted = 0
         self._loop = hub.loop
         self._log = logging.Logger("ema_dashboard.http")
         self._log.addHandler(_Failures(hub))
@@ -230,12 +229,12 @@ class WebServer:
         return answer
 
     async def _connect(self, request: web.Request) -> web.StreamResponse:
-        if self.admitted >= self._most_clients:
+        if self._hub.totals.clients >= self._most_clients:
             return self._refuse(503, f"{self._most_clients} clients are connected already")
         offered = request.headers.get("Sec-WebSocket-Protocol", "")
         if SUBPROTOCOL not in [item.strip() for item in offered.split(",")]:
             return self._refuse(400, f"expected the subprotocol {SUBPROTOCOL}, not {offered!r}")
-        self.admitted += 1
+        self._hub.totals.clients += 1
         try:
             connection = web.WebSocketResponse(
                 protocols=(SUBPROTOCOL,),
@@ -250,7 +249,7 @@ class WebServer:
             await Client(self._hub, connection, self._control, self._most_bytes).run()
             return connection
         finally:
-            self.admitted -= 1
+            self._hub.totals.clients -= 1
 
     def _refuse(self, status: int, reason: str) -> web.Response:
         self._hub.totals.refused += 1

@@ -4,20 +4,22 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, Final, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action.server import ActionServer
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
 
 from ema_ros import topics
 from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
@@ -27,7 +29,7 @@ from ema_ros.rclpy_private import (
     release_state_machine,
     wrap_change_state,
 )
-from ema_ros.status import ERROR, OK, WARN, Task, status_message
+from ema_ros.status import ERROR, OK, STALE, WARN, Task, status_message
 from ema_ros.throttle import Throttle
 
 _REPORT_S: Final = 1.0
@@ -46,8 +48,9 @@ class ManagedNode(LifecycleNode):
     What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
     may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``: the
     state is then the one before. After any other exception, and one in ``deactivate`` or
-    ``clean_up``, the node lets go of all that it has and is unconfigured. Subscriptions that it
-    makes while it is active end with that, and all that it makes while it is configured with that.
+    ``clean_up``, the node lets go of all that it has and is unconfigured. Subscriptions and timers
+    that it makes while it is active end with that, and all that it makes while it is configured
+    with that.
 
     Attributes
     ----------
@@ -82,13 +85,7 @@ class ManagedNode(LifecycleNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         wrap_change_state(self, self._refuse_impossible)
         self.add_on_set_parameters_callback(self._refuse_other_clock)
-        self._report_timer = self.create_timer(
-            _REPORT_S,
-            self._report_regularly,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            # Simulated time may stand still; the status must not.
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        self.add_timer(_REPORT_S, self._report_regularly)
 
     def configure(self) -> None:
         """Read the parameters and create what publishes and serves."""
@@ -168,6 +165,10 @@ class ManagedNode(LifecycleNode):
         kwargs = {"qos_profile": topics.SERVICE, **kwargs}
         return super().create_service(srv_type, srv_name, answer, **kwargs)
 
+    def add_timer(self, period_s: float, callback: Callable[[], object]) -> Timer:
+        """Return a new timer whose time goes on where simulated time stands still."""
+        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
     def add_publisher(
         self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False
     ) -> LifecyclePublisher:
@@ -185,6 +186,16 @@ class ManagedNode(LifecycleNode):
             publisher.on_activate(LifecycleState(label=self.state, state_id=0))
         return publisher
 
+    def full_topic_names(self, names: Sequence[str]) -> set[str] | None:
+        """Return the full names of the parameter ``topics``, None where there is no choice.
+
+        A name that is impossible is a ValueError.
+        """
+        try:
+            return {self.resolve_topic_name(name) for name in names} or None
+        except RuntimeError as error:
+            raise ValueError(f"parameter topics = {list(names)!r}: {error}") from error
+
     def tell_progress(self, text: str) -> None:
         """Tell in log and status how far a transition is that takes long; in that transition."""
         self._progress = text
@@ -193,6 +204,8 @@ class ManagedNode(LifecycleNode):
 
     def log_failure(self, error: Exception) -> None:
         """Log that a callback failed, one of a kind in half a minute, and count it."""
+        if isinstance(error, InvalidHandle):
+            return  # what was to be served has just been destroyed
         self.failed_callbacks += 1
         place = traceback.extract_tb(error.__traceback__)[-1:]
         kind = f"a callback failed: {error!r} {place}"
@@ -202,12 +215,27 @@ class ManagedNode(LifecycleNode):
             held_back = passed.removeprefix(kind)
             self.get_logger().error(f"a callback failed{held_back}:\n{trace}")
 
+    def report_end(self, failure: str, trace: str) -> None:
+        """Tell that a thread has ended by itself, with the traceback."""
+        self.get_logger().error(f"{failure}\n{trace}")
+        self.report()
+
     def report(self, tasks: Sequence[Task] = ()) -> None:
-        """Publish the status of some tasks, of all when there are none; any thread may call."""
+        """Publish the status of some tasks, of all when there are none; any thread may call.
+
+        Of what it does the node knows nothing while it is not active: that is STALE, never OK.
+        """
+        own = [] if tasks else [self._lifecycle_task()]
         if not tasks:
-            tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, time.monotonic())]
-            if self._configured:
-                tasks += self.tasks()
+            peers = self._peers.task(self.hardware_id, time.monotonic())
+            tasks = [peers, *(self.tasks() if self._configured else [])]
+        state = self.state
+        tasks = own + [
+            replace(task, level=STALE, message=f"{state}: {task.message}", category="")
+            if task.level == OK and state != "active"
+            else task
+            for task in tasks
+        ]
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
         now = self.get_clock().now()
@@ -272,8 +300,10 @@ class ManagedNode(LifecycleNode):
         return self._done("unconfigured after an error", _SUCCESS)
 
     def _end_activity(self, state: LifecycleState) -> TransitionCallbackReturn:
-        for item in set(self.subscriptions) - set(self._kept_inactive):
-            self.destroy_subscription(item)
+        for timer in set(self.timers) - set(self._kept_inactive):
+            self.destroy_timer(timer)
+        for subscription in set(self.subscriptions) - set(self._kept_inactive):
+            self.destroy_subscription(subscription)
         result = self._attempt("deactivate", self.deactivate)
         super().on_deactivate(state)
         return result if result == _SUCCESS else TransitionCallbackReturn.ERROR
@@ -363,7 +393,7 @@ class ManagedNode(LifecycleNode):
 
 
 def entities_of(node: LifecycleNode) -> list[Any]:
-    """Return publishers, subscriptions, services, timers, guard conditions and actions."""
+    """Return publishers, subscriptions, services, clients, timers, guard conditions and actions."""
     return [item for items in _by_way(node).values() for item in items]
 
 
@@ -386,6 +416,7 @@ def _by_way(node: LifecycleNode) -> dict[Callable[[Any], Any], list[Any]]:
         node.destroy_publisher: [item for item in published if item not in managed],
         node.destroy_subscription: list(node.subscriptions),
         node.destroy_service: list(node.services),
+        node.destroy_client: list(node.clients),
         node.destroy_timer: list(node.timers),
         node.destroy_guard_condition: list(node.guards),
     }

@@ -7,12 +7,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from functools import partial
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import rclpy
-from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
@@ -39,6 +38,11 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     int
         Exit code of the process: 0, or 1 when the node did not come up or failed.
     """
+    with suppress(OSError, UnicodeDecodeError):
+        # rmw_fastrtps has to be asked to use the memory policies of a profile.
+        profile = Path(os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).read_text("utf-8")
+        if 'profile_name="memory_given_back"' in profile:
+            os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
     stop_signals: list[int] = []
     for number in _SIGNALS:
         # An event could be in the middle of a wait here, and its lock taken.
@@ -67,7 +71,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
 
 def _serve(node: ManagedNode, stop_signals: list[int]) -> None:
     """Serve a node in a thread until it has finished or a signal came, and shut it down."""
-    executor = NodeExecutor(partial(_log_failure, node))
+    executor = NodeExecutor(node.log_failure)
     executor.add_node(node)
     name = f"executor of {node.get_name()}"
     thread = threading.Thread(target=_spin, args=(executor, node), name=name, daemon=True)
@@ -87,18 +91,10 @@ def _spin(executor: NodeExecutor, node: ManagedNode) -> None:
             executor.spin_once(timeout_sec=0.2)
         except ExternalShutdownException:
             return
-        except InvalidHandle:
-            continue  # what was to be served has just been destroyed
         except Exception as error:
             # Without this thread the node would be dead and look alive.
             node.log_failure(error)
             node.stopping.wait(_POLL_S)
-
-
-def _log_failure(node: ManagedNode, error: Exception) -> None:
-    """Log that a callback failed; the others go on."""
-    if not isinstance(error, InvalidHandle):
-        node.log_failure(error)
 
 
 def _end_if_stuck(exit_code: int) -> None:

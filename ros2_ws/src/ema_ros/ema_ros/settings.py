@@ -28,25 +28,19 @@ WHILE_UNCONFIGURED: Final = "changed while the node is unconfigured"
 """Constraint of a parameter that is read when the node is configured."""
 
 
-def declare(
-    node: Node,
-    definition: Any,
-    prefix: str = "",
-    *,
-    read_only: bool = True,
-    constraint: str = "",
-) -> None:
+def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = "") -> None:
     """Declare the fields of a dataclass as parameters of a node.
 
     The definition is a dataclass whose fields were made by ``quantity``, ``text``, ``texts`` and
     ``flag``, or an instance of one whose values are the defaults; other fields are ignored. The
-    constraint says when they can be changed. A given value that is impossible is a ValueError.
+    constraint says when they can be changed; without it they cannot. A given value that is
+    impossible is a ValueError.
     """
     given = given_parameters(node)
     for parameter in parameters_of(definition, prefix):
         item = parameter.field
         default = getattr(definition, item.name, item.default)
-        descriptor = _descriptor(parameter, read_only, constraint)
+        descriptor = _descriptor(parameter, constraint)
         override = given[parameter.name].value if parameter.name in given else None
         number = parameter.number_of(override)
         # A number that was given as another type is declared as that of the field.
@@ -90,6 +84,8 @@ class LiveSettings(Generic[Definition]):
         Called with the new settings after a change.
     why_fixed
         Gives why they cannot be changed at present; empty when they can. Without it they are live.
+    check
+        Called with new settings before a change; a ValueError refuses it.
 
     Attributes
     ----------
@@ -102,15 +98,16 @@ class LiveSettings(Generic[Definition]):
         node: Node,
         definition: type[Definition],
         prefix: str = "",
-        on_change: Callable[[Definition], None] | None = None,
+        on_change: Callable[[Definition], object] = lambda _: None,
         why_fixed: Callable[[], str] | None = None,
+        check: Callable[[Definition], object] = lambda _: None,
     ) -> None:
         self._prefix = prefix
         self._parameters = {item.name: item for item in parameters_of(definition, prefix)}
-        self._on_change = on_change
+        self._on_change, self._check_new = on_change, check
         self._why_fixed = why_fixed
         constraint = WHILE_UNCONFIGURED if why_fixed else LIVE
-        declare(node, definition, prefix, read_only=False, constraint=constraint)
+        declare(node, definition, prefix, constraint=constraint)
         self.value: Definition = read(node, definition, prefix)
         # One such callback a node: rclpy answers each parameter as often as there are some.
         known = _LIVE_PARAMETERS.setdefault(node, {})
@@ -132,6 +129,8 @@ class LiveSettings(Generic[Definition]):
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             changed = self._changed(parameters)
+            if changed is not None:
+                self._check_new(changed)
             reason = self._why_fixed() if changed is not None and self._why_fixed else ""
             if reason and changed != self.value:
                 names = ", ".join(item.name for item in parameters if item.name in self._parameters)
@@ -144,8 +143,7 @@ class LiveSettings(Generic[Definition]):
         changed = self._changed(parameters)
         if changed is not None:
             self.value = changed
-            if self._on_change is not None:
-                self._on_change(changed)
+            self._on_change(changed)
 
 
 def _read_numbers(
@@ -164,13 +162,11 @@ def _read_numbers(
     ]
 
 
-def _descriptor(
-    parameter: SettingsParameter, read_only: bool, constraint: str
-) -> ParameterDescriptor:
+def _descriptor(parameter: SettingsParameter, constraint: str) -> ParameterDescriptor:
     metadata = parameter.field.metadata
     # The dataclass checks the type, so that an integer is accepted for a float.
     descriptor = ParameterDescriptor(
-        description=metadata["description"], read_only=read_only, dynamic_typing=True
+        description=metadata["description"], read_only=not constraint, dynamic_typing=True
     )
     constraints = [constraint] if constraint else []
     if "range" in metadata:

@@ -3,14 +3,13 @@
 from typing import Final
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 _SPAN_S: Final = 5.0
-_SETTLE_S: Final = 0.2
+_SETTLE_NS: Final = 200_000_000
 _SETTLE_LEAST: Final = 8
 _LOST: Final = 0.6
-_DRIFT: Final = 0.05
+_PERIOD_SIGMA: Final = 1e-3
 _PAUSE_NS: Final = 1_000_000_000
 _REWEIGHTS: Final = 8
 
@@ -19,15 +18,15 @@ class ArrivalClock:
     """Rebuilds the stamps of regular samples by regression of their arrival on their number.
 
     Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. It is
-    assumed that samples arrive in their order, and that a delay, as of a queue that was stopped and
-    then emptied, is made good for within 0.2 s: these samples are counted. What stays late for
-    longer has lost samples. Hence a sample is only settled when those of the next 0.2 s, or the
-    next eight, have arrived.
+    assumed that samples arrive in their order, and that a queue that stood still is emptied within
+    0.2 s of its first late sample: these samples are counted. What stays late for longer has lost
+    samples. Hence a sample is only settled when those of the next 0.2 s, and at least eight, have
+    arrived.
 
     Parameters
     ----------
     period
-        Sample period [s].
+        Sample period [s], known within 1 per mil.
 
     Attributes
     ----------
@@ -38,7 +37,7 @@ class ArrivalClock:
     def __init__(self, period: float) -> None:
         self.rebuilt = 0
         self._period = period * 1e9
-        self._settle = max(_SETTLE_LEAST, round(_SETTLE_S / period))
+        self._settle = max(_SETTLE_LEAST, round(1e-9 * _SETTLE_NS / period))
         self._span = max(4 * self._settle, round(_SPAN_S / period))
         self._restart()
         self._waiting = np.empty(0, dtype=np.int64)
@@ -50,13 +49,19 @@ class ArrivalClock:
         stamps leave room for them.
         """
         self._waiting = np.concatenate([self._waiting, arrivals_ns])
-        count = len(self._waiting) - self._settle
+        count = self._count()
         # The line is worth its computing once there are some.
         return self._settled(count if count >= self._settle // 2 else 0)
 
     def flush(self) -> NDArray[np.int64]:
         """Return the stamps of the samples that still wait [ns]."""
         return self._settled(len(self._waiting))
+
+    def _count(self) -> int:
+        """Return how many samples have those of the next 0.2 s, and the next eight, behind them."""
+        elapsed = _elapsed(self._waiting)
+        count = int(np.searchsorted(elapsed, elapsed[-1] - _SETTLE_NS)) if len(elapsed) else 0
+        return min(count, len(elapsed) - _SETTLE_LEAST)
 
     def _restart(self) -> None:
         self._numbers = np.empty(0)
@@ -77,7 +82,9 @@ class ArrivalClock:
         return stamps
 
     def _settle_part(self, count: int) -> NDArray[np.int64]:
-        ahead = self._waiting[: count + self._settle]
+        elapsed = _elapsed(self._waiting)
+        end = int(np.searchsorted(elapsed, elapsed[count - 1] + _SETTLE_NS, "right"))
+        ahead = self._waiting[: max(end, count + _SETTLE_LEAST)]
         last = self._origin_ns + self._arrivals[-1] if len(self._arrivals) else ahead[0]
         steps = np.diff(ahead[:count], prepend=np.int64(last))
         breaks = np.flatnonzero(np.abs(steps) > _PAUSE_NS)
@@ -117,12 +124,7 @@ class ArrivalClock:
         is_known = len(self._numbers) >= self._settle
         x, y = (self._numbers, self._arrivals) if is_known else (numbers, arrivals)
         offset, slope = self._line(x, y)
-        left = y - (offset + slope * x)
-        usual = float(np.quantile(left, 0.1))
-        if is_known:
-            # What was made good for within the time of settling before, is no loss now.
-            least = sliding_window_view(left, self._settle)[:: self._settle // 4].min(axis=1)
-            usual = max(usual, float(2.0 * least.max() - np.median(least)))
+        usual = float(np.quantile(y - (offset + slope * x), 0.1))
         while True:
             late = (arrivals - (offset + slope * numbers) - usual) / slope
             # The least lateness from here on: what stays late has lost something.
@@ -139,16 +141,14 @@ class ArrivalClock:
     ) -> tuple[float, float]:
         """Return offset and slope of a line that outliers do not move [ns].
 
-        By Huber's weights, and then Tukey's.
+        By Huber's weights, and then Tukey's. The prior of the slope is the period, within 1 per
+        mil: while few arrivals are known, most of them may have waited in two queues.
         """
-        slope, offset = self._period, float(np.median(arrivals - self._period * numbers))
-        if len(numbers) < 2 * self._settle:
-            return offset, slope
         middle = numbers.mean()
-        x = numbers - middle
-        offset += slope * middle
+        x, y = numbers - middle, arrivals - self._period * numbers
+        tilt, offset = 0.0, float(np.median(y))
         for number in range(_REWEIGHTS):
-            left = arrivals - offset - slope * x
+            left = y - offset - tilt * x
             scale = max(1.4826 * float(np.median(np.abs(left))), 1.0)
             far = np.maximum(np.abs(left) / scale, 1e-9)
             weights = np.minimum(1.0, 1.345 / far)
@@ -156,10 +156,14 @@ class ArrivalClock:
                 # Near the line by now: a queue that stood still has no weight at all.
                 weights = np.maximum(1.0 - (far / 4.685) ** 2, 0.0) ** 2
             mean_x = np.average(x, weights=weights)
-            mean_y = np.average(arrivals, weights=weights)
-            spread = np.sum(weights * (x - mean_x) ** 2)
-            slope = float(np.sum(weights * (x - mean_x) * (arrivals - mean_y)) / spread)
-            # Else a loss that is none would tilt the line, and the next samples would seem late.
-            slope = min(max(slope, self._period * (1 - _DRIFT)), self._period * (1 + _DRIFT))
-            offset = float(mean_y - slope * mean_x)
-        return offset - slope * middle, slope
+            mean_y = np.average(y, weights=weights)
+            prior = (scale / (_PERIOD_SIGMA * self._period)) ** 2
+            spread = prior + np.sum(weights * (x - mean_x) ** 2)
+            tilt = float(np.sum(weights * (x - mean_x) * (y - mean_y)) / spread)
+            offset = float(mean_y - tilt * mean_x)
+        return offset - tilt * middle, self._period + tilt
+
+
+def _elapsed(arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the time since the first arrival, in which a clock that jumps back stands still."""
+    return np.cumsum(np.maximum(np.diff(arrivals_ns, prepend=arrivals_ns[:1]), 0))

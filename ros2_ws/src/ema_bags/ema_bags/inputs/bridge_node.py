@@ -1,17 +1,13 @@
 """The bridge: topics of other makes in, telemetry of an actuator out."""
 
-import math
 import time
+from collections import deque
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.subscription import Subscription
-
-from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.bridging import LEAST_SAMPLES, Bridge, BridgeSettings
 from ema_bags.inputs.mapping import load_mapping
 from ema_bags.message_type import message_class
 from ema_bags.qos import common_offer
@@ -27,6 +23,9 @@ from ema_ros.status import ERROR, OK, STALE, WARN, Task, hardware_name
 
 _DISCOVERY_S: Final = 0.2
 _SILENT_S: Final = 3.0
+_PUBLISHED: Final = "published [Hz]"
+_CHECKED: Final = "checked [Hz]"
+_LEFT_OUT: Final = "left out [Hz]"
 _DEPTH: Final = 5000
 
 
@@ -64,7 +63,7 @@ class BridgeNode(ManagedNode):
         for topic, kind in self._bridge.collector.types.items():
             if kind:
                 _class_of(topic, kind)
-        self._inputs: dict[str, Subscription] = {}
+        self._inputs: set[str] = set()
         self._missing: dict[str, str] = {}
         self._told: set[str] = set()
         self._outputs = {
@@ -72,32 +71,16 @@ class BridgeNode(ManagedNode):
             for name, (kind, qos) in topics.ACTUATOR_TOPICS.items()
             if name in (topics.TELEMETRY, topics.DESCRIPTION)
         }
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._own_timers = [
-            self.create_timer(_DISCOVERY_S, self._discover, clock=steady, autostart=False),
-            self.create_timer(settings.block_s, self._advance, clock=steady, autostart=False),
-        ]
 
     def activate(self) -> None:
         """Listen to the topics of the mapping as they come up."""
         self._begin()
-        for timer in self._own_timers:
-            timer.reset()
+        self.add_timer(_DISCOVERY_S, self._discover)
+        self.add_timer(self._settings.block_s, self._advance)
 
     def deactivate(self) -> None:
         """Listen no more."""
-        for timer in self._own_timers:
-            timer.cancel()
-        for subscription in self._inputs.values():
-            self.destroy_subscription(subscription)
         self._inputs.clear()
-
-    def clean_up(self) -> None:
-        """Destroy publishers and timers."""
-        for timer in self._own_timers:
-            self.destroy_timer(timer)
-        for publisher in self._outputs.values():
-            self.destroy_lifecycle_publisher(publisher)
 
     def tasks(self) -> list[Task]:
         """Return what comes in, and what is wrong with it."""
@@ -106,21 +89,32 @@ class BridgeNode(ManagedNode):
     def _begin(self) -> None:
         self._bridge = Bridge(self._mapping, self._description, self._settings)
         self._described: ActuatorDescription | None = None
-        self._last_s = self._used_s = time.monotonic()
-        self._left_out_s = -math.inf
+        self._problem = ""
+        # Messages by topic, and samples, so far: now, and at times of the last 3 s.
+        rates = (_PUBLISHED, _CHECKED, _LEFT_OUT)
+        self._counts = dict.fromkeys([*self._bridge.collector.topics, *rates], 0)
+        times = round(_SILENT_S / _DISCOVERY_S) + 1
+        self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
+
+    def _recent(self) -> dict[str, float]:
+        """Return the rates of the last 3 s [Hz]: of messages by topic, and of samples."""
+        first_s, first = self._past[0]
+        span_s = max(time.monotonic() - first_s, 1e-3)
+        return {key: (count - first[key]) / span_s for key, count in self._counts.items()}
 
     def _input_task(self) -> Task:
-        bridge, losses = self._bridge, self._bridge.losses
-        rate, problem = bridge.rate, bridge.collector.problem()
+        bridge, losses, rate = self._bridge, self._bridge.losses, self._bridge.rate
+        recent = self._recent()
         values: dict[str, Any] = {
-            "rate [Hz]": bridge.received_hz,
-            "published [Hz]": bridge.published_hz,
+            "rate [Hz]": recent[self._mapping.position.topic],
+            _PUBLISHED: recent[_PUBLISHED],
             "nominal rate [Hz]": 1.0 / rate.period if rate else 0.0,
             "jitter [us]": 1e6 * rate.jitter if rate else 0.0,
             "interpolated": bool(rate and not rate.is_regular),
             "samples": losses.samples,
             "lost": losses.lost,
             "gaps": losses.gaps,
+            "filled": losses.filled,
             "pauses": losses.pauses,
             "clock jumps": losses.jumps,
             "repeated": losses.repeated,
@@ -128,31 +122,74 @@ class BridgeNode(ManagedNode):
             "rebuilt stamps": bridge.rebuilt,
             "withheld": bridge.withheld,
         }
-        waits = [topic for topic in bridge.collector.topics if topic not in self._inputs]
-        level, message = OK, f"{1.0 / rate.period:g} Hz" if rate else "learning the rate"
-        now_s, source = time.monotonic(), self._mapping.position.topic
-        if self._missing:
-            level, message = ERROR, "; ".join(self._missing.values())
-        elif waits:
-            level, message = WARN, f"nobody publishes {', '.join(waits)}"
-        elif self.state == "active" and now_s - self._last_s > _SILENT_S:
-            level, message = STALE, f"nothing received on {source} for {_SILENT_S:g} s"
-        elif self.state == "active" and now_s - self._used_s > _SILENT_S:
-            level, message = ERROR, f"no telemetry is published: {problem}"
-        elif bridge.refused:
-            level = ERROR
-            message = (
-                f"{bridge.received_hz:.4g} Hz received, no telemetry is published: see mapping"
-            )
-        elif now_s - self._left_out_s < _SILENT_S:
-            level, message = WARN, problem
+        level, message = self._input_level(recent)
         return Task("input", level, message, self.hardware_id, values)
+
+    def _input_level(self, recent: dict[str, float]) -> tuple[int, str]:
+        bridge, source = self._bridge, self._mapping.position.topic
+        if self.state != "active":
+            return STALE, f"{self.state}: nothing is received"
+        if self._missing:
+            return ERROR, "; ".join(self._missing.values())
+        if waits := [topic for topic in bridge.collector.topics if not self._has_source(topic)]:
+            return WARN, f"nobody publishes {', '.join(waits)}"
+        is_long = len(self._past) == self._past.maxlen
+        silent = self._silent(recent) if is_long else {}
+        if source in silent:
+            return STALE, silent[source]
+        # A command may be sent on change only; a sensor that is silent is out of order.
+        needed = {
+            item.topic
+            for _, _, item in self._mapping.wanted()
+            if item is not self._mapping.command or item.between != "hold"
+        }
+        reasons = [text for topic, text in silent.items() if topic in needed]
+        reasons += [self._problem] * bool(self._problem)
+        if recent[_LEFT_OUT]:
+            reasons.append(bridge.collector.problem())
+        if bridge.rate is None and not reasons:
+            expected = f"expected at least {LEAST_SAMPLES} in {self._settings.learn_s:g} s or more"
+            return WARN, f"learning the rate: {self._counts[source]} messages; {expected}"
+        is_idle = is_long and not recent[_PUBLISHED]
+        # Of the first messages after a silence nothing can be published yet.
+        middle = self._past[len(self._past) // 2][1]
+        is_resumed = middle[source] == self._past[0][1][source]
+        if bridge.refused or self._problem or (is_idle and not is_resumed):
+            other = "see mapping" if bridge.refused else "no sample is complete"
+            if not bridge.refused:
+                reasons += [str(item) for item in bridge.defects if item.is_error]
+            text = f"{recent[source]:.4g} Hz received, no telemetry is published"
+            return ERROR, f"{text}: {'; '.join(reasons) or other}"
+        if reasons:
+            return WARN, "; ".join(reasons)
+        if is_idle:
+            return STALE, f"{recent[source]:.4g} Hz received again, no telemetry is published yet"
+        rate = f"{1.0 / bridge.rate.period:g} Hz" if bridge.rate else ""
+        return OK, "; ".join([rate, *(f"{text} is held" for text in silent.values())])
+
+    def _silent(self, recent: dict[str, float]) -> dict[str, str]:
+        """Return what was not received for 3 s, by topic."""
+        silent: dict[str, str] = {}
+        for key, _, item in self._mapping.wanted():
+            if not recent[item.topic]:
+                begin = f"nothing received on {item.topic} for {_SILENT_S:g} s: "
+                begin = f"{silent[item.topic]}, " if item.topic in silent else begin
+                silent[item.topic] = f"{begin}{key}"
+        return silent
+
+    def _has_source(self, topic: str) -> bool:
+        # Names that are latched outlive who published them.
+        is_latched = topic in self._bridge.collector.names_topics
+        count = is_latched or self.count_publishers(self.resolve_topic_name(topic))
+        return topic in self._inputs and bool(count)
 
     def _mapping_task(self) -> Task:
         defects, errors = self._bridge.defects, self._bridge.refused
         values = {item.name: str(item) for item in defects}
         level, text = OK, "nothing wrong seen"
-        if errors:
+        if not self._recent()[_CHECKED]:
+            level, text = STALE, "no samples to check"
+        elif errors:
             level, text = ERROR, f"telemetry is withheld: {'; '.join(map(str, errors))}"
         elif defects:
             level, text = WARN, "; ".join(map(str, defects))
@@ -160,6 +197,7 @@ class BridgeNode(ManagedNode):
 
     def _discover(self) -> None:
         """Subscribe to topics that have a publisher, as it offers them."""
+        self._past.append((time.monotonic(), self._counts.copy()))
         for topic in self._bridge.collector.topics:
             name = self.resolve_topic_name(topic)
             publishers = self.get_publishers_info_by_topic(name)
@@ -175,7 +213,8 @@ class BridgeNode(ManagedNode):
             self._missing.pop(topic, None)
             request = common_offer([item.qos_profile for item in publishers], _DEPTH)
             receive: Any = partial(self._receive, topic)
-            self._inputs[topic] = self.create_subscription(kind, topic, receive, request)
+            self.create_subscription(kind, topic, receive, request)
+            self._inputs.add(topic)
             self.get_logger().info(f"listening to {name}")
 
     def _type_of(self, topic: str, there: set[str]) -> Any:
@@ -188,14 +227,11 @@ class BridgeNode(ManagedNode):
         return _class_of(topic, next(iter(there)))
 
     def _receive(self, topic: str, message: Any, information: Mapping[str, Any]) -> None:
-        now_s = time.monotonic()
         sent_ns = int(information.get("source_timestamp") or 0)
         received_ns = int(information.get("received_timestamp") or time.time_ns())
-        is_used = self._bridge.collector.add(topic, message, sent_ns, received_ns)
-        if not is_used:
-            self._left_out_s = now_s
-        if topic == self._mapping.position.topic:
-            self._last_s, self._used_s = now_s, now_s if is_used else self._used_s
+        self._counts[topic] += 1
+        if not self._bridge.collector.add(topic, message, sent_ns, received_ns):
+            self._counts[_LEFT_OUT] += 1
 
     def _advance(self) -> None:
         """Publish what is complete, after the description that it is of."""
@@ -203,9 +239,11 @@ class BridgeNode(ManagedNode):
         try:
             blocks = bridge.advance()
         except ValueError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=5.0)
+            remedy = f"set clock.source or clock.rate_hz in {self._settings.mapping_file}"
+            self._problem = f"the rate cannot be learned: {error}: {remedy}"
+            self.get_logger().error(self._problem, throttle_duration_sec=5.0)
             return
-        rate = bridge.rate
+        rate, self._problem = bridge.rate, ""
         if bridge.description is not None and rate is not None and self._described is None:
             self._described = bridge.description
             message = description_to_message(self._described, time.time_ns())
@@ -218,6 +256,8 @@ class BridgeNode(ManagedNode):
         for block in blocks:
             message = telemetry_to_message(block, self._description.actuator_id)
             self._outputs[topics.TELEMETRY].publish(message)
+            self._counts[_PUBLISHED] += len(block)
+        self._counts[_CHECKED] = bridge.checked
         self._report_refused()
 
     def _report_refused(self) -> None:
@@ -248,7 +288,3 @@ def _class_of(topic: str, kind: str) -> Any:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(BridgeNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

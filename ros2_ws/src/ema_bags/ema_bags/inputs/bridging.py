@@ -21,10 +21,10 @@ from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.series import Collector, Series
 from ema_core.description import ActuatorDescription
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import Checked, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry
 
-_LEAST_SAMPLES: Final = 40
+LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
 _NOT_FINITE_S: Final = 3.0
 _CHECK_S: Final = 0.2
@@ -34,16 +34,14 @@ _MOST_WAITING: Final = 200_000
 class _Part(NamedTuple):
     """Samples that were converted at once, and the counts before them."""
 
-    arrival_ns: int
     stamps_ns: NDArray[np.int64]
     columns: dict[str, NDArray[np.float64]]
     losses: Losses
     rebuilt: int
-    published: int
 
 
 @dataclass(frozen=True)
-class BridgeSettings:
+class BridgeSettings(Checked):
     """What a bridge listens to, and how long it waits.
 
     Raises
@@ -59,9 +57,6 @@ class BridgeSettings:
     wait_s: float = quantity(
         0.3, "s", 0.0, 10.0, "how long a position waits at most for what was sent before it"
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class Bridge:
@@ -87,10 +82,10 @@ class Bridge:
         Rate of the samples; None until it is known.
     defects
         What is wrong in the samples of the last 10 s.
-    received_hz, published_hz
-        Samples a second of the last 10 s, as they came and as telemetry [Hz].
-    withheld, published
-        Samples that were withheld as a defect forbids estimates, and those that were not.
+    checked
+        Samples in which defects were looked for, published or not.
+    withheld
+        Samples that were withheld as a defect forbids estimates.
 
     Raises
     ------
@@ -109,8 +104,7 @@ class Bridge:
         self.collector = Collector(mapping)
         self.rate: Rate | None = None
         self.defects: list[InputDefect] = []
-        self.received_hz = self.published_hz = 0.0
-        self.withheld = self.published = 0
+        self.checked = self.withheld = 0
         self._stream: SampleStream | None = None
         self._clock: ArrivalClock | None = None
         self._filled = 0
@@ -163,22 +157,19 @@ class Bridge:
         stamps = self._settled[: self._complete(len(self._settled))]
         if not len(stamps):
             return []
-        arrival_ns = int(self._waiting[primary].arrivals_ns[0])
-        counts = replace(self.losses), self.rebuilt, self.published
+        counts = replace(self.losses), self.rebuilt
         columns, runs = self._stream.push(self._waiting, stamps)
         self._forget(len(stamps))
-        self._check(_Part(arrival_ns, stamps, columns, *counts))
-        count = sum(len(run.stamps_ns) for run in runs)
+        self._check(_Part(stamps, columns, *counts))
         if self.refused:
-            self.withheld += count
+            self.withheld += sum(len(run.stamps_ns) for run in runs)
             return []
-        self.published += count
         block_s = self._settings.block_s
         return [block for run in runs for block in self._stream.blocks(run, block_s)]
 
     def _learned(self, own: Series) -> SampleStream | None:
         """Find the rate, once there are samples of some time."""
-        if len(own) < _LEAST_SAMPLES or 1e-9 * np.ptp(own.arrivals_ns) < self._settings.learn_s:
+        if len(own) < LEAST_SAMPLES or 1e-9 * np.ptp(own.arrivals_ns) < self._settings.learn_s:
             return None
         by_arrival = uses_arrival(own, self._mapping)
         times = own.arrivals_ns if by_arrival else own.stamped()[0]
@@ -235,6 +226,7 @@ class Bridge:
             sum(len(one.stamps_ns) for one in latest) - len(latest[0].stamps_ns) > _LOOK_BACK_S / h
         ):
             latest.popleft()
+        self.checked += len(part.stamps_ns)
         self._unchecked += len(part.stamps_ns)
         if self._unchecked * h < _CHECK_S:
             return
@@ -242,9 +234,6 @@ class Bridge:
         times = np.concatenate([one.stamps_ns for one in latest])
         whole = {name: np.concatenate([one.columns[name] for one in latest]) for name in COLUMNS}
         first, last_s = latest[0], round(_NOT_FINITE_S / h)
-        if (span_s := 1e-9 * (part.arrival_ns - first.arrival_ns)) > 0.0:
-            self.received_hz = (len(times) - len(part.stamps_ns)) / span_s
-            self.published_hz = (self.published - first.published) / span_s
         self.defects = [
             *stream_defects(self.losses - first.losses, self.rebuilt - first.rebuilt),
             *not_finite({name: column[-last_s:] for name, column in whole.items()}),

@@ -44,15 +44,15 @@ def convert(
     """
     tau = description.parameters.tau
     raw = {key: _decoded(raw[key], source.encoding) for key, _, source in mapping.wanted()}
-    position = _angle(raw["position"], mapping.position, tau)
+    position = _turned(raw["position"], mapping.position, tau)
     if mapping.command is not None:
-        command = _angle(raw["command"], mapping.command, tau)
+        command = _turned(raw["command"], mapping.command, tau)
     else:
         assert mapping.error is not None
-        command = position + _angle(raw["error"], mapping.error, tau)
+        command = position + _turned(raw["error"], mapping.error, tau)
     speed, current = np.empty(0), np.empty(0)
     if mapping.speed is not None:
-        speed = _speed(raw["speed"], mapping.speed, tau)
+        speed = _turned(raw["speed"], mapping.speed, tau)
     source = mapping.measured_current
     if source is not None:
         is_phases = source.kind == "phase_currents"
@@ -63,19 +63,12 @@ def convert(
     return {"command": command, "current": current, "position": position, "speed": speed}
 
 
-def _angle(raw: NDArray[np.float64], source: AngleSource, tau: float) -> NDArray[np.float64]:
-    """Return the angle of the user shaft [rad]."""
-    return _turned(raw, source, tau if source.shaft == "motor" else 1.0)
-
-
-def _speed(raw: NDArray[np.float64], source: SpeedSource, tau: float) -> NDArray[np.float64]:
-    """Return the speed of the motor shaft [rad/s]."""
-    return _turned(raw, source, 1.0 / tau if source.shaft == "user" else 1.0)
-
-
 def _turned(
-    raw: NDArray[np.float64], source: AngleSource | SpeedSource, shaft: float
+    raw: NDArray[np.float64], source: AngleSource | SpeedSource, tau: float
 ) -> NDArray[np.float64]:
+    """Return an angle of the user shaft [rad], or a speed of the motor shaft [rad/s]."""
+    to_user = tau if source.shaft == "motor" else 1.0
+    shaft = to_user if isinstance(source, AngleSource) else to_user / tau
     turn = 2.0 * math.pi / source.lead if source.lead else 1.0
     factor = source.sign * source.scale * UNITS[source.unit] * turn * shaft
     return _scaled(raw, factor, source.offset)

@@ -96,7 +96,12 @@ def stream_defects(
             f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
             f"{counted(losses.gaps, 'place')}"
         )
-        yield InputDefect("lost_samples", text, "no window spans a gap", False)
+        remedy = "no window spans a gap; fill_lost of the mapping fills short ones"
+        yield InputDefect("lost_samples", text, remedy, False)
+    if losses.filled:
+        text = f"{counted(losses.filled, 'lost sample')} beside {n} put on a line (fill_lost)"
+        remedy = "currents between samples are guessed: have the source lose fewer"
+        yield InputDefect("filled_samples", text, remedy, False)
     if bad := losses.jumps + losses.repeated:
         text = (
             f"the time goes back {counted(losses.jumps, 'time')} and stands still "

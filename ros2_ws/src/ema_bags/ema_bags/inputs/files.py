@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_bags.inputs.bags import AnyBag, is_bag
+from ema_bags.inputs.bags import AnyBag, bag_series, is_bag, joints_by_travel, open_bag
 from ema_bags.inputs.guess import JOINT_STATE, Guess, guess_columns, guess_topics, refine
 from ema_bags.inputs.importing import primary_stamps
 from ema_bags.inputs.mapping import Mapping
@@ -41,15 +41,15 @@ class InputFile:
             raise FileNotFoundError(2, "there is no such file", str(path))
         self._held: TableColumns | AnyBag
         if is_bag(path):
-            self._held = AnyBag(path)
+            self._held = open_bag(path)
         else:
             self._held = read_columns(path, mapping.table if mapping else None)
 
     @property
     def remarks(self) -> list[str]:
         """What was found wrong while reading."""
-        damage = self._held.damage if isinstance(self._held, AnyBag) else ""
-        return [remark for remark in (damage, self._problem) if remark]
+        damage = [] if isinstance(self._held, TableColumns) else self._held.remarks
+        return [remark for remark in ("; ".join(damage), self._problem) if remark]
 
     def series(self, mapping: Mapping) -> ByTopic[str, Series]:
         """Return what a mapping wants, by topic; that of a table has the topic ``""``.
@@ -70,7 +70,7 @@ class InputFile:
             raise ValueError(
                 f"{self.path} is a bag, but position has no topic: expected a mapping of topics"
             )
-        found, self._problem = self._held.series(mapping)
+        found, self._problem = bag_series(self._held, mapping)
         return found
 
     def guess(self, description: ActuatorDescription) -> Guess:
@@ -85,18 +85,18 @@ class InputFile:
         if isinstance(held, TableColumns):
             first = guess_columns(held)
         else:
-            topics = {name: kind for name, (kind, count) in held.topics.items() if count}
+            topics = {name: one.type_name for name, one in held.topics.items() if one.count}
             states = [name for name, kind in topics.items() if kind == JOINT_STATE]
-            first = guess_topics(topics, {name: held.joints_by_travel(name) for name in states})
+            first = guess_topics(topics, {name: joints_by_travel(held, name) for name in states})
         series = self.series(first.mapping)
         stamps, _ = primary_stamps(series[first.mapping.position.topic], first.mapping)
         return refine(first, join_topics(series, first.mapping, stamps), stamps, description)
 
     def contents(self) -> list[str]:
         """Return what the file holds, a line a column or topic."""
-        if isinstance(self._held, AnyBag):
+        if not isinstance(self._held, TableColumns):
             topics = list(self._held.topics.items())[:_MOST_LISTED]
-            return [f"topic {name}: {count} of {kind}" for name, (kind, count) in topics]
+            return [f"topic {name}: {one.count} of {one.type_name}" for name, one in topics]
         lines = []
         for name, values in list(self._held.values.items())[:_MOST_LISTED]:
             finite = values[np.isfinite(values)]

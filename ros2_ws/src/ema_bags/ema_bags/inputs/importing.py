@@ -37,7 +37,8 @@ class SampleStream:
         self.description = replace(description, sample_period=rate.period, acquisition=acquisition)
         self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
         self._mapping = mapping
-        self._resampler = Resampler(rate)
+        motion = self.filled.index("command"), self.filled.index("position")
+        self._resampler = Resampler(rate, mapping.fill_lost, motion)
 
     @property
     def losses(self) -> Losses:
@@ -45,16 +46,20 @@ class SampleStream:
         return self._resampler.losses
 
     def push(
-        self, by_topic: ByName[str, Series], stamps_ns: NDArray[np.int64]
+        self,
+        by_topic: ByName[str, Series],
+        stamps_ns: NDArray[np.int64],
+        *,
+        is_last: bool = False,
     ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
         """Return the columns of the next samples in SI units, and the runs that they make.
 
-        Arguments are those of ``join_topics``.
+        Arguments are those of ``join_topics`` and ``Resampler.push``.
         """
         raw = join_topics(by_topic, self._mapping, stamps_ns)
         columns = convert(raw, self._mapping, self.description)
         values = np.column_stack([columns[name] for name in self.filled])
-        return columns, self._resampler.push(stamps_ns, values)
+        return columns, self._resampler.push(stamps_ns, values, is_last=is_last)
 
     def blocks(self, run: GaplessRun, block_s: float, shift_ns: int = 0) -> Iterator[Telemetry]:
         """Yield a run in blocks of a length at most; columns that are not measured are empty."""
@@ -139,7 +144,7 @@ def import_series(
         # They are on a line: what it moves as it follows the clock is no jitter of the samples.
         rate = replace(rate, jitter=0.0)
     stream = SampleStream(mapping, description, rate)
-    columns, runs = stream.push(by_topic, stamps)
+    columns, runs = stream.push(by_topic, stamps, is_last=True)
     if not runs:
         raise ValueError(
             f"none of {stream.losses.samples} samples has a finite value in all of "

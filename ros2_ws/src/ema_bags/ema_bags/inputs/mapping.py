@@ -2,18 +2,17 @@
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final
 
 import yaml
 
 from ema_bags.inputs.field_path import FieldPath
 from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
-from ema_core.quantity import check_quantities, quantity, text, texts
+from ema_core.quantity import Checked, quantity, text, texts
+from ema_core.settings_file import load_settings
 from ema_core.wording import unknown_name
-from ema_core.yaml_file import load_yaml
 
 ANGLES: Final = {
     "rad": 1.0,
@@ -72,13 +71,12 @@ _KINDS: Final = (
 # i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of the
 # power-invariant transformation.
 _AMPLITUDES: Final = ("", "peak", "rms", "power")
-_Settings = TypeVar("_Settings")
 # Shown in the text of a mapping even if they have their default.
 _ALWAYS_SHOWN: Final = ("unit", "shaft", "sampling", "kind")
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(Checked):
     """Where a number comes from; its value in SI units is ``sign scale unit raw + offset``.
 
     Raises
@@ -100,7 +98,7 @@ class Source:
     between: str = text("linear", "value between two messages", ("linear", "hold"))
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if not self.sign:
             raise ValueError(f"sign = {self.sign}: expected 1 or -1")
         if self.scale == 0.0:
@@ -197,30 +195,24 @@ class CurrentSource(Source):
 
 
 @dataclass(frozen=True)
-class Clock:
+class Clock(Checked):
     """When samples were taken; ValueError where a value is impossible."""
 
     source: str = text("", "column of a table; header, sent, arrival or a field path of a message")
     unit: str = text("s", "unit of a column or field", tuple(TIMES_NS))
     rate_hz: float = quantity(0.0, "Hz", 0.0, 1e6, "rate of the samples; 0: as the stamps say")
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class Table:
+class Table(Checked):
     """How a CSV file is written, empty: as it looks; ValueError where a value is impossible."""
 
     separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class Mapping:
+class Mapping(Checked):
     """What the columns of telemetry are made of.
 
     Attributes
@@ -247,10 +239,11 @@ class Mapping:
     joint: str = text("", "joint that is meant wherever a source names none, or as {joint}")
     clock: Clock = Clock()
     table: Table = Table()
+    fill_lost: int = quantity(0, "-", 0, 10, "lost samples in a row that are filled in")
     accept: tuple[str, ...] = texts("names of defects that are known and accepted")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         for name in self.accept:
             if name not in DEFECTS:
                 raise ValueError(f"accept: {unknown_name('defect', name, DEFECTS)}")
@@ -318,12 +311,6 @@ class Mapping:
                 yield key, path.replace(_ANY_JOINT, item.joint or self.joint), item
 
 
-_SECTIONS: Final = {
-    **dict.fromkeys(("position", "command", "error"), AngleSource),
-    **{"speed": SpeedSource, "current": CurrentSource, "clock": Clock, "table": Table},
-}
-
-
 def load_mapping(path: Path) -> Mapping:
     """Read a mapping.
 
@@ -332,14 +319,7 @@ def load_mapping(path: Path) -> Mapping:
     ValueError
         When the file cannot be read or is no mapping; the message names the file.
     """
-    try:
-        content = load_yaml(path.expanduser())
-    except OSError as error:
-        raise ValueError(f"mapping file {path} cannot be read: {error.strerror}") from error
-    try:
-        return mapping_from(content)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
+    return load_settings(path, "mapping file", Mapping)
 
 
 def mapping_text(mapping: Mapping) -> str:
@@ -351,60 +331,9 @@ def _shown(part: Any) -> dict[str, Any]:
     words: dict[str, Any] = {}
     for item in fields(part):
         value = getattr(part, item.name)
-        if item.name in _SECTIONS and value is not None:
+        if is_dataclass(value):
             value = _shown(value)
         always = item.name in _ALWAYS_SHOWN and isinstance(part, Source)
         if always or (value != item.default and value not in (None, {}, "")):
             words[item.name] = list(value) if isinstance(value, tuple) else value
     return words
-
-
-def mapping_from(content: Any) -> Mapping:
-    """Return the mapping of nested plain values, as a YAML file holds them.
-
-    Raises
-    ------
-    ValueError
-        When a name is unknown or a value impossible; the message begins with the section.
-    """
-    if isinstance(content, dict):
-        content = {
-            name: section_from(_SECTIONS[name], name, section) if name in _SECTIONS else section
-            for name, section in content.items()
-            if name not in _SECTIONS or section is not None
-        }
-    return section_from(Mapping, "", content)
-
-
-def section_from(kind: type[_Settings], section: str, content: Any) -> _Settings:
-    """Return the settings of plain values, as a YAML file holds them; a text is a source.
-
-    Raises
-    ------
-    ValueError
-        When a name is unknown, one is missing or a value impossible; the message begins with the
-        section.
-    """
-    known = {item.name: item for item in fields(cast(Any, kind))}
-    place = f"{section}: " if section else ""
-    if isinstance(content, str) and "source" in known:
-        content = {"source": content}
-    if not isinstance(content, dict):
-        given = f"{section} = {content!r}: " if section else f"not {content!r}, "
-        raise ValueError(f"{given}expected a mapping with {', '.join(known)}")
-    values = {}
-    for name, value in content.items():
-        if name not in known:
-            raise ValueError(f"{place}{unknown_name('entry', name, known)}")
-        is_number = isinstance(known[name].default, float)
-        values[name] = tuple(value) if isinstance(value, list) else value
-        # YAML 1.1 reads 1e5 as a text.
-        with suppress(ValueError):
-            values[name] = float(value) if is_number and isinstance(value, str) else values[name]
-    for name, item in known.items():
-        if item.default is MISSING and name not in values:
-            raise ValueError(f"{place}{name} is missing")
-    try:
-        return kind(**values)
-    except ValueError as error:
-        raise ValueError(f"{place}{error}") from error

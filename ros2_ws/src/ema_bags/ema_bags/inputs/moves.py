@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ema_bags.inputs.mapping import TIMES_NS, section_from
+from ema_bags.inputs.mapping import TIMES_NS
 from ema_bags.inputs.tables import read_columns, stamps_of
-from ema_core.quantity import check_quantities, text, texts
+from ema_core.quantity import Checked, text, texts
+from ema_core.settings_file import load_settings
 from ema_core.wording import unknown_name
-from ema_core.yaml_file import load_yaml
 from ema_monitor.normal.moves import Move
 
 
 @dataclass(frozen=True)
-class MovesMapping:
+class MovesMapping(Checked):
     """Which columns of a table of moves are what.
 
     Raises
@@ -32,7 +32,7 @@ class MovesMapping:
     unit: str = text("", "serial number; empty: one unit")
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if not self.time or not self.figures:
             raise ValueError("expected time, a column, and figures, a list of columns")
 
@@ -43,15 +43,9 @@ def load_moves_mapping(path: Path) -> MovesMapping:
     Raises
     ------
     ValueError
-        When it is none; the message names the file.
-    OSError
-        When it cannot be read.
+        When it cannot be read or is none; the message names the file.
     """
-    content = load_yaml(path)
-    try:
-        return section_from(MovesMapping, "", content)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    return load_settings(path, "mapping file", MovesMapping)
 
 
 def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:

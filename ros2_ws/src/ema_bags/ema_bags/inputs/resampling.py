@@ -2,16 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.filling import NEAR, PAUSE_S, GapFiller
 from ema_bags.inputs.rate import Rate
 from ema_core.telemetry import elapsed_ns
-
-_PAUSE_S: Final = 1.0
-_NEAR: Final = 0.3
 
 
 @dataclass
@@ -24,6 +21,8 @@ class Losses:
         Samples that were given.
     lost, gaps
         Samples that are missing, and in how many places.
+    filled
+        Samples that were missing too, and were filled in.
     pauses
         Gaps of more than 1 s: nothing was lost there, nothing was published.
     jumps
@@ -37,6 +36,7 @@ class Losses:
     samples: int = 0
     lost: int = 0
     gaps: int = 0
+    filled: int = 0
     pauses: int = 0
     jumps: int = 0
     repeated: int = 0
@@ -63,15 +63,27 @@ class Resampler:
     Samples that are regular stay as they are; others are interpolated on their stamps. A gap, a
     pause or a clock that goes back ends a run: the index of the next one leaves room for what is
     missing, and for one sample at least. The index of the first sample is 1.
+
+    Parameters
+    ----------
+    most_filled
+        How many lost samples in a row are filled in (``GapFiller``).
+    motion
+        Columns of command and position, for that.
     """
 
-    def __init__(self, rate: Rate) -> None:
+    def __init__(self, rate: Rate, most_filled: int = 0, motion: tuple[int, ...] = ()) -> None:
         self.losses = Losses()
         self._rate = rate
         self._period_ns = rate.period * 1e9
         # Two samples apart is a loss, however much the stamps jitter.
         self._widest_ns = 1e9 * min(
             1.9 * rate.period, max(1.5 * rate.period, rate.period + 5.6 * rate.jitter)
+        )
+        self._filler = (
+            GapFiller(self._period_ns, self._widest_ns, most_filled, [*motion])
+            if most_filled
+            else None
         )
         self._index = 0
         self._last_ns: int | None = None
@@ -80,7 +92,9 @@ class Resampler:
         self._origin_index = 0
         self._next = 0
 
-    def push(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[GaplessRun]:
+    def push(
+        self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64], *, is_last: bool = False
+    ) -> list[GaplessRun]:
         """Take samples in their order, and return the runs that they make.
 
         Parameters
@@ -89,13 +103,19 @@ class Resampler:
             Stamps of the samples, ``(n,)`` [ns].
         values
             ``(n, m)``.
+        is_last
+            Whether no more samples come.
         """
         self.losses.samples += len(stamps_ns)
         finite = np.all(np.isfinite(values), axis=1)
         self.losses.missing += int(np.count_nonzero(~finite))
+        stamps_ns, values = stamps_ns[finite], values[finite]
+        if self._filler and len(stamps_ns):
+            stamps_ns, values = self._filler.push(stamps_ns, values, is_last=is_last)
+            self.losses.filled = self._filler.filled
         resample = self._regular if self._rate.is_regular else self._between
         runs: list[GaplessRun] = []
-        for stamps, part in self._increasing(stamps_ns[finite], values[finite]):
+        for stamps, part in self._increasing(stamps_ns, values):
             runs += resample(stamps, part)
         return runs
 
@@ -103,7 +123,7 @@ class Resampler:
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
         """Yield stretches whose stamps grow, and begin anew before each that the clock went to."""
-        nearest = _NEAR * self._period_ns if self._rate.is_regular else 1.0
+        nearest = NEAR * self._period_ns if self._rate.is_regular else 1.0
         while len(stamps_ns):
             first = stamps_ns[0] if self._last_ns is None else self._last_ns
             steps = np.diff(stamps_ns, prepend=np.int64(first))
@@ -180,7 +200,7 @@ class Resampler:
     def _note_gaps(self, steps: NDArray[np.float64]) -> None:
         """Count what is missing by the steps between stamps, in periods."""
         wide = steps[steps * self._period_ns > self._widest_ns]
-        is_pause = wide * self._rate.period > _PAUSE_S
+        is_pause = wide * self._rate.period > PAUSE_S
         self.losses.pauses += int(np.count_nonzero(is_pause))
         lost = wide[~is_pause]
         self.losses.gaps += len(lost)

@@ -15,6 +15,7 @@ export interface WorstUnit {
   actuator_id: string;
   serial_number: string;
   health: "OK" | "WARN" | "ERROR" | "STALE";
+  last_health: WorstUnit["health"] | null; // that of its latest valid test
   dominant_fault: string | null;
   health_index: number | null;
   rul_05: number | null;

@@ -1,6 +1,6 @@
 // The registries of faults and hidden causes, as src/registry.json has them.
 
-import { decimalsOf } from "./format.ts";
+import { decimalsOf, fixed, percent } from "./format.ts";
 import registry from "./registry.json";
 
 export type Fault = (typeof registry.faults)[number];
@@ -18,6 +18,16 @@ export function labelOf(name: string): string {
 
 export function faultOf(name: string): Fault | undefined {
   return byName.get(name);
+}
+
+/** What a normalised value means: a change from nominal, or a share where nominal is none. */
+export function inPercent(fault: Fault, value: number): string {
+  if (!Number.isFinite(value)) return "–";
+  const nominal = fault.base + fault.slope * fault.healthy;
+  if (nominal === 0) return percent(fault.slope * value, 2);
+  const change = (fault.slope * (value - fault.healthy)) / nominal;
+  if (change > 2) return `× ${fixed(1 + change, 1)}`;
+  return change < 0 ? `−${percent(-change, 2)}` : `+${percent(change, 2)}`;
 }
 
 /** The physical meaning of a normalised value, with the digits that its sigma leaves. */

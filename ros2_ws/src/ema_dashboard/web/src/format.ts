@@ -90,8 +90,8 @@ export function clockTime(s: number): string {
   return `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}`;
 }
 
-export function percent(share: number): string {
-  return Number.isFinite(share) ? `${significant(100 * share, share < 0.1 ? 2 : 3)} %` : NONE;
+export function percent(share: number, digits = share < 0.1 ? 2 : 3): string {
+  return Number.isFinite(share) ? `${significant(100 * share, digits)} %` : NONE;
 }
 
 /** A unit as it is put behind a number; "1" and "-" stand for none. */

@@ -26,7 +26,7 @@ export interface Actuator extends Address {
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
-  lost?: number; // tests that its monitor knew, and does not know any more
+  lost?: { known: number; tests: number }; // tests that its monitor knew, and those of them it lost
   isSilent?: boolean; // the dashboard is not heard any more: its health may be another by now
 }
 
@@ -48,10 +48,11 @@ export function isOf(address: Address, status: DiagnosticStatus): boolean {
 }
 
 /** How many tests a monitor has lost that counts fewer of the same unit than it did. */
-function lostBy({ health, lost = 0 }: Actuator, now: Health): number | undefined {
+function lostBy({ health, lost }: Actuator, now: Health): Actuator["lost"] {
   if (!health || health.serial_number !== now.serial_number) return undefined;
-  const known = Math.max(lost, Number(health.cycles));
-  return now.cycles < known ? known : undefined;
+  const before = Number(health.cycles), left = Number(now.cycles);
+  const known = Math.max(lost?.known ?? 0, before);
+  return left < known ? { known, tests: (lost?.tests ?? 0) + Math.max(before - left, 0) } : undefined;
 }
 
 export class State {

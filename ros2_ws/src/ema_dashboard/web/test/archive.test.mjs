@@ -57,7 +57,9 @@ describe("an archive of 1600 units", () => {
     assert.equal(await worst.count(), fleet.worst.length);
     for (const [k, unit] of fleet.worst.entries()) {
       const words = await worst.nth(k).innerText();
-      assert.ok(words.includes(unit.serial_number) && words.includes(unit.health), words);
+      const isOld = unit.health === "STALE" && /WARN|ERROR/.test(unit.last_health);
+      assert.ok(words.includes(unit.serial_number), words);
+      assert.ok(words.includes(isOld ? `${unit.last_health}, old` : unit.health), words);
       assert.ok(words.includes(`${format.hours(unit.hours)} h`), words);
     }
     const note = await page.locator("[aria-labelledby=survival] .note").innerText();

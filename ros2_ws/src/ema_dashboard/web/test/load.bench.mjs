@@ -95,7 +95,7 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
         if (isLive) globalThis.drawn = (globalThis.drawn ?? 0) + 1 / 3;
         return clear.apply(this, of);
       };
-      location.hash = "#/actuator/%2Fema/left_outboard_flap";
+      location.hash = "#/actuator/%2Fema/left_outboard_flap/telemetry";
     });
     await page.locator("[aria-labelledby=live]").scrollIntoViewIfNeeded();
     await pause(5000 + (SECONDS >= LONG_S ? 25_000 : 0)); // until what is kept has its size

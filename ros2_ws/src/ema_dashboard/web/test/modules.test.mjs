@@ -178,9 +178,10 @@ test("a monitor that knows fewer tests of a unit than before has lost them, unti
     const message = { header: { stamp: { sec: 1, nanosec: 0 } }, actuator_id: "flap", serial_number,
       cycles: BigInt(cycles), level: 0, last_level: 0, faults: [], requirements: [] };
     state.take({ kind: "messages", received: [{ namespace: "/ema", topic: "health", message }] });
-    return [...state.actuators.values()][0].lost;
+    return [...state.actuators.values()][0].lost?.tests;
   };
-  assert.deepEqual([109, 110, 0, 3, 110].map((n) => lost(n)), [undefined, undefined, 110, 110, undefined]);
+  const none = undefined;
+  assert.deepEqual([109, 110, 0, 3, 110, 30, 31].map((n) => lost(n)), [none, none, 110, 110, none, 80, 80]);
   assert.equal(lost(1, "2"), undefined); // another unit
   mock.timers.reset();
 });

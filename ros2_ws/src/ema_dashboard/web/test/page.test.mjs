@@ -9,7 +9,7 @@ import { load } from "./sources.mjs";
 const format = await load("format.ts");
 const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
 const WORN = "left_outboard_flap";
-const addressOf = (id) => `#/actuator/%2Fema/${id}`;
+const addressOf = (id, part = "faults") => `#/actuator/%2Fema/${id}/${part}`;
 
 let browser;
 before(async () => { browser = await browse(); });
@@ -90,17 +90,18 @@ describe("a fleet of nine", () => {
 
   test("an actuator shows the values of its messages with their sigma", async () => {
     page = await open(stage, addressOf(WORN));
-    await page.waitForSelector("table.matrix tbody td");
-    await page.waitForSelector(".advice");
+    await page.waitForSelector("[aria-labelledby=tracked]");
     const messages = await stage.source.order({ do: "messages", actuator: WORN });
-    const { health, fault_estimate: estimate, unit_history: _, advice } = messages;
+    const { health, fault_estimate: estimate, advice } = messages;
     assert.match(await page.locator(".why").innerText(), /\(fails above/);
-    assert.equal(await page.locator(".removal").innerText(), health.removal);
+    assert.equal(await page.locator(".removal").first().innerText(), health.removal);
+    assert.ok((await page.locator(".todo").innerText()).includes(advice.reason));
     for (const item of health.faults) {
       const cell = page.locator(`[aria-labelledby=tracked] tr[data-item=${item.name}] [data-value]`);
       assert.equal(Number(await cell.getAttribute("data-value")), item.value);
       assert.equal(await cell.innerText(), format.withSigma(item.value, item.sigma));
     }
+    await page.getByRole("link", { name: "Evidence" }).click();
     const names = Object.keys(estimate.faults);
     for (const [k, name] of names.entries()) {
       const sigma = Math.sqrt(estimate.covariance[9 * k]);
@@ -112,10 +113,71 @@ describe("a fleet of nine", () => {
     const shown = Number(matrix[1].replace("−", "-"));
     const [xx, xy, yy] = [estimate.covariance[0], estimate.covariance[1], estimate.covariance[9]];
     assert.ok(Math.abs(shown - xy / Math.sqrt(xx * yy)) <= 0.005);
-    assert.ok((await page.locator(".advice").innerText()).includes(advice.reason));
+    await page.getByRole("link", { name: "Last test" }).click();
     const window = await page.locator("[aria-labelledby=window]").innerText();
     assert.ok(window.includes("winding temperature 41.3 ± 2.6 K"), window);
     assert.ok(window.includes("3.1 %"), "the unexplained share");
+  });
+
+  test("the summary fits one screen, with what is wrong in per cent, and the parts follow", async () => {
+    const [eccentric, failed] = [addressOf(WORN, "events"), addressOf("right_outboard_flap", "events")];
+    for (const [at, width, height] of [[eccentric, 1280, 800], [failed, 1280, 800],
+      [eccentric, 390, 844]]) {
+      page = await open(stage, at, { viewport: { width, height } });
+      await page.waitForSelector(".summary canvas");
+      const parts = await page.locator(".parts").boundingBox();
+      // On a phone what is wrong and what to do are on the first screen, its figures on the second.
+      const end = width < 400 ? await page.locator(".todo").boundingBox() : parts;
+      assert.ok(end.y + end.height <= height, `${at} at ${width} px: ends at ${end.y + end.height}`);
+      const whole = await page.evaluate(() => document.documentElement.scrollHeight);
+      assert.ok(whole < 2 * height + 200, `${whole} px`);
+      await page.context().close();
+    }
+    page = await open(stage, addressOf(WORN));
+    await page.waitForSelector(".summary canvas");
+    const { health } = await stage.source.order({ do: "messages", actuator: WORN });
+    const { value } = health.faults.find(({ name }) => name === "eccentricity");
+    const wrong = await page.locator("[data-wrong=eccentricity]").innerText();
+    assert.equal(wrong.replace("\n", " "),
+      `eccentricity ${(100 * value).toFixed(0)} % limit 60 %`);
+    assert.match(await page.locator("tr[data-item=friction]").innerText(), /\+10 %/);
+    for (const [part, id] of [["Life", "remaining"], ["Last test", "window"],
+      ["Evidence", "vector"], ["Telemetry", "diagnostics"], ["Events", "events"]]) {
+      await page.getByRole("link", { name: part }).click();
+      await page.waitForSelector(`#${id}`);
+      assert.equal(await page.locator(".parts [aria-current]").innerText(), part);
+    }
+  });
+
+  test("what is not set has no place, and a legend shows values under the cursor only", async () => {
+    await stage.source.order({ do: "set", actuator: WORN, costs: false });
+    page = await open(stage, addressOf(WORN, "test"));
+    await page.waitForSelector(".removal");
+    const head = await page.locator(".head").innerText();
+    assert.ok(!/advice|costs/i.test(head), head);
+    const legend = page.locator("[aria-labelledby=window] .u-legend").first();
+    await legend.waitFor();
+    assert.equal((await legend.innerText()).replace(/\s+/g, " ").trim(), "measured model");
+    const over = page.locator("[aria-labelledby=window] .u-over").first();
+    let moves = 0;
+    await until("values", async () => {
+      await over.hover({ position: { x: 60 + 7 * (moves++ % 9), y: 60 } });
+      return /measured\s*−?\d/.test(await legend.innerText());
+    });
+    await page.goto(stage.address);
+    await page.waitForSelector("td.c-advice");
+    for (const id of await page.locator("tbody .c-actuator a").allInnerTexts()) {
+      await stage.source.order({ do: "set", actuator: id, costs: false });
+    }
+    await until("no advice", async () => (await page.locator(".c-advice").count()) === 0);
+  });
+
+  test("figures of a status have their unit and four digits", async () => {
+    await stage.source.order({ do: "run", period: 20 });
+    page = await open(stage, addressOf(WORN, "telemetry"));
+    await page.locator(".diagnostics summary").first().click();
+    const shown = await page.locator(".diagnostics .values").first().innerText();
+    assert.match(shown.replace(/\s+/g, " "), /latency 0\.1235 s/);
   });
 
   test("history and place survive a reload", async () => {
@@ -127,18 +189,20 @@ describe("a fleet of nine", () => {
     await until("41 tests again", async () =>
       (await note.count()) && (await note.innerText()).startsWith("41 tests"));
     assert.equal(await page.locator("h1").innerText(), WORN);
-    assert.ok((await page.locator("ol.events li").count()) >= 6);
+    await page.getByRole("link", { name: "Events" }).click();
+    await page.reload();
+    await until("events", async () => (await page.locator("ol.events li").count()) >= 6);
   });
 
   test("a refused test is told with its reason, and the health before stays", async () => {
-    page = await open(stage, addressOf(WORN));
+    page = await open(stage, addressOf(WORN, "events"));
     await page.waitForSelector(".why");
     const reason = "the calibration expired: calibrate the unit";
     await stage.source.order({ do: "test", actuator: WORN, refused: reason });
     const banner = page.locator(".head .banner.error");
     await banner.waitFor();
     assert.ok((await banner.innerText()).includes(reason));
-    assert.equal((await page.locator(".head .badge").innerText()).trim(), "WARN");
+    assert.equal((await page.locator(".head-line .badge").innerText()).trim(), "WARN");
     await until("an event", async () =>
       (await page.locator("ol.events").innerText()).includes(reason));
     await page.reload();
@@ -147,7 +211,7 @@ describe("a fleet of nine", () => {
   });
 
   test("an estimate of ordinary motion says why there are no signals", async () => {
-    page = await open(stage, addressOf(WORN));
+    page = await open(stage, addressOf(WORN, "test"));
     const section = page.locator("[aria-labelledby=window]");
     await until("signals", async () => (await section.locator("canvas").count()) > 0);
     await stage.source.order({ do: "move", actuator: WORN, stretches: 7 });
@@ -234,11 +298,12 @@ describe("a fleet of nine", () => {
       ["fleet on a phone", "", { width: 390, height: 844 }],
       ["actuator", addressOf(WORN), { width: 1280, height: 900 }],
       ["actuator on a phone", addressOf(WORN), { width: 390, height: 844 }],
+      ["evidence on a phone", addressOf(WORN, "evidence"), { width: 390, height: 844 }],
     ]) {
       test(`nothing hinders access: ${name}, ${colorScheme}`, async () => {
         await stage.source.order({ do: "run", period: 20, open: WORN });
         page = await open(stage, at, { colorScheme, viewport });
-        await page.waitForSelector(at ? ".plots.many canvas" : "table.fleet tbody tr");
+        await page.waitForSelector(at ? ".summary canvas" : "table.fleet tbody tr");
         assert.deepEqual(await hindrances(page), []);
         assert.ok(await overflow(page) <= 0, "wider than the screen");
       });

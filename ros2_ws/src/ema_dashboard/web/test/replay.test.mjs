@@ -60,6 +60,7 @@ test("a replayed bag drives the page as live messages do", async () => {
     await page.waitForSelector("tr[data-actuator='/ema/flap'] .badge.warn", { timeout: 60_000 });
     await page.waitForSelector(".playback >> text=faulty_flap");
     await page.getByRole("link", { name: "flap" }).click();
+    await page.getByRole("link", { name: "Evidence" }).click();
     const shown = (name) =>
       page.locator(`[aria-labelledby=vector] tr[data-fault=${name}] [data-value]`);
     await shown("friction").waitFor();

@@ -26,18 +26,26 @@ const STATES = [
   { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
   { name: "archive", at: "#/archive", before: archived, ready: curve, full: true },
   { name: "archive_phone", at: "#/archive", before: archived, ready: curve, view: PHONE, full: true },
-  { name: "actuator", at: WORN, before: live({ open: "left_outboard_flap" }), full: true,
-    ready: async (page) => { await plots(page); await page.locator("#live").scrollIntoViewIfNeeded();
-    await page.waitForTimeout(2500); } },
-  { name: "actuator_phone", at: WORN, before: live({ open: "left_outboard_flap" }), view: PHONE,
-    full: true, ready: async (page) => { await plots(page);
-      await page.locator("#live").scrollIntoViewIfNeeded(); await page.waitForTimeout(2500); } },
+  ...["faults", "life", "test", "evidence", "telemetry", "events"].flatMap((part) =>
+    [{}, { view: PHONE }].map((view) => ({
+      name: `${part}${view.view ? "_phone" : ""}`, at: `${WORN}/${part}`, full: true, ...view,
+      before: live({ open: "left_outboard_flap" }),
+      ready: async (page) => {
+        await page.waitForSelector(".summary canvas");
+        if (part === "telemetry") await page.waitForTimeout(2500);
+      },
+    }))),
   { name: "failed", at: "#/actuator/%2Fema/right_outboard_flap", before: live({}), ready: plots },
   { name: "refused", at: WORN, ready: async (page, stage) => {
     await plots(page);
     await stage.source.order({ do: "test", actuator: "left_outboard_flap",
       refused: "the calibration flap-2031 expired on 2031-04-02: calibrate the unit" });
     await page.waitForSelector(".head .banner.error");
+  } },
+  { name: "old", at: "#/actuator/%2Fema/right_outboard_flap", ready: async (page, stage) => {
+    await plots(page);
+    await stage.source.order({ do: "set", actuator: "right_outboard_flap", level: 3 });
+    await page.waitForSelector(".banner.stale");
   } },
   { name: "stale", at: WORN, ready: async (page, stage) => {
     await plots(page);

@@ -1,24 +1,28 @@
-// One actuator: what is wrong, why, and how long it lasts.
+// One actuator: what is wrong, why, and how long it lasts; then its parts, one at a time.
 
-import { labelOf } from "../faults.ts";
-import { dateTime, duration, fixed, hours, percent } from "../format.ts";
-import { seconds } from "../messages.ts";
-import type { Address } from "../protocol.ts";
+import type { ComponentChildren } from "preact";
+import { ASSESSED, type Fault, faultOf, inPercent, labelOf } from "../faults.ts";
+import { dateTime, duration, fixed, hours, percent, shownUnit, significant, unit } from "../format.ts";
+import { type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
 import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
-import { AdviceCard } from "./advice.tsx";
+import type { HistoryColumns } from "../unit_history.ts";
+import { WhatToDo } from "./advice.tsx";
 import { Events } from "./events.tsx";
-import { History } from "./history.tsx";
+import { History, Trend } from "./history.tsx";
 import { useApp, useSecond } from "./hooks.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
 import { Live } from "./live.tsx";
-import { Badge, Bar, Empty, Figure, Since, classOf, levelOf, silence } from "./parts.tsx";
+import {
+  Badge, Bar, Empty, Figure, Shape, Since, classOf, itemLevel, levelOf, silence,
+} from "./parts.tsx";
 import { Remaining } from "./remaining.tsx";
+import { PARTS, type Part, type Place, addressOf } from "./route.ts";
 import { Diagnostics } from "./system.tsx";
 import { FaultVector, Requirements, TrackedFaults } from "./tables.tsx";
 import { LastWindow } from "./window.tsx";
 
-export function OneActuator({ state, address }: { state: State; address: Address }) {
+export function OneActuator({ state, address }: { state: State; address: Place }) {
   const key = keyOf(address);
   const actuator = state.actuators.get(key);
   const columns = state.history?.key === key ? state.history.columns : undefined;
@@ -35,34 +39,59 @@ export function OneActuator({ state, address }: { state: State; address: Address
       </main>
     );
   }
-  const { health } = actuator;
   return (
     <main id="main" tabIndex={-1}>
-      <nav class="back"><a href="#/">← Fleet</a></nav>
-      <Head actuator={actuator} />
-      <AdviceCard advice={actuator.advice} />
-      <History actuator={actuator} columns={columns} />
-      <Remaining health={health} columns={columns} />
-      {health && <TrackedFaults actuator={actuator} health={health} />}
-      {health && <Requirements actuator={actuator} health={health} />}
-      <LastWindow actuator={actuator} />
-      <FaultVector estimate={actuator.usable} />
-      <Events events={columns?.events} now={state.now()} />
-      <Live actuatorKey={key} />
-      <Diagnostics state={state} of={address} />
+      <Head actuator={actuator} columns={columns} />
+      <nav class="parts" aria-label="Parts">
+        {Object.entries(PARTS).map(([part, title]) => (
+          <a key={part} href={`${addressOf(address)}/${part}`}
+            aria-current={part === address.part ? "page" : undefined}>{title}</a>
+        ))}
+      </nav>
+      {contents(state, address, actuator, columns)[address.part]()}
     </main>
   );
 }
 
-function Head({ actuator }: { actuator: Actuator }) {
+function contents(
+  state: State, address: Place, actuator: Actuator, columns?: HistoryColumns,
+): Record<Part, () => ComponentChildren> {
+  const { health } = actuator;
+  return {
+    faults: () => (
+      <>
+        <History actuator={actuator} columns={columns} />
+        {health && <TrackedFaults actuator={actuator} health={health} />}
+      </>
+    ),
+    life: () => (
+      <>
+        <Remaining health={health} columns={columns} />
+        {health && <Requirements actuator={actuator} health={health} />}
+      </>
+    ),
+    test: () => <LastWindow actuator={actuator} />,
+    evidence: () => <FaultVector estimate={actuator.usable} />,
+    telemetry: () => (
+      <>
+        <Live actuatorKey={actuator.key} />
+        <Diagnostics state={state} of={address} />
+      </>
+    ),
+    events: () => <Events events={columns?.events} now={state.now()} />,
+  };
+}
+
+function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColumns }) {
   const { health, estimate, description } = actuator;
   const level = levelOf(actuator);
-  const worst = labelOf(health?.dominant_fault ?? "");
+  const fault = health && worstFault(health);
   const isRefused = estimate !== undefined && !estimate.valid;
   return (
     <section class={`card head ${classOf(level)}`} aria-labelledby="name">
       <div class="head-line">
         <div>
+          <nav class="back"><a href="#/">← Fleet</a></nav>
           <h1 id="name">{actuator.id}</h1>
           <p class="soft">
             {actuator.serial ? `serial number ${actuator.serial}` : "no serial number"}
@@ -79,19 +108,20 @@ function Head({ actuator }: { actuator: Actuator }) {
       )}
       {actuator.lost !== undefined && (
         <p class="banner warn">
-          <strong>The monitor began anew:</strong> the {actuator.lost} tests that it knew before are
+          <strong>The monitor began anew:</strong> {actuator.lost.tests} tests that it knew before are
           not in its history. Trends and remaining life follow from {String(health?.cycles)}.
         </p>
       )}
       {health?.level === 3 && <Stale health={health} />}
       {health ? (
-        <>
-          <p class="why" role="status">
-            {silence(actuator)}
-            {health.cause.startsWith(`${worst} `) && <strong>{worst} </strong>}
-            {why(health, worst)}
-          </p>
-          {health.removal && <p class="removal">{health.removal}</p>}
+        <div class="summary">
+          <div>
+            <Wrong actuator={actuator} health={health} />
+            <WhatToDo advice={actuator.advice} removal={health.removal} />
+          </div>
+          {fault && columns && columns.hours.length > 0 && (
+            <Trend fault={fault} columns={columns} actuator={actuator} height={190} />
+          )}
           <dl class="figures">
             <Figure label="remaining life" note={health.rul.known && health.rul.criterion}>
               <Life life={health.rul} />
@@ -113,10 +143,58 @@ function Head({ actuator }: { actuator: Actuator }) {
               {percent(health.confidence)}
             </Figure>
           </dl>
-        </>
+        </div>
       ) : <Empty>No health is known before the first valid test.</Empty>}
     </section>
   );
+}
+
+/** What gives the level: the change of each fault, and what is left to its limit. */
+function Wrong({ actuator, health }: { actuator: Actuator; health: Health }) {
+  const items = [...health.faults, ...health.requirements]
+    .filter(({ level }) => level !== OK && level !== STALE)
+    .sort((one, other) => other.level - one.level ||
+      Number(other.name === health.dominant_fault) - Number(one.name === health.dominant_fault));
+  return (
+    <div class="wrong">
+      <h2>What is wrong</h2>
+      <ul>
+        {items.map((item) => {
+          const [value, limit] = valueAndLimit(item);
+          return (
+            <li key={item.name} data-wrong={item.name}>
+              <Shape level={itemLevel(actuator, item.level)} size={20} />
+              <strong>{labelOf(item.name)} {value}</strong> <span class="soft">limit {limit}</span>
+            </li>
+          );
+        })}
+      </ul>
+      <p class="why" role="status">{silence(actuator)}{why(health)}</p>
+    </div>
+  );
+}
+
+function valueAndLimit(item: FaultHealth): [string, string] {
+  const fault = faultOf(item.name);
+  if (!fault) {
+    const [name, scale] = shownUnit(item.unit);
+    return [item.value, item.limit]
+      .map((one) => significant(scale * one, 3) + unit(name)) as [string, string];
+  }
+  const isBelow = fault.twoSided && item.value < fault.healthy;
+  const limit = isBelow ? 2 * fault.healthy - item.limit : item.limit;
+  return [inPercent(fault, item.value), inPercent(fault, limit)];
+}
+
+/** The fault to watch: the one that decides or, where it is none, that is nearest to its limit. */
+function worstFault(health: Health): Fault | undefined {
+  const share = ({ name }: Fault) => {
+    const item = health.faults.find((one) => one.name === name);
+    const healthy = faultOf(name)!.healthy;
+    return item ? Math.abs((item.value - healthy) / (item.limit - healthy)) || 0 : -1;
+  };
+  return ASSESSED.find(({ name }) => name === health.dominant_fault) ??
+    [...ASSESSED].sort((one, other) => share(other) - share(one))[0];
 }
 
 function Stale({ health }: { health: NonNullable<Actuator["health"]> }) {

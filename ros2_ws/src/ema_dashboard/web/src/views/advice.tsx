@@ -7,24 +7,33 @@ const WHAT: Record<string, (at: string) => string> = {
   continue: (at) => `Continue, and decide anew ${at}`,
   inspect: (at) => `Inspect ${at}`,
   remove: (at) => `Remove ${at}`,
-  unknown: () => "No advice",
 };
 
-export function AdviceCard({ advice }: { advice?: Advice }) {
-  if (!advice) return null;
-  const action = ACTIONS[advice.action] ?? "unknown";
+/** The advice where costs are set, and the removal that the remaining life asks for. */
+export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string }) {
+  const action = ACTIONS[advice?.action ?? 0] ?? "unknown";
+  const [what, ...more] = removal.split(/(?= \()|(?<=:)/);
+  if (!advice || action === "unknown") {
+    return removal ? (
+      <div class="todo">
+        <h2>What to do</h2>
+        <p class="removal"><strong>{what}</strong>{more.join("")}</p>
+      </div>
+    ) : null;
+  }
   const when = Number.isFinite(advice.flight_hours)
     ? `${action === "continue" ? "at" : "by"} ${hours(advice.flight_hours)} service hours` : "";
   const unit = `${advice.cost_unit} per flight hour`.trim();
   const saved = 1 - advice.expected_cost / advice.cost_of_immediate_removal;
   return (
-    <section class={`card advice ${action}`} aria-labelledby="advice">
-      <h2 id="advice" class="quiet">Advice</h2>
+    <div class="todo">
+      <h2>What to do</h2>
       <p class="what">
         <strong>{WHAT[action]!(when)}</strong>
         {Number.isFinite(advice.from_now) && <span class="soft"> in {hours(advice.from_now)} h</span>}
+        {advice.reason && `: ${advice.reason}`}
       </p>
-      {advice.reason && <p>{advice.reason}</p>}
+      <p class="removal">{removal}</p>
       {Number.isFinite(advice.expected_cost) && (
         <p class="soft">
           {significant(advice.expected_cost, 3)} {unit}; removed at once{" "}
@@ -33,6 +42,6 @@ export function AdviceCard({ advice }: { advice?: Advice }) {
           {percent(advice.probability_of_failure)} risk of failure until then
         </p>
       )}
-    </section>
+    </div>
   );
 }

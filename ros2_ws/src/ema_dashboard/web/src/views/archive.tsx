@@ -5,7 +5,7 @@ import uPlot from "uplot";
 import { curveOf, fetchSummary, type Levels, type Summary, type WorstUnit } from "../archive.ts";
 import { labelOf } from "../faults.ts";
 import { fixed, hours, lifeHours, percent, significant } from "../format.ts";
-import { LEVELS, type Level, UNKNOWN } from "../levels.ts";
+import { LEVELS, type Level, levelNow } from "../levels.ts";
 import { Badge, Bar, Empty, Figure, Section, Shape } from "./parts.tsx";
 import { Plot } from "./plot.tsx";
 
@@ -100,7 +100,7 @@ function Worst({ units, all }: { units: WorstUnit[]; all: number }) {
   return (
     <Section title="Worst units" id="worst" note={`${units.length} of ${whole(all)}`}>
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the worst units">
-        <table class="items">
+        <table class="items stacked">
           <thead>
             <tr>
               <th scope="col">unit</th>
@@ -115,20 +115,22 @@ function Worst({ units, all }: { units: WorstUnit[]; all: number }) {
           </thead>
           <tbody>
             {units.map((one) => {
-              const level = LEVELS.find(({ word }) => word === one.health) ?? UNKNOWN;
+              const [now, last] = [one.health, one.last_health].map((name) =>
+                LEVELS.findIndex(({ word }) => word === name));
+              const level = levelNow(now!, last!);
               return (
                 <tr key={`${one.model}/${one.actuator_id}/${one.serial_number}`}
                   data-unit={`${one.actuator_id}/${one.serial_number}`}>
                   <th scope="row">
                     {one.actuator_id} <small>{one.serial_number} · {one.model}</small>
                   </th>
-                  <td><Badge level={level} /></td>
-                  <td><Health index={one.health_index} level={level} /></td>
-                  <td>{one.dominant_fault ? labelOf(one.dominant_fault) : "–"}</td>
-                  <td class="number"><Left unit={one} /></td>
-                  <td class="number">{removal(one)}</td>
-                  <td class="number">{hours(one.hours ?? NaN)} h</td>
-                  <td class="number">{day(one.tested)}</td>
+                  <td data-label="level"><Badge level={level} /></td>
+                  <td data-label="health index"><Health index={one.health_index} level={level} /></td>
+                  <td data-label="worst">{one.dominant_fault ? labelOf(one.dominant_fault) : "–"}</td>
+                  <td class="number" data-label="remaining life"><Left unit={one} /></td>
+                  <td class="number" data-label="remove before">{removal(one)}</td>
+                  <td class="number" data-label="service">{hours(one.hours ?? NaN)} h</td>
+                  <td class="number" data-label="last test">{day(one.tested)}</td>
                 </tr>
               );
             })}
@@ -149,7 +151,7 @@ function Health({ index, level }: { index: number | null; level: Level }) {
 }
 
 function Left({ unit }: { unit: WorstUnit }) {
-  if (unit.health === "ERROR") return <strong>none left</strong>;
+  if (known(unit) === "ERROR") return <strong>none left</strong>;
   if (!unit.rul_known) return <span class="soft">unknown</span>;
   const [low, median, high] = [unit.rul_05, unit.rul_50, unit.rul_95].map((h) => h ?? Infinity);
   const life = { hours_05: low!, hours_50: median!, hours_95: high! };
@@ -162,8 +164,13 @@ function Left({ unit }: { unit: WorstUnit }) {
   );
 }
 
+/** The latest level that was known. */
+function known({ health, last_health }: WorstUnit): string | null {
+  return health === "STALE" ? last_health : health;
+}
+
 function removal(unit: WorstUnit): string {
-  if (unit.health === "ERROR") return "now";
+  if (known(unit) === "ERROR") return "now";
   if (unit.removal_hours === null || unit.hours === null) return "–";
   return `${hours(unit.hours + unit.removal_hours)} h`;
 }

@@ -87,6 +87,9 @@ export function Fleet({ state }: { state: State }) {
   const chosen = all.filter((one) =>
     matches(one, words) && (!shown || nameOf(one) === shown));
   const rows = sorted(chosen, by);
+  // Advice needs costs; where nobody has set them there is none.
+  const isAdvised = all.some(({ advice }) => advice !== undefined && advice.action > 0);
+  const columns = COLUMNS.filter(({ name }) => name !== "advice" || isAdvised);
   const count = (name: string) => all.filter((one) => nameOf(one) === name).length;
 
   return (
@@ -113,7 +116,7 @@ export function Fleet({ state }: { state: State }) {
         <label class="sort-choice">
           <span>Sort by</span>
           <select value={by} onChange={(event) => setBy(event.currentTarget.value)}>
-            {COLUMNS.map(({ name, title }) => (
+            {columns.map(({ name, title }) => (
               <option key={name} value={name}>
                 {name === "level" ? "Level, worst first" : title}
               </option>
@@ -129,17 +132,18 @@ export function Fleet({ state }: { state: State }) {
           </button>
         </p>
       ) : (
-        <table class="fleet" role="table">
+        <table class={`fleet ${isAdvised ? "advised" : ""}`} role="table">
           <caption class="unseen">Actuators, {rows.length} of {all.length}</caption>
           <thead role="rowgroup">
             <tr role="row">
-              {COLUMNS.map((column) => <Head key={column.name} column={column} by={by}
+              {columns.map((column) => <Head key={column.name} column={column} by={by}
                 onSort={setBy} />)}
             </tr>
           </thead>
           <tbody role="rowgroup">
             {rows.map((one) => (
-              <Row key={one.key} actuator={one} hasNamespace={namespaces.size > 1} />
+              <Row key={one.key} actuator={one} hasNamespace={namespaces.size > 1}
+                isAdvised={isAdvised} />
             ))}
           </tbody>
         </table>
@@ -172,7 +176,9 @@ function Head({ column, by, onSort }: {
   );
 }
 
-const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace: boolean }) => {
+const Row = memo(({ actuator, hasNamespace, isAdvised }: {
+  actuator: Actuator; hasNamespace: boolean; isAdvised: boolean;
+}) => {
   const { health, advice } = actuator;
   const level = levelOf(actuator);
   const { send } = useApp();
@@ -210,9 +216,11 @@ const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace
         {health ? <RemoveBefore health={health} /> : "–"}
       </td>
       <td role="cell" class="c-test" data-label="Last test"><Since health={health} suffix=" ago" /></td>
-      <td role="cell" class="c-advice" data-label="Advice">
-        {advice ? <span title={advice.reason}>{ACTIONS[advice.action]}</span> : "–"}
-      </td>
+      {isAdvised && (
+        <td role="cell" class="c-advice" data-label="Advice">
+          {advice ? <span title={advice.reason}>{ACTIONS[advice.action]}</span> : "–"}
+        </td>
+      )}
     </tr>
   );
 });

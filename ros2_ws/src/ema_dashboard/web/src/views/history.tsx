@@ -2,21 +2,19 @@
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
-import { ASSESSED, FAULTS, type Fault } from "../faults.ts";
+import { ASSESSED, FAULTS, type Fault, inPercent } from "../faults.ts";
 import { fixed, hours as inHours, withSigma } from "../format.ts";
-import { LEVELS, UNKNOWN } from "../levels.ts";
-import type { FaultHealth, HealthForecast } from "../messages.ts";
+import { UNKNOWN } from "../levels.ts";
+import type { HealthForecast } from "../messages.ts";
 import type { Actuator } from "../state.ts";
 import type { HistoryColumns } from "../unit_history.ts";
-import { Badge, Empty, Section } from "./parts.tsx";
+import { Badge, Empty, Section, itemLevel } from "./parts.tsx";
 import { type Colour, Plot, intervals, line, upright } from "./plot.tsx";
 
 const WIDTH_90 = 1.645; // standard deviations to either end of a 90 % interval
 
 export function History({ actuator, columns }: { actuator: Actuator; columns?: HistoryColumns }) {
-  const { health, forecast } = actuator;
   const count = columns?.hours.length ?? 0;
-  const isHours = columns !== undefined && count > 0 && Number.isFinite(columns.hours.at(-1)!);
   const note = columns && count > 0 && (
     <>
       {count} {count === 1 ? "test" : "tests"} with 90 % intervals
@@ -31,10 +29,7 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
       ) : (
         <div class="plots many">
           {ASSESSED.map((fault) => (
-            <OfFault key={fault.name} fault={fault} columns={columns} isHours={isHours}
-              forecast={isHours ? forecast : undefined}
-              item={health?.faults.find(({ name }) => name === fault.name)}
-              isDominant={health?.dominant_fault === fault.name} />
+            <Trend key={fault.name} fault={fault} columns={columns} actuator={actuator} />
           ))}
         </div>
       )}
@@ -42,16 +37,15 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
   );
 }
 
-interface OfFaultProps {
-  fault: Fault;
-  columns: HistoryColumns;
-  isHours: boolean;
-  forecast?: HealthForecast;
-  item?: FaultHealth;
-  isDominant: boolean;
-}
-
-function OfFault({ fault, columns, isHours, forecast, item, isDominant }: OfFaultProps) {
+/** The tests of one fault, what is expected of it, and its limit. */
+export function Trend({ fault, columns, actuator, height = 210 }: {
+  fault: Fault; columns: HistoryColumns; actuator: Actuator; height?: number;
+}) {
+  const { health } = actuator;
+  const isHours = Number.isFinite(columns.hours.at(-1)!);
+  const forecast = isHours ? actuator.forecast : undefined;
+  const item = health?.faults.find(({ name }) => name === fault.name);
+  const isDominant = health?.dominant_fault === fault.name;
   const k = FAULTS.indexOf(fault);
   const built = useMemo(
     () => assemble(columns, k, isHours, forecast, fault.name), [columns, forecast, isHours, k],
@@ -62,8 +56,9 @@ function OfFault({ fault, columns, isHours, forecast, item, isDominant }: OfFaul
   const bottom = fault.twoSided ? fault.healthy - 1.2 * distance : 0;
   const top = fault.healthy + 1.2 * distance;
   const now = isHours ? columns.hours.at(-1)! : columns.stamp.at(-1)!;
-  const level = item ? LEVELS[item.level] ?? UNKNOWN : UNKNOWN;
-  const shown = item ? withSigma(item.value, item.sigma) : "–";
+  const level = item ? itemLevel(actuator, item.level) : UNKNOWN;
+  const shown = item
+    ? `${inPercent(fault, item.value)} · ${withSigma(item.value, item.sigma)}` : "–";
 
   const draw = (plot: uPlot, colour: Colour) => {
     intervals(plot, built.x, built.low, built.high, colour("interval"));
@@ -96,7 +91,7 @@ function OfFault({ fault, columns, isHours, forecast, item, isDominant }: OfFaul
         {isDominant && <span class="tag">dominant</span>}
         <Badge level={level} />
       </figcaption>
-      <Plot label={inWords(fault, shown, limits, columns, level.word, isHours)} height={210}
+      <Plot label={inWords(fault, shown, limits, columns, level.word, isHours)} height={height}
         x={isHours ? "service hours [h]" : "time of the test"} y={`${fault.label} [-]`}
         isTime={!isHours} series={series} data={built.data} bands={bands} legend={false}
         yRange={(_, least, most) => [Math.min(bottom, least ?? 0), Math.max(top, 1.05 * (most ?? 0))]}

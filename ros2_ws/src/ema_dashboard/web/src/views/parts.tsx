@@ -20,8 +20,9 @@ export function itemLevel({ isSilent }: Actuator, level: number): Level {
 /** Say what was known before a level that is not known any more; nothing where it is known. */
 export function silence({ health, isSilent }: Actuator): string {
   if (!health || !(isSilent || health.level === STALE)) return "";
-  const last = `the level was ${(LEVELS[health.last_level] ?? UNKNOWN).word}; `;
-  return isSilent ? `the dashboard is not heard, ${last}` : last;
+  const { word } = LEVELS[health.last_level] ?? UNKNOWN;
+  const last = health.last_level === STALE ? "" : `the last known level is ${word}; `;
+  return isSilent ? `no message from the dashboard; ${last}` : last;
 }
 
 // A shape for each level, so that it is told without colours: disc, triangle, octagon, ring.

@@ -94,14 +94,10 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
       drag: { x: true, y: false },
       ...(sync ? { sync: { key: sync } } : {}),
     },
-    series: [{ label: "at", value: (_, value) => fixedOrNone(value) }, ...series.map((one) => resolved(one))],
+    series: [{ label: "at", value: (_, value) => (value === null ? "" : significant(value, 4)) }, ...series.map((one) => resolved(one))],
     ...(bands ? { bands: bands.map((band) => ({ ...band, fill: colour(String(band.fill)) })) } : {}),
     hooks: { draw: [(plot) => latest.current.draw?.(plot, colour)] },
   };
-}
-
-function fixedOrNone(value: number | null): string {
-  return value === null ? "–" : significant(value, 4);
 }
 
 /** Names of colours become those of the theme. */

@@ -9,18 +9,32 @@ export function addressOf({ namespace, id }: Address): string {
 
 export const ARCHIVE = "#/archive";
 
-export function parse(hash: string): Address | null {
-  const [, name, namespace, id] = hash.replace(/^#/, "").split("/");
+/** Parts of an actuator's page, by their place in the address. */
+export const PARTS = {
+  faults: "Faults", life: "Life", test: "Last test", evidence: "Evidence", telemetry: "Telemetry",
+  events: "Events",
+};
+export type Part = keyof typeof PARTS;
+
+export interface Place extends Address {
+  part: Part;
+}
+
+export function parse(hash: string): Place | null {
+  const [, name, namespace, id, part] = hash.replace(/^#/, "").split("/");
   if (name !== "actuator" || namespace === undefined || id === undefined) return null;
   try {
-    return { namespace: decodeURIComponent(namespace), id: decodeURIComponent(id) };
+    return {
+      namespace: decodeURIComponent(namespace), id: decodeURIComponent(id),
+      part: part !== undefined && part in PARTS ? part as Part : "faults",
+    };
   } catch {
     return null;
   }
 }
 
 /** An actuator, the archive, or null for the fleet that runs. */
-export function useRoute(): Address | "archive" | null {
+export function useRoute(): Place | "archive" | null {
   const [hash, set] = useState(location.hash);
   useEffect(() => {
     const changed = () => set(location.hash);

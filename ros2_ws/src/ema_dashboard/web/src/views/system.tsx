@@ -1,6 +1,6 @@
 // Status of the nodes, from /diagnostics.
 
-import { duration } from "../format.ts";
+import { duration, significant } from "../format.ts";
 import { LEVELS, UNKNOWN } from "../levels.ts";
 import type { Address } from "../protocol.ts";
 import { type Diagnostic, type State, isOf } from "../state.ts";
@@ -33,9 +33,10 @@ export function Diagnostics({ state, of }: { state: State; of?: Address }) {
                 <details>
                   <summary>{one.values.length} {one.values.length === 1 ? "figure" : "figures"}</summary>
                   <dl class="values">
-                    {one.values.map(({ key, value }) => (
-                      <div key={key}><dt>{key}</dt><dd>{value}</dd></div>
-                    ))}
+                    {one.values.map(({ key, value }) => {
+                      const [, name, unit = ""] = /^(.*?)(?: \[(.*)\])?$/.exec(key)!;
+                      return <div key={key}><dt>{name}</dt><dd>{figure(value)} {unit}</dd></div>;
+                    })}
                   </dl>
                 </details>
               )}
@@ -45,6 +46,13 @@ export function Diagnostics({ state, of }: { state: State; of?: Address }) {
       )}
     </Section>
   );
+}
+
+/** A value of a status, as a number with four digits where it is none of counted things. */
+function figure(value: string): string {
+  if (value === "nan") return "unknown";
+  return value.includes(".") && Number.isFinite(Number(value))
+    ? significant(Number(value), 4) : value;
 }
 
 /** A status of a node as a whole, and not of one actuator. */

@@ -1,7 +1,7 @@
 // Requirements, and the fault vector with its covariance.
 
 import { useState } from "preact/hooks";
-import { FAULTS, faultOf, labelOf, physical } from "../faults.ts";
+import { FAULTS, faultOf, inPercent, labelOf, physical } from "../faults.ts";
 import { fixed, shownUnit, significant, unit, withSigma } from "../format.ts";
 import type { FaultEstimate, FaultHealth, Health } from "../messages.ts";
 import type { Actuator } from "../state.ts";
@@ -30,7 +30,7 @@ export function Requirements({ actuator, health }: OfHealth) {
 
 export function TrackedFaults({ actuator, health }: OfHealth) {
   return (
-    <Section title="Faults tracked over all tests" id="tracked">
+    <Section title="Faults after all tests" id="tracked">
       <Items actuator={actuator} items={health.faults} heading="fault" />
     </Section>
   );
@@ -39,13 +39,15 @@ export function TrackedFaults({ actuator, health }: OfHealth) {
 function Items(
   { actuator, items, heading }: { actuator: Actuator; items: FaultHealth[]; heading: string },
 ) {
+  const isOfFaults = heading === "fault";
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={`Table of each ${heading}`}>
-      <table class="items">
+      <table class="items stacked">
         <thead>
           <tr>
             <th scope="col">{heading}</th>
             <th scope="col">level</th>
+            {isOfFaults && <th scope="col" class="number">change</th>}
             <th scope="col" class="number">value ± σ</th>
             <th scope="col" class="number">limit</th>
             <th scope="col" class="number">growth <small>in {PER_HOURS} h</small></th>
@@ -59,18 +61,23 @@ function Items(
             return (
               <tr key={item.name} data-item={item.name}>
                 <th scope="row">{labelOf(item.name)}</th>
-                <td><Badge level={itemLevel(actuator, item.level)} /></td>
-                <td class="number" data-value={item.value}>
+                <td data-label="level"><Badge level={itemLevel(actuator, item.level)} /></td>
+                {isOfFaults && (
+                  <td class="number" data-label="change">
+                    <strong>{inPercent(faultOf(item.name)!, item.value)}</strong>
+                  </td>
+                )}
+                <td class="number" data-label="value ± σ" data-value={item.value}>
                   {withSigma(scale * item.value, scale * item.sigma)}{unit(name)}
                 </td>
-                <td class="number">
+                <td class="number" data-label="limit">
                   {item.limit_is_lower ? "≥ " : "≤ "}
                   {significant(scale * item.limit, digits)}{unit(name)}
                 </td>
-                <td class="number">
+                <td class="number" data-label={`growth in ${PER_HOURS} h`}>
                   {growth(scale * PER_HOURS * item.trend, scale * item.sigma, unit(name))}
                 </td>
-                <td class="number"><Life life={item.rul} /><Widening item={item} /></td>
+                <td class="number" data-label="remaining life"><Life life={item.rul} /><Widening item={item} /></td>
               </tr>
             );
           })}

@@ -13,11 +13,11 @@ export function LastWindow({ actuator }: { actuator: Actuator }) {
   const { estimate, fit } = actuator;
   if (!estimate && !fit) {
     return (
-      <Section title="Last window" id="window"><Empty>No window has been found yet.</Empty></Section>
+      <Section title="Last test" id="window"><Empty>No window has been found yet.</Empty></Section>
     );
   }
   return (
-    <Section title="Last window" id="window"
+    <Section title="Last test" id="window"
       note={estimate && `window ${estimate.window}, ended ${dateTime(seconds(estimate.window_end))}`}>
       {estimate && <Trust estimate={estimate} />}
       <Shown estimate={estimate} fit={fit} />
@@ -130,18 +130,18 @@ function Signals({ fit }: { fit: WindowFit }) {
   ];
   const residual = (digits: number): uPlot.Series[] => [
     {
-      label: "measured − monitor's", stroke: "rest", width: 1.4, points: { show: false },
+      label: "measured − model", stroke: "rest", width: 1.4, points: { show: false },
       value: figure(digits),
     },
   ];
-  const pair: [string, string] = ["measured", "monitor's"];
+  const pair: [string, string] = ["measured", "model"];
   const x = "time in the window [s]";
   const shared = { x, sync: "window" };
   return (
     <div class="plots">
       <figure>
         <figcaption><strong>current</strong> {note(built.measured.current)}</figcaption>
-        <Plot {...shared} label="Measured current against the monitor's" height={210}
+        <Plot {...shared} label="Measured current against the model" height={210}
           y="current [A]" series={series(3, pair)} data={built.current!} />
       </figure>
       <figure>
@@ -154,7 +154,7 @@ function Signals({ fit }: { fit: WindowFit }) {
       </figure>
       <figure>
         <figcaption><strong>speed</strong> {note(built.measured.speed)}</figcaption>
-        <Plot {...shared} label="Measured motor speed against the monitor's" height={210}
+        <Plot {...shared} label="Measured motor speed against the model" height={210}
           y="speed [rad/s]" series={series(1, pair)} data={built.speed!} />
       </figure>
       <figure>
@@ -176,5 +176,5 @@ function Signals({ fit }: { fit: WindowFit }) {
 }
 
 function figure(digits: number) {
-  return (_: uPlot, value: number | null) => (value === null ? "–" : fixed(value, digits));
+  return (_: uPlot, value: number | null) => (value === null ? "" : fixed(value, digits));
 }

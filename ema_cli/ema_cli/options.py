@@ -1,0 +1,96 @@
+"""Exit codes, errors as one clear line, and options of several commands."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+import click
+
+from ema_core.wording import as_identifier, unknown_name
+
+UNUSABLE: Final = 1
+"""Nothing could be done with the input."""
+
+REFUSED: Final = 3
+"""Some windows have no valid estimate. (2 is click's own, for wrong usage.)"""
+
+
+@contextmanager
+def one_clear_line() -> Iterator[None]:
+    """Turn what is wrong with the input into an error of one line and exit code ``UNUSABLE``."""
+    try:
+        yield
+    except BrokenPipeError:  # nobody reads on: click ends quietly
+        raise
+    except (ValueError, OSError) as error:
+        words = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            words = f"{error.filename}: {error.strerror}"
+        raise click.ClickException(" ".join(words.split())) from error
+
+
+class NameChoice(click.Choice[str]):
+    """One of several names, also written as a label; of a slip it says what was probably meant."""
+
+    def __init__(self, kind: str, names: Iterable[str]) -> None:
+        super().__init__(names)
+        self._kind = kind
+
+    def normalize_choice(self, choice: object, ctx: click.Context | None) -> str:
+        """Return a choice as an identifier."""
+        return as_identifier(str(choice))
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """Return what is wrong with a value."""
+        return unknown_name(self._kind, str(value), self.choices)
+
+
+class Assignments(click.ParamType):
+    """``name=value`` or ``name=value,name=value``, as pairs of name and number."""
+
+    name = "name=value"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[tuple[str, float]]:
+        """Return the pairs in the order given."""
+        if not isinstance(value, str):
+            return value
+        pairs = []
+        for item in value.split(","):
+            name, equals, figure = item.partition("=")
+            try:
+                pairs.append((as_identifier(name), float(figure)))
+            except ValueError:
+                equals = ""
+            if not equals or not name.strip():
+                self.fail(f"{item!r} is not name=value with a number as value", param, ctx)
+        return pairs
+
+
+def assignments_option(
+    option: str, name: str, meaning: str, kind: click.ParamType | None = None
+) -> Callable[..., Any]:
+    """Return an option that may be repeated: its pairs as one mapping, each name only once."""
+
+    def merged(
+        _: click.Context, __: click.Parameter, groups: tuple[list[tuple[str, float]], ...]
+    ) -> dict[str, float]:
+        values: dict[str, float] = {}
+        for key, value in (pair for group in groups for pair in group):
+            if key in values:
+                raise click.UsageError(f"{option}: {key} is given more than once")
+            values[key] = value
+        return values
+
+    return click.option(
+        option, name, type=kind or Assignments(), multiple=True, callback=merged, help=meaning
+    )
+
+
+def network_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the option ``--network``; its function has an argument of that name."""
+    return click.option(
+        "--network",
+        is_flag=True,
+        help="Let nodes find, and be found by, nodes on other machines, as ROS's own variables "
+        "allow; without it nodes stay on this machine.",
+    )(command)

@@ -1,0 +1,89 @@
+"""Where a command may write: never onto what it reads, and onto nothing else unless forced."""
+
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+if TYPE_CHECKING:
+    from ema_bags.writer import BagWriter
+
+BAG_TO_WRITE: Final = "Bag to write: one file if it ends in .mcap, else a folder"
+"""Meaning of the option ``output`` of commands that write a bag."""
+
+REPLACE_OPTION: Final = click.option(
+    "--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there."
+)
+
+
+def output_option(
+    meaning: str, *, required: bool = True, dir_okay: bool = True, **more: Any
+) -> Callable[..., Any]:
+    """Return the option ``output``, a path to write."""
+    return click.option(
+        "-o",
+        "--output",
+        required=required,
+        type=click.Path(path_type=Path, dir_okay=dir_okay),
+        help=f"{meaning}.",
+        **more,
+    )
+
+
+def require_apart(output: Path, inputs: Iterable[Path]) -> None:
+    """Refuse an output that is an input, or a file of one that is a folder, by whatever name."""
+    if not output.exists():
+        return
+    for path in filter(Path.exists, inputs):
+        members = path.iterdir() if path.is_dir() else ()
+        if any(output.samefile(item) for item in (path, *members)):
+            raise ValueError(f"{output} is the input {path} itself: give another name")
+
+
+def require_free(output: Path, inputs: Iterable[Path], *, overwrite: bool) -> None:
+    """Refuse an output that is an input, or any other file unless it is to be replaced."""
+    require_apart(output, inputs)
+    if not overwrite and (output.exists() or output.is_symlink()):
+        raise ValueError(f"{output} is there already: --replace replaces it")
+
+
+def _as_stamp(_: click.Context, __: click.Parameter, moment: datetime) -> int:
+    """Return a date and time in UTC as nanoseconds; messages have no stamps after January 2038."""
+    if not 1970 <= moment.year < 2038:
+        raise click.BadParameter(f"{moment:%Y-%m-%d}: expected a date from 1970 to 2037")
+    return int(moment.replace(tzinfo=UTC).timestamp()) * 1_000_000_000
+
+
+START_OPTION: Final = click.option(
+    "--start",
+    "start_ns",
+    type=click.DateTime(),
+    metavar="DATE",
+    default="1970-01-01",
+    callback=_as_stamp,
+    help="Time of the first cycle (UTC), as 2026-03-01 or 2026-03-01T08:30:00; each bag of a unit "
+    "needs its own.",
+)
+
+
+@contextmanager
+def new_bag(path: Path, *, overwrite: bool = False) -> Iterator["BagWriter"]:
+    """Give a bag to write to; nothing is left of one that could not be written."""
+    from ema_bags.writer import BagWriter  # ROS only where a bag is written
+
+    try:
+        with BagWriter(path, overwrite=overwrite) as bag:
+            yield bag
+    except FileExistsError as error:
+        hint = "" if overwrite else ": --replace replaces a recording"
+        raise ValueError(f"{error}{hint}") from error
+    except OSError as error:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error

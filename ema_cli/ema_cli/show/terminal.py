@@ -1,0 +1,52 @@
+"""What a terminal shows: levels by word, shape and colour, and a table that is renewed."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, Self
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+
+SHAPES: Final[Mapping[int, str]] = MappingProxyType({OK: "●", WARN: "▲", ERROR: "■", STALE: "○"})
+COLOURS: Final[Mapping[int, str]] = MappingProxyType(
+    {OK: "green", WARN: "yellow", ERROR: "bold red", STALE: "bright_black"}
+)
+"""On a terminal."""
+
+
+def level_in_words(level: int) -> str:
+    """Return shape and name of a level."""
+    return f"{SHAPES[level]} {LEVEL_NAMES[level]}"
+
+
+class TerminalDisplay:
+    """Shows a table in place where there is a terminal; to be used under ``with``."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or Console()
+        self._live = Live(console=self._console, auto_refresh=False)
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._console.is_terminal:
+            self._live.stop()
+
+    def _table(self, title: str, *below: str) -> Table:
+        """Return a table without columns so far, with lines below it that are not empty."""
+        return Table(
+            title=title,
+            title_justify="left",
+            caption="\n".join(filter(None, below)),
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            show_edge=False,
+            padding=(0, 1, 0, 0),
+        )

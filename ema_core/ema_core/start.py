@@ -1,0 +1,33 @@
+"""The start of a program: while it imports, SIGINT ends it without a traceback."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+
+@contextmanager
+def quiet_imports() -> Iterator[None]:
+    """Let SIGINT end the process at once, where Python would raise KeyboardInterrupt."""
+    before = signal.getsignal(signal.SIGINT)
+    is_main = threading.current_thread() is threading.main_thread()
+    if is_own := is_main and before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        if is_own:
+            signal.signal(signal.SIGINT, before)
+
+
+def program(module: str) -> Callable[[], Any]:
+    """Return the program whose ``main`` is in a module that takes long to import."""
+
+    def main() -> Any:
+        with quiet_imports():
+            run = import_module(module).main
+        return run()
+
+    return main

@@ -1,0 +1,135 @@
+"""Healthy windows under a measured load or of ordinary motion, and what they do not show."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.faults import N_FAULTS
+from ema_monitor.api import find_windows
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.identification.verdict import resting_on_unit
+from ema_monitor.model.deviations import N_DEVIATIONS, NAMES
+from ema_monitor.model.measured import measured_causes, taken_for_known
+from ema_monitor.windows.window import Window
+from ema_sim.api import simulate
+
+from .motion import FLAP, moved, moves, stretches_of
+from .windows import window_from
+
+LOAD = 0.3
+LOAD_TORQUE = NAMES.index("load_torque")
+
+
+@pytest.fixture(scope="module")
+def loaded() -> list[Window]:
+    """A healthy window under a load, twice."""
+    return 2 * find_windows(simulate(causes={"load_torque": LOAD}))
+
+
+def measured(windows: Sequence[Window], value: float, sigma: float = 0.01) -> list[Window]:
+    known = measured_causes({"load_torque": (value, sigma)})
+    return [replace(window, measured=known) for window in windows]
+
+
+@pytest.mark.slow
+def test_a_measured_load_is_none_of_the_unit_but_for_what_the_sensor_may_be_wrong_by(loaded):
+    """Otherwise the unit has it for good, and a window without load shows the opposite."""
+    blind = calibrate_model(loaded)
+    sure, seeing = (calibrate_model(measured(loaded, LOAD, sigma)) for sigma in (1e-4, 0.01))
+    # 1.6 % of the load is what the fit of the unit leaves.
+    assert blind.unit.load_torque == pytest.approx(LOAD, abs=0.005)
+    assert seeing.unit.load_torque == pytest.approx(0.0, abs=0.005)
+    assert seeing.unit.friction == pytest.approx(blind.unit.friction, abs=0.01)
+    variance = (
+        seeing.unit_covariance[LOAD_TORQUE, LOAD_TORQUE]
+        - sure.unit_covariance[LOAD_TORQUE, LOAD_TORQUE]
+    )
+    # An offset of the current, as far as its prior lets it, takes a fifth of it.
+    assert np.sqrt(variance) == pytest.approx(0.008, rel=0.15)
+
+
+def test_what_was_taken_for_known_is_said_with_its_range(loaded):
+    windows = [*measured(loaded, 0.3), *measured(loaded, 0.1)]
+    expected = "load torque +0.1 ± 0.01 N.m to load torque +0.3 ± 0.01 N.m in 4 windows"
+    assert taken_for_known(one.measured for one in windows) == expected
+    assert taken_for_known(one.measured for one in loaded) == ""
+
+
+def test_calibration_says_what_its_windows_did_not_show():
+    """A test cycle of a healthy unit hardly shows its play, nor viscous friction."""
+    calibration = Calibration.builtin()
+    assert calibration.not_learned == ("viscous_friction", "backlash")
+    assert str(calibration).endswith("not learned from these windows: viscous friction, backlash")
+    assert calibration.of_any_motion().not_learned == calibration.not_learned
+    unfitted = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
+    assert unfitted.not_learned == ()
+
+
+def test_fault_whose_uncertainty_is_that_of_the_unit_says_so():
+    """Half of the variance of the friction, and little of that of the backlash."""
+    steps = np.zeros((2, N_DEVIATIONS))
+    steps[0, NAMES.index("viscous_friction")] = 0.5
+    steps[1, NAMES.index("inertia")] = 0.1
+    shifts = np.zeros((N_FAULTS, 2))
+    shifts[0] = (0.015, 0.005)
+    shifts[1] = (0.005, 0.0)
+    sigma = np.full(N_FAULTS, 0.02)
+
+    def said(*not_learned: str) -> list[str]:
+        return resting_on_unit(sigma, shifts, steps, not_learned)
+
+    expected = (
+        "how well friction is known rests on the viscous friction of the unit, which its "
+        "calibration could not learn"
+    )
+    assert said("viscous_friction") == [expected]
+    assert said("inertia") == said() == []
+    # Where it is known well all the same, it does not matter.
+    assert resting_on_unit(0.1 * sigma, 0.1 * shifts, steps, ["viscous_friction"]) == []
+
+
+def test_a_dwell_is_where_the_command_rests_for_twenty_milliseconds():
+    ramp = np.linspace(0.0, 0.005, 1001)
+    command = np.concatenate([ramp, np.full(500, 0.005), ramp[::-1], np.zeros(150)])
+    moving = window_from(command).moves
+    # A sample late or early where the ramp begins: it has moved by a thousandth of its travel.
+    expected = np.ones(len(command) - 1, dtype=bool)
+    expected[1000:1500] = False
+    assert np.count_nonzero(moving != expected) <= 4
+    # The last rest of 15 ms is too short.
+    assert moving[-100:].all()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [THESIS_CHIRP, Command("sine", amplitude=0.01, start_frequency=4.0, duration=0.55)],
+    ids=["chirp", "sine"],
+)
+def test_test_cycles_do_not_dwell(command):
+    [window] = find_windows(simulate(command=command))
+    assert window.moves.all()
+
+
+def test_samples_count_by_speed_and_not_at_all_in_a_dwell():
+    [stretch, *_] = stretches_of(moved(moves(3.0, rate=0.1), load=0.0))
+    weights = stretch.weights
+    assert np.mean(weights**2) == pytest.approx(1.0, rel=1e-12)
+    assert not np.any(weights[~stretch.moves])
+    speed = np.abs(stretch.telemetry.speed[1:])
+    fast = speed > 0.8 * speed.max()
+    assert weights[fast].min() > weights[speed < 0.05 * speed.max()].max()
+
+
+@pytest.mark.slow
+def test_motion_gives_the_friction_and_lift_that_the_test_cycle_gives():
+    """Slow motion alone tells the two apart where samples count by their speed."""
+    windows = stretches_of(moved(moves(5.0, rate=0.2), load=0.0))
+    unit, of_chirp = calibrate_model(windows, FLAP).unit, Calibration.builtin().unit
+    # Without weights 0.05 and 0.05 A apart; their priors are 0.1 and 0.125 A wide.
+    assert unit.friction == pytest.approx(of_chirp.friction, abs=0.015)
+    assert unit.lift == pytest.approx(of_chirp.lift, abs=0.02)
+    assert unit.inertia == pytest.approx(of_chirp.inertia, abs=0.02)

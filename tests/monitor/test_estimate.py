@@ -1,0 +1,155 @@
+"""An estimate survives JSON exactly; its window stands beside the model's response, thinned."""
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from ema_core.causes import CauseEstimate
+from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector, healthy_faults
+from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
+from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
+from ema_monitor.windows.band import rms
+
+from .reference_cases import CASES
+from .windows import refused
+
+RNG = np.random.default_rng(3)
+ROOT = RNG.standard_normal((8, 8))
+ESTIMATE = Estimate(
+    2**62 + 1,
+    2**62 + 500_000_001,
+    "least_squares",
+    7,
+    "some-calibration",
+    FaultVector.of(RNG.random(8)),
+    ROOT @ ROOT.T,
+    np.arange(8) == 5,
+    play=-0.0,
+    fitness=5e-324,
+    goodness_of_fit=float("nan"),
+    goodness_limit=float("inf"),
+    excitation=1.0 / 3.0,
+    evaluations=200,
+    computing_time_s=0.1 + 0.2,
+    valid=True,
+    reason="Größe",
+    insignificant=np.arange(8) == 2,
+    warm_start=True,
+    calibration_windows=4,
+    verdict="degraded",
+    unexplained_share=1.0 / 7.0,
+    causes=(CauseEstimate("load_torque", 0.1 + 0.2, 1e-300), CauseEstimate("inertia", -0.05, 0.01)),
+    alternatives=(("inertia", "torque constant"), ("gain", "speed sensor gain")),
+    measured=(CauseEstimate("winding_temperature", 40.0, 1.0 / 3.0),),
+)
+
+
+@pytest.mark.parametrize(
+    "estimate",
+    [ESTIMATE, replace(ESTIMATE, play=np.float64(0.3)), refused("x")],
+)
+def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
+    text = json.dumps(estimate_record(estimate), allow_nan=False)
+    again = estimate_of(json.loads(text))
+    for item in fields(Estimate):
+        one, other = getattr(estimate, item.name), getattr(again, item.name)
+        if item.type is float or isinstance(one, np.ndarray | FaultVector):
+            # NaN has many bit patterns; everything else is compared bit by bit.
+            one, other = (np.where(np.isnan(x), 0.0, x) for x in (one, other))
+            assert one.tobytes() == other.tobytes(), item.name
+            assert one.dtype == other.dtype
+        else:
+            assert (type(one), one) == (type(other), other)
+
+
+def test_component_that_is_unobservable_is_not_called_healthy():
+    unknown = np.arange(len(FAULT_NAMES)) == 0
+    one = replace(
+        ESTIMATE, unobservable=unknown, insignificant=np.ones(len(FAULT_NAMES), dtype=bool)
+    )
+    assert one.meanings[0] == "not shown"
+    assert set(one.meanings[1:]) == {"healthy (not significant)"}
+
+
+@pytest.mark.parametrize(
+    ("cause", "said"),
+    [
+        (CauseEstimate("inertia", -0.05, 0.01), "inertia -5 ± 1 %"),
+        (CauseEstimate("current_offset", 0.1, 0.012), "current sensor offset +0.1 ± 0.012 A"),
+    ],
+)
+def test_cause_is_told_in_its_unit_and_relative_ones_in_percent(cause, said):
+    assert str(cause) == said
+
+
+def test_faults_and_flags_are_by_name():
+    record = estimate_record(ESTIMATE)
+    assert list(record["faults"]) == list(FAULT_NAMES)
+    assert record["unobservable"] == [FAULT_NAMES[5]]
+    assert record["goodness_of_fit"] is None
+    # A fault within its standard deviation is not significant, wherever it is shown.
+    faults = np.add(healthy_faults(), 0.9 * np.asarray(ESTIMATE.sigma))
+    one = replace(ESTIMATE, faults=FaultVector.of(faults))
+    assert {*estimate_record(one)["insignificant"]} == {*FAULT_NAMES} - {"eccentricity_phase"}
+
+
+@pytest.mark.parametrize("name", ["fitness", "covariance", "faults", "end_ns"])
+def test_record_without_a_field_is_refused(name: str):
+    record = estimate_record(ESTIMATE)
+    del record[name]
+    with pytest.raises((ValueError, KeyError), match=name):
+        estimate_of(record)
+
+
+@pytest.fixture(scope="module")
+def window(windows_of):
+    return windows_of(CASES["friction low"])[0]
+
+
+@pytest.fixture
+def estimate(estimates):
+    return estimates("friction low")
+
+
+def test_values_are_means_of_the_samples_at_their_time(window, estimate, calibration):
+    fit = window_fit(window, estimate, calibration)
+    each = round(fit.period / window.sample_period)
+    assert len(fit.current) <= MOST_VALUES < len(fit.current) * 2
+    assert fit.current[3] == pytest.approx(np.mean(window.current[3 * each : 4 * each]))
+    assert fit.position[0] == pytest.approx(np.mean(window.telemetry.position[1 : each + 1]))
+    # Its first value is the mean of samples 1 to each, whose middle it stands at.
+    assert fit.start == pytest.approx(window.sample_period * (each + 1) / 2)
+
+
+def test_model_at_the_estimate_is_nearer_to_the_window_than_a_wrong_one(
+    window, estimate, calibration
+):
+    fit = window_fit(window, estimate, calibration)
+    wrong = replace(estimate, faults=type(estimate.faults).of(fault_vector({})))
+    other = window_fit(window, wrong, calibration)
+    # Friction of 0.25 moves the current by much more than noise and mismatch do.
+    assert 3.0 * rms(fit.current - fit.estimated_current) < rms(
+        other.current - other.estimated_current
+    )
+    assert rms(fit.speed - fit.estimated_speed) < 0.1 * rms(fit.speed)
+
+
+def test_refused_window_shows_what_was_measured_and_no_model(window, calibration):
+    fit = window_fit(window, refused("too much noise"), calibration)
+    assert np.isfinite(fit.current).all()
+    assert np.isnan(fit.estimated_current).all()
+    assert np.isnan(fit.estimated_speed).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("load_torque", 0.05), ("command_delay", 1e-3), ("position_gain", 0.05)]
+)
+def test_hidden_causes_are_part_of_the_expected_response(
+    window, estimate, calibration, name, value
+):
+    cause = CauseEstimate(name, value, 1e-4)
+    without = window_fit(window, estimate, calibration)
+    with_it = window_fit(window, replace(estimate, causes=(cause,)), calibration)
+    assert rms(with_it.estimated_current - without.estimated_current) > 1e-3
