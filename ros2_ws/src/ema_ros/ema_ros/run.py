@@ -1,5 +1,6 @@
 """The main of a node: it brings itself up, and ends in an orderly way when it is asked to."""
 
+import ctypes
 import logging
 import os
 import signal
@@ -23,6 +24,9 @@ from ema_ros.managed_node import ManagedNode
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 _PATIENCE_S: Final = 1.0
 _POLL_S: Final = 0.05
+_M_TRIM_THRESHOLD: Final = -1
+_M_MMAP_THRESHOLD: Final = -3
+_MAPPED_ALONE_BYTES: Final = 4 << 20
 
 
 def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> int:
@@ -38,11 +42,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     int
         Exit code of the process: 0, or 1 when the node did not come up or failed.
     """
-    with suppress(OSError, UnicodeDecodeError):
-        # rmw_fastrtps has to be asked to use the memory policies of a profile.
-        profile = Path(os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).read_text("utf-8")
-        if 'profile_name="memory_given_back"' in profile:
-            os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
+    _give_memory_back()
     stop_signals: list[int] = []
     for number in _SIGNALS:
         # An event could be in the middle of a wait here, and its lock taken.
@@ -67,6 +67,20 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     rclpy.shutdown()
     _end_if_stuck(node.exit_code)
     return node.exit_code
+
+
+def _give_memory_back() -> None:
+    """Let the memory of a large message go back to the system when the message is gone."""
+    with suppress(OSError, UnicodeDecodeError):
+        # rmw_fastrtps has to be asked to use the memory policies of a profile.
+        profile = Path(os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).read_text("utf-8")
+        if 'profile_name="memory_given_back"' in profile:
+            os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
+    # glibc would raise these limits with the first large block it frees, and keep later ones.
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None:
+        set_option(_M_MMAP_THRESHOLD, _MAPPED_ALONE_BYTES)
+        set_option(_M_TRIM_THRESHOLD, 2 * _MAPPED_ALONE_BYTES)
 
 
 def _serve(node: ManagedNode, stop_signals: list[int]) -> None:
