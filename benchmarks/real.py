@@ -4,15 +4,17 @@
 
 FOLDER holds `ball_screw*.parquet` (Cranfield, CORD 5097649; a ball screw of 5 mm lead in three
 loads, healthy and with twelve seeded faults) and `aircraft_ema*.parquet` (project REPRISE; sixteen
-tests over six months, to the jam). Whole trials are left out: a healthy test is judged by the other
-healthy trials, a state's by all of them; labelled states by the other trials of all states. Tests
-of the aircraft are judged by those before them, the first four as reference.
+tests over six months, to the jam). Each trial is imported, and diagnosed by a calibration of the
+healthy trials of its load, as a monitor does it. Whole trials are left out: a healthy one is judged
+by the others; labelled states by the other trials of all states. Tests of the aircraft are judged
+by those before them, the first four as reference.
 """
 
 from collections import defaultdict
 from collections.abc import Iterator
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import click
@@ -23,12 +25,25 @@ from rich.table import Table
 from script import Figures, Workers, command
 from targets import Row, at_least, grid, none_of, percent, share_at_least
 
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.importing import import_series
+from ema_bags.inputs.mapping import load_mapping
 from ema_core.telemetry import Telemetry
+from ema_monitor.calibrations import calibrate
+from ema_monitor.diagnosis import Diagnosed, diagnose
+from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.normal.features import Part, mean_of, parts_of
+from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.normal.moves import Move, MoveSeries
-from ema_monitor.normal.normal import DEPARTED, HealthyTest, Normal
+from ema_monitor.normal.normal import DEPARTED, HealthyTest
 from ema_monitor.normal.states import NONE_OF_THESE, LabelledTest, States, kinds
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_ros.actuator_file import load_description
 
+SAMPLE: Final = Path(__file__).parents[1] / "bags" / "real"
+MAPPING: Final = load_mapping(SAMPLE / "mapping.yaml")
 LEAD_MM: Final = 5.0
 PERIOD_S: Final = 0.04
 HEALTHY: Final = "normal"
@@ -49,35 +64,68 @@ Test = tuple[str, int, int]
 """State, load [kg] and trial."""
 
 
-def ball_screw_tests(folder: Path) -> dict[Test, list[Part]]:
-    """Return the figures of each cycle, by trial."""
+def ball_screw_trials(folder: Path) -> dict[Test, pd.DataFrame]:
+    """Return the records of each trial."""
     frame = pd.concat([pd.read_parquet(path) for path in sorted(folder.glob("ball_screw*"))])
     frame["state"] = frame["state"].astype(str)
-    turn = 2.0 * np.pi / LEAD_MM
-    found = {}
-    for test, trial in frame.groupby(["state", "load_kg", "trial"]):
-        parts = []
-        for _, cycle in trial.groupby("repetition"):
-            command = turn * cycle["set_point_mm"].to_numpy(float)
-            error = turn * cycle["position_error_mm"].to_numpy(float)
-            current = cycle["current_a"].to_numpy(float)
-            parts.append(Telemetry(0, PERIOD_S, 0, command, current, command - error, np.empty(0)))
-        found[test] = parts_of(parts)
-    return found  # pyright: ignore[reportReturnType]
+    return dict(iter(frame.groupby(["state", "load_kg", "trial"])))  # pyright: ignore
 
 
-def departures(tests: dict[Test, dict[str, float]]) -> dict[str, dict[str, list[float]]]:
-    """Return the probability of each test for a healthy unit, by state and load."""
-    found: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for (state, load, trial), features in tests.items():
+def cycles(trial: pd.DataFrame) -> list[Part]:
+    """Return the figures of each cycle of a trial."""
+    turn, parts = 2.0 * np.pi / LEAD_MM, []
+    for _, cycle in trial.groupby("repetition"):
+        command = turn * cycle["set_point_mm"].to_numpy(float)
+        error = turn * cycle["position_error_mm"].to_numpy(float)
+        current = cycle["current_a"].to_numpy(float)
+        parts.append(Telemetry(0, PERIOD_S, 0, command, current, command - error, np.empty(0)))
+    return parts_of(parts)
+
+
+def stretches(trial: pd.DataFrame) -> list[Segment]:
+    """Return the stretches of motion in a trial, imported as its owner would."""
+    trial = trial.sort_values(["repetition", "sample"])
+    with TemporaryDirectory() as folder:
+        table = Path(folder) / "trial.csv"
+        trial.assign(time_s=PERIOD_S * np.arange(len(trial))).to_csv(table, index=False)
+        series = InputFile(table, MAPPING).series(MAPPING)
+        imported = import_series(series, MAPPING, load_description(SAMPLE / "actuator.yaml"))
+        finder = WindowFinder(TriggerSettings(windows=ANY_MOTION), imported.description)
+        blocks = [finder.feed(block) for block in imported.blocks()]
+        events = chain(*blocks, finder.finish())
+        return [one for one in events if isinstance(one, Segment)]
+
+
+def diagnosed(trials: dict[Test, list[Segment]]) -> dict[str, dict[str, list[Any]]]:
+    """Return of each trial, by state and load: how likely it is for a healthy unit, and verdicts.
+
+    A verdict is "fault" where a valid estimate has one.
+    """
+    found: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    for (state, load, trial), segments in trials.items():
         healthy = [
-            HealthyTest(0, one)
-            for (other, at, number), one in tests.items()
+            one.window
+            for (other, at, number), some in trials.items()
             if (other, at) == (HEALTHY, load) and (state != HEALTHY or number != trial)
+            for one in some
+            if isinstance(one.window, Window)
         ]
-        departure = Normal(healthy).departure(HealthyTest(0, features))
-        found[state][str(load)].append(departure.probability)
+        calibration = calibrate(healthy, segments[0].description)
+        windows = [one.window for one in segments if isinstance(one.window, Window)]
+        parts = [part for one in windows for part in figures_of(one.telemetry)]
+        departure = calibration.normal.departure(windows[0].start_ns, parts)
+        verdicts = []
+        for one in diagnose(segments, calibration, combining=CombinationSettings()):
+            if isinstance(one, Diagnosed):
+                is_fault = one.estimate.valid and bool(np.any(one.estimate.found))
+                verdicts.append("fault" if is_fault else one.estimate.verdict)
+        found[state][str(load)].append([departure.probability if departure else 1.0, verdicts])
     return {state: dict(by_load) for state, by_load in found.items()}
+
+
+def is_found(trial: list[Any]) -> bool:
+    """Return whether a trial departs or has a fault, by one of its estimates."""
+    return bool({"departed", "fault"} & set(trial[1]))
 
 
 def ranked(tests: dict[Test, dict[str, float]]) -> dict[str, float]:
@@ -147,10 +195,11 @@ def aircraft(path: Path) -> list[Figures]:
 
 def measure(_: Workers, folder: Path, picture: Path | None = None) -> Figures:
     """Print what a unit's own normal shows of the records in FOLDER."""
-    parts = ball_screw_tests(folder)
+    trials = ball_screw_trials(folder)
+    parts = {key: cycles(trial) for key, trial in trials.items()}
     tests = {key: mean_of(one)[1] for key, one in parts.items()}
     figures: Figures = {
-        "departures": departures(tests),
+        "trials": diagnosed({key: stretches(trial) for key, trial in trials.items()}),
         "ranked": ranked(tests),
         "states": labelled(parts),
         "aircraft": {path.stem: aircraft(path) for path in sorted(folder.glob("aircraft_ema*"))},
@@ -162,14 +211,13 @@ def measure(_: Workers, folder: Path, picture: Path | None = None) -> Figures:
 
 def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    found = figures["departures"]
-    healthy = [value for values in found[HEALTHY].values() for value in values]
-    alarms = sum(value < DEPARTED for value in healthy)
-    yield none_of(f"false alarms of {len(healthy)} healthy trials", alarms)
+    found = figures["trials"]
+    healthy = [is_found(one) for some in found[HEALTHY].values() for one in some]
+    yield none_of(f"false alarms of {len(healthy)} healthy trials", sum(healthy))
     for state, (loads, least) in FOUND.items():
-        departed = [one < DEPARTED for load in loads for one in found[state].get(str(load), [])]
+        some = [is_found(one) for load in loads for one in found[state].get(str(load), [])]
         where = ", ".join(map(str, loads))
-        yield share_at_least(f"{state} departs at {where} kg", departed, least)
+        yield share_at_least(f"{state} found at {where} kg", some, least)
     for load, share in figures["ranked"].items():
         yield at_least(f"lubrication 1 below 2 at {load} kg, pairs [%]", 100.0 * share, 90.0)
     for number, wanted in RIGHT.items():
@@ -202,18 +250,18 @@ def _aircraft_rows(name: str, told: list[Figures]) -> Iterator[Row]:
 def tables(figures: Figures) -> Iterator[Table]:
     """Return what is printed below the targets."""
     yield grid(
-        "trials that depart",
+        "trials that depart or have a fault",
         ("state", *(f"{load} kg" for load in LOADS)),
         (
             (
                 state,
                 *(
-                    f"{sum(one < DEPARTED for one in cell)} of {len(cell)}"
+                    f"{sum(map(is_found, cell))} of {len(cell)}"
                     for load in LOADS
                     for cell in [by_load.get(str(load), [])]
                 ),
             )
-            for state, by_load in figures["departures"].items()
+            for state, by_load in figures["trials"].items()
         ),
     )
     for name, told in figures["aircraft"].items():
@@ -236,10 +284,10 @@ def draw(figures: dict[str, Any], path: Path) -> None:
     picture, (left, right) = plt.subplots(
         1, 2, figsize=(12.0, 4.6), layout="constrained", width_ratios=(3, 2)
     )
-    states = list(figures["departures"])
+    states = list(figures["trials"])
     for load, marker, colour in zip(LOADS, "o^s", ("C0", "C1", "C2"), strict=True):
         for at, state in enumerate(states):
-            values = np.array(figures["departures"][state].get(str(load), []))
+            values = np.array([one[0] for one in figures["trials"][state].get(str(load), [])])
             size = -np.log10(np.clip(values, 1e-12, 1.0))
             offset = 0.22 * (LOADS.index(load) - 1)
             label = f"{load} kg" if at == 0 else None

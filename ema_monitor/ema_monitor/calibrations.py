@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -13,6 +14,7 @@ from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.calibration.stored import is_calibration_file
 from ema_monitor.current_balance.calibrating import calibrate_unknown
 from ema_monitor.current_balance.unit import UnknownDriveUnit
+from ema_monitor.normal.healthy_windows import HealthyWindows
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | UnknownDriveUnit
@@ -67,9 +69,12 @@ def calibrate(
         impossibly far from its description.
     """
     description = description or ActuatorDescription()
+    made: AnyCalibration
     if description.drive == "unknown":
-        return calibrate_unknown(windows, description)
-    return calibrate_model(windows, description, form)
+        made = calibrate_unknown(windows, description)
+    else:
+        made = calibrate_model(windows, description, form)
+    return replace(made, normal=HealthyWindows.of(one.telemetry for one in windows))
 
 
 class CalibrationStore:

@@ -1,27 +1,32 @@
 """Diagnosis of one actuator: windows and stretches of motion in, estimates of its faults out."""
 
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import fault_vector
+from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.current_balance.combining import CurrentCombination
 from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
 from ema_monitor.model.measured import measured_causes
+from ema_monitor.normal.features import Part
+from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+_EXPLAINS: Final = 2.0
+"""Standard deviations from healthy beyond which a fault or a cause explains what departs."""
 
 
 def _identified(
@@ -34,12 +39,51 @@ def _identified(
 ) -> Generator[Generation, None, Estimate]:
     """Yield the state after each generation, and return the estimate of any drive."""
     if isinstance(calibration, UnknownDriveUnit):
-        return identify_by_current(window, description, calibration, settings, force=force)
-    faults = None if previous is None else fault_vector(previous)
-    found = yield from ModelIdentification(
-        window, description, calibration, settings, force, faults
-    ).run()
-    return found.estimate
+        found = identify_by_current(window, description, calibration, settings, force=force)
+    else:
+        faults = None if previous is None else fault_vector(previous)
+        result = yield from ModelIdentification(
+            window, description, calibration, settings, force, faults
+        ).run()
+        found = result.estimate
+    return _judged(found, _figures(window, calibration), calibration, description)
+
+
+def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[Part]:
+    """Return the figures of a window, if there is a normal to compare them with.
+
+    Where a cause was measured they may be another load's, and say nothing.
+    """
+    if isinstance(window, Refusal) or isinstance(calibration, str) or window.measured:
+        return []
+    return figures_of(window.telemetry) if calibration.normal.parts else []
+
+
+def _judged(
+    estimate: Estimate,
+    parts: Sequence[Part],
+    calibration: AnyCalibration | str,
+    description: ActuatorDescription,
+) -> Estimate:
+    """Return an estimate as departed where the motion does and nothing that was found explains it.
+
+    A window that is refused is judged, too, unless it is of another unit.
+    """
+    if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
+        return estimate
+    far = np.abs(np.subtract(estimate.faults, healthy_faults())) > _EXPLAINS * np.asarray(
+        estimate.sigma
+    )
+    causes = any(abs(one.value) > _EXPLAINS * one.sigma for one in estimate.causes)
+    if estimate.valid and (np.any(estimate.found & far) or causes):
+        return estimate
+    departure = calibration.normal.departure(estimate.start_ns, parts)
+    if departure is None or not departure.is_significant:
+        return estimate
+    if not estimate.valid and calibration.unit_mismatch(description):
+        return estimate
+    words = filter(None, [f"{departure}; no fault explains it", estimate.reason])
+    return replace(estimate, verdict=DEPARTED, reason="; ".join(words))
 
 
 class Identification:
@@ -185,6 +229,9 @@ class Diagnosis:
         # Description and calibration of the last valid estimate, and its faults.
         self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
         self._combination: Combining | None = None
+        # Figures of the stretches since the last estimate.
+        self._parts: list[Part] = []
+        self._calibration: AnyCalibration | str = ""
         self._key: tuple[object, ...] = ()
         self._described: ActuatorDescription | None = None
         self._combined = 0
@@ -278,10 +325,14 @@ class Diagnosis:
                 )
             yield from self.finish()
             self._combination, self._key, self._described = new, key, description
+            self._calibration = calibration
+        self._parts += _figures(found.window, calibration)
         for one in self._combination.add(found.window):
             yield self._numbered(description, one) if isinstance(one, Estimate) else one
 
     def _numbered(self, description: ActuatorDescription, estimate: Estimate) -> Diagnosed:
+        estimate = _judged(estimate, self._parts, self._calibration, description)
+        self._parts = []
         self.begin_at(description, estimate)
         self._combined += 1
         return Diagnosed(self._combined - 1, self._looked_at, description, estimate)

@@ -10,7 +10,7 @@ import numpy as np
 from ema_core.faults import FAULT_NAMES, FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
-from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate
+from ema_monitor.identification.estimate import CURRENT_DRIVEN, DEPARTED, Estimate
 from ema_monitor.identification.settings import MOST_UNEXPLAINED
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"
@@ -168,12 +168,13 @@ def assess(
 
     Notes
     -----
-    WARN when the lower 95 % bound of a fault exceeds a share of its limit, ERROR when its value
-    exceeds the limit. The direction of eccentricity is no fault. The confidence is the share of
-    observable faults. Where the goodness of fit exceeds half its limit it is reduced, by the excess
-    or by the unexplained share, whichever reduces less; at both limits it is zero. A fault that the
-    estimate sets to healthy, and that was tracked there, has the smaller sigma of both. A value
-    that is held until the next test, and by itself would be WARN or ERROR, is WARN.
+    WARN when the lower 95 % bound of a fault exceeds a share of its limit, or the estimate has
+    departed; ERROR when a fault's value exceeds the limit. The direction of eccentricity is no
+    fault. The confidence is the share of observable faults. Where the goodness of fit exceeds half
+    its limit it is reduced, by the excess or by the unexplained share, whichever reduces less; at
+    both limits it is zero. A fault that the estimate sets to healthy, and that was tracked there,
+    has the smaller sigma of both. A value that is held until the next test, and by itself would be
+    WARN or ERROR, is WARN.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -193,10 +194,13 @@ def assess(
     fit = np.interp(goodness, [limit / 2.0, limit], [1.0, 0.0])
     if np.isfinite(estimate.unexplained_share):
         fit = max(fit, 1.0 - estimate.unexplained_share / MOST_UNEXPLAINED)
+    level, severity = worst.level if worst else STALE, _grade(worst)
+    if estimate.verdict == DEPARTED and level in (OK, STALE):
+        level, severity = WARN, 1
     health = Health(
-        level=worst.level if worst else STALE,
+        level=level,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),
-        severity=_grade(worst),
+        severity=severity,
         confidence=float(fit) * (1.0 - len(unknown) / len(faults)),
         dominant_fault=worst.name if worst and worst.level != OK else "",
         faults=faults,

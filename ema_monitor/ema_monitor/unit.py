@@ -14,7 +14,7 @@ from ema_core.faults import ECCENTRICITY_PHASE
 from ema_core.levels import ERROR, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import FAILED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
@@ -157,6 +157,9 @@ class Unit:
                 cycles = len(self.history.unused) + is_new
                 flown = self.history.unused_duty + flown
                 entry, findings = self._entry(estimate, cycles, count, flown)
+                had_it = latest is not None and latest.estimate.verdict == DEPARTED
+                if estimate.verdict == DEPARTED and not had_it:
+                    findings.append(Finding(FAULT, estimate.reason))
                 try:
                     findings += self.growth.add(entry)
                 except Exception:
@@ -195,10 +198,10 @@ class Unit:
         if self._by_valid is None:
             self._by_valid = self._outlook(parameters)
         outlook = self._claimed(self._by_valid)
-        had_failed = isinstance(before, UnusedCycle) and before.verdict == FAILED
-        if not outlook.failure or had_failed:
+        had_it = isinstance(before, UnusedCycle) and before.verdict == estimate.verdict
+        if estimate.verdict not in (FAILED, DEPARTED) or had_it:
             return outlook
-        event = UnitEvent(estimate.end_ns, outlook.hours, FAULT, outlook.failure)
+        event = UnitEvent(estimate.end_ns, outlook.hours, FAULT, estimate.reason)
         return replace(outlook, events=(event,))
 
     def _add_late(

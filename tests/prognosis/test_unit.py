@@ -11,9 +11,10 @@ import pytest
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.health import HealthLimits, assess
+from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.history_entry import FAULT, Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
@@ -328,6 +329,34 @@ def test_one_count_too_high_raises_no_alarm(is_worn: bool):
     single = assess(prognostics.history.entries[20].estimate, HealthLimits())
     assert outlooks[20].health.faults == single.faults
     assert outlooks[20].health.health_index == single.health_index > 0.7
+
+
+def after(*tests: Estimate) -> list[Outlook]:
+    """What is said after each test of a new unit."""
+    found = Unit(History(*UNIT), TEN_HOURS).follow(tests, None, TEN_HOURS)
+    return [outlook for _, outlook in found if outlook is not None]
+
+
+def departed(number: int, *, valid: bool = True) -> Estimate:
+    words = "departed (0.001 for a healthy test): the current is rough; no fault explains it"
+    return replace(made_test(number, valid=valid), verdict=DEPARTED, reason=words)
+
+
+@pytest.mark.parametrize("valid", [True, False])
+def test_departure_that_no_fault_explains_is_a_warning_and_one_event(valid: bool):
+    tests = [made_test(0), departed(1, valid=valid), departed(2, valid=valid), made_test(3)]
+    outlooks = after(*tests)
+    assert [one.health.level for one in outlooks] == [OK, WARN, WARN, OK]
+    assert "the current is rough" in cause_of_level(outlooks[1])
+    kinds = [[event.kind for event in one.events if event.kind == FAULT] for one in outlooks]
+    assert kinds == [[], [FAULT], [], []]
+
+
+def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
+    (first,) = after(departed(0, valid=False))
+    assert (first.health.level, first.known_level) == (WARN, WARN)
+    _, last = after(made_test(0, friction=0.8), departed(1, valid=False))
+    assert (last.health.level, last.health.reason) == (ERROR, departed(1).reason)
 
 
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):

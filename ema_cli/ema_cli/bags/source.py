@@ -20,12 +20,6 @@ from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import MIN_TRAVEL
 
-CONDITION_OPTION: Final = click.option(
-    "--condition",
-    default="",
-    help='What has to be alike and is not in the telemetry, such as a load: "20 kg".',
-)
-"""Of the commands that compare a test with a unit's own normal."""
 ACTUATOR_OPTION: Final = click.option(
     "--actuator",
     "actuator_file",

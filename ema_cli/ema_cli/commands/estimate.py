@@ -16,12 +16,12 @@ from rich.table import Column, Table
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying, as_object
-from ema_cli.bags.source import CONDITION_OPTION, identifiable_windows
+from ema_cli.bags.source import identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS, INDICES
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import FAILED, SKIPPED, VERDICTS, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, VERDICTS, Estimate
 from ema_monitor.windows.window import MIN_TRAVEL
 
 _NOTHING: Final = "no significant fault"
@@ -31,43 +31,22 @@ _REASON_WIDTH: Final = 90
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @settings_options(Identifying, more=[ALGORITHM_OPTION])
-@click.option(
-    "--normal",
-    "normal_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="File of `ema normal learn`: report what departs and is no fault.",
-)
-@CONDITION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print a list, an object a window.")
 @click.option("-v", "--verbose", is_flag=True, help="Print a table a window.")
-def estimate(
-    bag: Path,
-    given: Identifying,
-    normal_file: Path | None,
-    condition: str,
-    as_json: bool,
-    verbose: bool,
-) -> None:
+def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> None:
     """Name the faults in each window of BAG, with their uncertainty.
 
     A single window is shown as a table; of several there is a line each, and a summary. With
     --any-motion, stretches of ordinary motion are combined until the faults are known as well as
     wanted: there is a line for each combination, with the faults that the motion does not show.
-    With --normal, exit code 3 also means a departure that no fault explains.
+    Exit code 3 means that a window is refused, or departs from the healthy ones of the calibration
+    and no fault explains it.
     """
     calibration = given.calibration()
     found = identifiable_windows(bag, given)
     estimates = given.estimate(found.windows, calibration)
-    checked, more = None, {}
-    if normal_file is not None:
-        from ema_cli.bags.named_tests import as_mapping, read_test
-        from ema_monitor.normal.unit_normal import UnitNormal
-
-        test = read_test(bag, given.actuator_id, "", condition)
-        checked = UnitNormal.load(normal_file).check(test)
-        more = {"normal": as_mapping(checked)}
     if as_json:
-        click.echo(json.dumps([as_object(e, found) | more for e in estimates], indent=2))
+        click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
     else:
         click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
         for number, one in enumerate(estimates):
@@ -79,14 +58,9 @@ def estimate(
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
-    explained = any(one.valid and _significant(one) for one in estimates)
-    if checked is not None and not as_json:
-        words = "the faults above explain it" if explained else "no fault explains it"
-        click.echo(f"normal: {checked}{f'; {words}' if checked.departed else ''}")
-    is_normal = checked is None or explained or (checked.departure and not checked.departed)
     # A recording of a live system ends anywhere: that its last window is cut off is no failure.
-    looked_at = [one.valid for one in estimates if one.verdict != SKIPPED]
-    if not looked_at or not all(looked_at) or not is_normal:
+    looked_at = [one for one in estimates if one.verdict != SKIPPED]
+    if not looked_at or not all(one.valid and one.verdict != DEPARTED for one in looked_at):
         sys.exit(REFUSED)
 
 
@@ -105,8 +79,9 @@ def _line(number: int, one: Estimate, found: BagWindows) -> str:
     place = f"{number:4d} {found.seconds(one.start_ns):10.2f} s"
     if one.stretches:
         place += f" to {found.seconds(one.end_ns):.2f} s, {counted(one.stretches, 'stretch')}"
-    if not one.valid:
-        return f"{place}  refused  {shorten(one.reason, _REASON_WIDTH, placeholder=' ...')}"
+    if not one.valid or one.verdict == DEPARTED:
+        verdict = DEPARTED if one.verdict == DEPARTED else "refused"
+        return f"{place}  {verdict:8s} {shorten(one.reason, _REASON_WIDTH, placeholder=' ...')}"
     faults = [
         f"{FAULTS[i].label} {one.faults[i]:.4f} ± {one.sigma[i]:.4f}" for i in _significant(one)
     ]
@@ -125,7 +100,7 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     """Return how many windows are valid, why others are not, and the largest faults, in lines."""
     valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
     counts = Counter(one.verdict for one in estimates)
-    named = [name for name in VERDICTS if counts[name] or name not in (FAILED, SKIPPED)]
+    named = [name for name in VERDICTS if counts[name] or name not in (FAILED, SKIPPED, DEPARTED)]
     verdicts = ", ".join(f"{counts[name]} {name}" for name in named)
     what = "estimate" if any(one.stretches for one in estimates) else "window"
     lines = [f"{counted(len(estimates), what)}: {verdicts}"]

@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.bags.named_tests import as_mapping, read_test
-from ema_cli.bags.source import CONDITION_OPTION
 from ema_cli.options import REFUSED
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -18,6 +17,11 @@ from ema_monitor.normal.unit_normal import HEALTHY, UnitNormal
 _file = click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 _bags = click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
 _actuator_id = click.option("--actuator-id", help="Which actuator, where a bag holds several.")
+_condition = click.option(
+    "--condition",
+    default="",
+    help='What has to be alike and is not in the telemetry, such as a load: "20 kg".',
+)
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
@@ -35,7 +39,7 @@ def normal() -> None:
 @_file
 @_bags
 @click.option("--state", default=HEALTHY, show_default=True, help="State of the unit in the tests.")
-@CONDITION_OPTION
+@_condition
 @_actuator_id
 def learn(
     file: Path, bags: tuple[Path, ...], state: str, condition: str, actuator_id: str | None
@@ -59,7 +63,7 @@ def learn(
 @normal.command()
 @_file
 @_bags
-@CONDITION_OPTION
+@_condition
 @_actuator_id
 @_json
 def check(

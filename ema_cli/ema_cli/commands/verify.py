@@ -88,6 +88,7 @@ class _Recorded(NamedTuple):
     search: SearchSettings
     warm_start: bool
     stretches: int
+    valid: bool
 
     @classmethod
     def of_message(cls, message: Any) -> "_Recorded":
@@ -101,12 +102,13 @@ class _Recorded(NamedTuple):
         return cls(number, one.start_ns, one.end_ns, one.verdict, one.faults, *_made_by(one))
 
 
-def _made_by(one: Any) -> tuple[str, SearchSettings, bool, int]:
+def _made_by(one: Any) -> tuple[str, SearchSettings, bool, int, bool]:
     """Return what made an estimate, of which a message has the same names."""
     search = SearchSettings(
         algorithm=one.algorithm, seed=int(one.seed), goodness_limit=one.goodness_limit
     )
-    return one.calibration_id, search, bool(one.warm_start), int(one.stretches)
+    made = one.calibration_id, search, bool(one.warm_start), int(one.stretches)
+    return *made, bool(one.valid)
 
 
 @click.command()
@@ -224,7 +226,7 @@ def _made_again(
     previous: _Recorded | None = None
     for one in tests:
         told, before = Verified(actuator_id, one.number), previous
-        previous = one if one.verdict in ("valid", "degraded") else previous
+        previous = one if one.valid else previous
         window = windows.get((one.start_ns, one.end_ns))
         calibration = calibrations.get(one.calibration_id)
         is_there = before is not None and before.calibration_id == one.calibration_id

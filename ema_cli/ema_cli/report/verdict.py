@@ -16,7 +16,7 @@ from ema_core.faults import FAULT_BY_NAME, FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import FAILED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, RequirementLimits
@@ -253,6 +253,8 @@ def _after_the_last_test(course: Course) -> list[str]:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
     if last.verdict == FAILED:
         return []
+    if last.verdict == DEPARTED:
+        return [f"Look at the unit: the last test {last.reason}."]
     if not last.valid:
         return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
     actions = []

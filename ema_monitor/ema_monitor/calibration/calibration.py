@@ -19,6 +19,7 @@ from ema_monitor.calibration.alignment import moved, shift_if_same
 from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
+from ema_monitor.normal.healthy_windows import HealthyWindows
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
@@ -103,6 +104,8 @@ class Calibration(StoredCalibration):
         is unknown.
     acquisition
         How the telemetry of the windows was acquired.
+    normal
+        Figures of the windows, which show what departs; empty when they were not taken.
 
     Raises
     ------
@@ -131,6 +134,7 @@ class Calibration(StoredCalibration):
     travel_ratio: float = math.nan
     law_offset: float = math.nan
     acquisition: Acquisition = USUAL
+    normal: HealthyWindows = field(default=HealthyWindows(), repr=False)
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -334,6 +338,7 @@ class Calibration(StoredCalibration):
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
         # What is usual is left out.
+        del content["normal"]
         for name in _unused_by(self.form):
             del content["parameters"][name]
         if self.acquisition == USUAL:

@@ -115,6 +115,7 @@ def calibrate_model(
     correction, speed_correction = mean = _mean_missed(of_first, model)
     healthy_rms, healthy_speed_rms = _scatter(of_first, model, mean, h)
     model_rms, model_speed_rms = _uncorrected(by_command, model, h)
+    relations = _relations(windows, parameters)
     return Calibration(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -132,8 +133,9 @@ def calibrate_model(
         model_rms=model_rms,
         model_speed_rms=model_speed_rms,
         windows=len(windows),
+        travel_ratio=relations["travel_ratio"],
+        law_offset=relations["law_offset"],
         acquisition=acquisition,
-        **_relations(windows, parameters),
     )
 
 

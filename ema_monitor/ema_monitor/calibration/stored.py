@@ -16,6 +16,7 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.normal.healthy_windows import HealthyWindows
 from ema_monitor.windows.window import Window
 
 _HEAD_BYTES: Final = 200
@@ -36,11 +37,12 @@ class StoredCalibration(ABC):
     parameters: ActuatorParameters
     sample_period: float
     not_learned: Any
+    normal: HealthyWindows
 
     @cached_property
     def calibration_id(self) -> str:
         """Identity of the content: the same figures give the same name."""
-        text = json.dumps(self._as_mapping(), sort_keys=True)
+        text = json.dumps(self._content(), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
     @property
@@ -79,7 +81,7 @@ class StoredCalibration(ABC):
     def save(self, path: Path) -> None:
         """Write the calibration to a YAML file; an existing one is replaced once it is complete."""
         text = yaml.safe_dump(
-            {**self._as_mapping(), "calibration_id": self.calibration_id},
+            {**self._content(), "calibration_id": self.calibration_id},
             sort_keys=False,
             default_flow_style=None,
             width=96,
@@ -105,6 +107,8 @@ class StoredCalibration(ABC):
         made_as = entries.pop("calibration_id", None)
         del entries["format"]
         try:
+            if "normal" in entries:
+                entries["normal"] = HealthyWindows.of_mapping(entries["normal"])
             loaded = cls._of_mapping(entries)
             found = loaded.calibration_id
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
@@ -119,9 +123,14 @@ class StoredCalibration(ABC):
             )
         return loaded
 
+    def _content(self) -> dict[str, Any]:
+        """Return the content of the file but for the identity, to the last bit."""
+        normal = {"normal": self.normal.as_mapping()} if self.normal.parts else {}
+        return self._as_mapping() | normal
+
     @abstractmethod
     def _as_mapping(self) -> dict[str, Any]:
-        """Return the content of the file but for the identity, to the last bit."""
+        """Return what the kind of calibration has."""
 
     @classmethod
     @abstractmethod

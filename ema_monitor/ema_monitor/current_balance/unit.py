@@ -13,6 +13,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.current_balance.balance import number_of_terms
+from ema_monitor.normal.healthy_windows import HealthyWindows
 
 LEARNED: Final = 0.08
 """Relative standard deviation up to which the torque per ampere counts as known [-]."""
@@ -53,6 +54,8 @@ class UnknownDriveUnit(StoredCalibration):
         it.
     fastest
         Largest speed of the motor in the windows [rad/s].
+    normal
+        Figures of the windows, which show what departs; empty when they were not taken.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class UnknownDriveUnit(StoredCalibration):
     play: float
     play_sigma: float
     fastest: float
+    normal: HealthyWindows = field(default=HealthyWindows(), repr=False)
 
     def __post_init__(self) -> None:
         size = number_of_terms(self.parameters.P)
@@ -161,6 +165,7 @@ class UnknownDriveUnit(StoredCalibration):
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": self.FORMAT, **asdict(self)}
+        del content["normal"]
         for name in ("terms", "covariance"):
             content[name] = content[name].tolist()
         return content

@@ -34,10 +34,10 @@ class Calibrated(Protocol):
         ...
 
 
-VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped")
+VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped", "departed")
 """Verdicts, in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
 
-VALID, DEGRADED, REFUSED, FAILED, SKIPPED = VERDICTS
+VALID, DEGRADED, REFUSED, FAILED, SKIPPED, DEPARTED = VERDICTS
 
 _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
@@ -92,8 +92,9 @@ class Estimate:
         Number of healthy windows that the calibration rests on; 0 when there was none.
     verdict
         "valid"; "degraded": usable, with standard deviations that say how far, and ``reason`` why;
-        "refused"; "failed": refused for a failure of drive or shaft; or "skipped": not looked at,
-        as it was cut off or had to wait too long.
+        "refused"; "failed": refused for a failure of drive or shaft; "skipped": not looked at, as
+        it was cut off or had to wait too long; or "departed": valid or not, the window departs from
+        the unit's healthy ones in what ``reason`` says, and no fault explains it.
     unexplained_share
         What is left of the window's departure from healthy at the estimate [-]; NaN where the
         goodness of fit is.

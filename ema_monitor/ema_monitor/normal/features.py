@@ -20,6 +20,9 @@ RATIO: Final = "ratio"
 FIGURE: Final = "figure"
 """Kind of a figure of a move, compared by its logarithm."""
 
+TOLERANCE: Final = 0.05
+"""By how much travel, speed and sample period of like tests may differ [-]."""
+
 _MOVING: Final = 0.5
 _RESTING: Final = 0.02
 _FASTEST: Final = 99.0
@@ -121,6 +124,8 @@ def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
 
 def mean_of(parts: Sequence[Part]) -> tuple[Motion, dict[str, float]]:
     """Return what a test commanded, and the means of the figures that all its parts have."""
+    if len(parts) == 1:
+        return parts[0].motion, parts[0].features
     weights = [part.samples for part in parts]
     names = [name for name in FEATURES if all(name in part.features for part in parts)]
     motion = Motion(
@@ -164,8 +169,8 @@ def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
 
 
 def _detrended(values: Array) -> Array:
-    steps = np.arange(len(values), dtype=float)
-    return values - np.polyval(np.polyfit(steps, values, 1), steps)
+    steps = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    return values - np.mean(values) - steps * (steps @ values) / (steps @ steps)
 
 
 def _log_rms(pieces: list[Array]) -> float:

@@ -9,15 +9,12 @@ import yaml
 
 from ema_core.files import complete_file
 from ema_core.yaml_file import load_yaml
-from ema_monitor.normal.features import FEATURES, Motion, Part, mean_of
+from ema_monitor.normal.features import FEATURES, TOLERANCE, Motion, Part, mean_of
 from ema_monitor.normal.normal import FEWEST_TESTS, Departure, HealthyTest, Normal
 from ema_monitor.normal.states import LabelledTest, States, by_state
 
 HEALTHY: Final = "healthy"
 """State of the tests that are the unit's normal."""
-
-TOLERANCE: Final = 0.05
-"""By how much travel, speed and sample period of like tests may differ [-]."""
 
 _FORMAT: Final = 1
 

@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.levels import ERROR, OK, STALE
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import FaultHealth, Health, HealthLimits, assess
-from ema_monitor.identification.estimate import FAILED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
@@ -187,9 +187,13 @@ class Outlook:
         return self.stale("; ".join(filter(None, [words, self.health.reason])))
 
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
-        """Return what is known once the newest test was refused: it failed, or nothing."""
+        """Return what is known once the newest test has failed, departed or else was refused."""
         if test.verdict != FAILED:
-            return self.stale(f"the newest test was refused: {test.reason}")
+            stale = self.stale(f"the newest test was refused: {test.reason}")
+            if test.verdict != DEPARTED:
+                return stale
+            level = self.known_level if self.known_level in (WARN, ERROR) else WARN
+            return replace(stale, health=replace(stale.health, level=level, reason=test.reason))
         life = RemainingLife.unknown("", f"it has failed: {test.reason}")
         health = replace(
             _without_ok(self.health),

@@ -37,6 +37,8 @@ def cause_of_level(outlook: Outlook) -> str:
     if health.level not in (WARN, ERROR):
         return "" if health.level == OK else reason_of(outlook)
     items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
+    if not items:
+        return health.reason
     items.sort(key=lambda item: item.name != outlook.dominant)
     causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)

@@ -10,7 +10,7 @@ export const WARN = 1;
 export const ERROR = 2;
 export const STALE = 3;
 
-export const VERDICTS = ["valid", "degraded", "refused", "failed", "skipped"] as const;
+export const VERDICTS = ["valid", "degraded", "refused", "failed", "skipped", "departed"] as const;
 
 export const ACTIONS = ["unknown", "continue", "inspect", "remove"] as const;
 

@@ -40,7 +40,7 @@ function Shown({ estimate, fit }: { estimate?: FaultEstimate; fit?: WindowFit })
   return <Empty>No signals of this window have been received.</Empty>;
 }
 
-const MARKS = ["ok", "warn", "error"] as const;
+const MARKS = ["ok", "warn", "error", "error", "error", "warn"] as const;
 
 function Trust({ estimate }: { estimate: FaultEstimate }) {
   const verdict = VERDICTS[estimate.verdict] ?? "refused";
