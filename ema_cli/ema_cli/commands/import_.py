@@ -10,6 +10,8 @@ from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported, import_series
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
+from ema_cli.bags.guide import mapping_of
+from ema_cli.bags.source import Source, read_windows
 from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, new_bag, output_option, require_free
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
@@ -34,6 +36,18 @@ _PAUSE_NS: Final = 1_000_000_000
     help="Print the mapping, guessed unless one is given, and what is wrong; write nothing.",
 )
 @click.option(
+    "--guide",
+    is_flag=True,
+    help="Ask for the mapping; it is written beside OUTPUT, with a picture.",
+)
+@click.option(
+    "--set",
+    "given",
+    multiple=True,
+    metavar="ENTRY=VALUE",
+    help="Entry of the guessed mapping, not to be asked for: position.unit=mm.",
+)
+@click.option(
     "--actuator",
     "actuator_file",
     type=click.Path(path_type=Path),
@@ -50,6 +64,8 @@ def import_(
     files: tuple[Path, ...],
     mapping_file: Path | None,
     preview: bool,
+    guide: bool,
+    given: tuple[str, ...],
     actuator_file: Path | None,
     overwrite: bool,
     accept_defects: bool,
@@ -63,19 +79,30 @@ def import_(
     """
     if preview == (output is not None):
         raise click.UsageError("give either --preview or -o OUTPUT")
-    if output is not None and mapping_file is None:
+    is_asked = guide or bool(given)
+    if is_asked and mapping_file is not None:
+        raise click.UsageError("--mapping is complete: it goes with neither --guide nor --set")
+    if output is not None and mapping_file is None and not is_asked:
         raise click.UsageError(
-            f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and save"
+            f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and "
+            "save, --guide asks for it"
         )
     description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+    inputs = [item for item in (*files, mapping_file, actuator_file) if item]
+    written = output.with_suffix(".yaml") if output and is_asked else None
+    for path in filter(None, (output, written)):
+        require_free(path, inputs, overwrite=overwrite)
     mapping = load_mapping(mapping_file) if mapping_file else None
+    if is_asked:
+        source = InputFile(files[0])
+        if guide:
+            _comment(source.contents())
+        mapping = mapping_of(source, description, given, asks=guide)
     if output is None:
         for file in files:
             _preview(file, mapping, description)
         return
     assert mapping is not None
-    inputs = [*files, mapping_file, *([actuator_file] if actuator_file else [])]
-    require_free(output, [item for item in inputs if item], overwrite=overwrite)
     found = [_read(file, mapping, description, accepts=accept_defects) for file in files]
     for file, one in zip(files, found, strict=True):
         if one.description != found[0].description:
@@ -85,12 +112,26 @@ def import_(
                 "mapping fixes it"
             )
     _write(output, found, overwrite=overwrite)
+    if written is not None:
+        written.write_text(mapping_text(mapping), encoding="utf-8")
+    if guide:
+        _draw(output)
     samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
     h = found[0].description.sample_period
     click.echo(
         f"{output}: {counted(samples, 'sample')} of {description.actuator_id} "
         f"({description.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
     )
+
+
+def _draw(bag: Path) -> None:
+    """Draw what was written, beside it."""
+    from ema_cli.figures.files import save_picture
+    from ema_cli.figures.telemetry import Outline, draw_telemetry
+
+    outline, picture = Outline(), bag.with_suffix(".png")
+    save_picture(draw_telemetry(read_windows(bag, Source(), outline.add), outline), picture)
+    click.echo(f"{bag.with_suffix('.yaml')}: the mapping; {picture}: is it what was recorded?")
 
 
 def _read(

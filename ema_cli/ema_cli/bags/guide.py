@@ -1,0 +1,98 @@
+"""A mapping from what a file seems to hold, what its owner sets, and what he is asked."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import fields
+from typing import Any, Final
+
+import click
+import yaml
+
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.mapping import (
+    LENGTHS,
+    LINEAR_SPEEDS,
+    AngleSource,
+    Clock,
+    CurrentSource,
+    Mapping,
+    SpeedSource,
+    mapping_text,
+)
+from ema_core.description import ActuatorDescription
+from ema_core.settings_file import settings_from
+
+_SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
+    "position": (AngleSource, ("unit", "lead", "shaft"), ""),
+    "command": (AngleSource, ("unit", "lead", "shaft"), "the position error is known"),
+    "error": (AngleSource, ("unit", "lead", "shaft"), "the command is known"),
+    "speed": (SpeedSource, ("unit", "lead", "shaft"), "not measured"),
+    "current": (CurrentSource, ("kind", "unit", "sampling"), "not measured"),
+    "clock": (Clock, ("unit",), "there is no time, only a rate"),
+}
+"""Of each quantity: what it is made of, the entries that are asked for, what "none" means."""
+
+
+def mapping_of(
+    source: InputFile, description: ActuatorDescription, given: Sequence[str], *, asks: bool
+) -> Mapping:
+    """Return the mapping of a file: guessed, with the entries that are given, and asked for.
+
+    Parameters
+    ----------
+    given
+        Entries as texts, such as ``position.unit=mm``; they are not asked for.
+
+    Raises
+    ------
+    ValueError
+        When a text is no entry, or there is no mapping of them.
+    """
+    content: dict[str, Any] = {}
+    with suppress(ValueError):
+        content = yaml.safe_load(mapping_text(source.guess(description).mapping))
+    is_set = {key: value for key, _, value in (one.partition("=") for one in given)}
+    for key, value in is_set.items():
+        section, _, entry = key.rpartition(".")
+        place = content.setdefault(section, {}) if section else content
+        place[entry] = yaml.safe_load(value)
+    while True:
+        try:
+            if asks:
+                _ask(content, is_set)
+            mapping = settings_from(Mapping, content)
+            source.series(mapping)
+            return mapping
+        except ValueError as error:
+            if not asks:
+                raise
+            click.echo(f"{error}\nonce more:", err=True)
+
+
+def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
+    """Ask for each entry that is not set; what seems right is the default."""
+    for name, (kind, entries, none) in _SECTIONS.items():
+        section = content.get(name, {})
+        if name == "error" and "command" in content:
+            continue
+        if f"{name}.source" not in is_set:
+            words = f"{name}: column, or a sum of columns" + (f"; - if {none}" if none else "")
+            section["source"] = click.prompt(words, section.get("source", "-" if none else None))
+        if section["source"] == "-":
+            content.pop(name, None)
+            if name != "clock":
+                continue
+            section, entries = {}, ("rate_hz",)
+        content[name] = section
+        by_name = {item.name: item for item in fields(kind)}
+        for entry in entries:
+            item, key = by_name[entry], f"{name}.{entry}"
+            if entry == "lead" and section.get("unit") not in (*LENGTHS, *LINEAR_SPEEDS):
+                section.pop("lead", None)
+            elif key not in is_set:
+                choices = item.metadata.get("choices")
+                section[entry] = click.prompt(
+                    f"{key}: {item.metadata['description']}",
+                    section.get(entry, item.default or None),
+                    type=click.Choice(choices) if choices else float,
+                )

@@ -1,0 +1,87 @@
+"""``ema import --guide`` asks for what cannot be guessed, and --set answers beforehand."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ema_bags import read_telemetry
+from ema_core.telemetry import join
+
+REAL = Path(__file__).parents[2] / "bags" / "real"
+ENTRIES = {
+    "position": ["set_point_mm - position_error_mm", "mm", "0.005", "user"],
+    "command": ["set_point_mm", "mm", "0.005", "user"],
+    "speed": ["-"],
+    "current": ["current_a", "magnitude", "A", "mean"],
+    "clock": ["time_s", "s"],
+}
+ASKED = "".join(f"{line}\n" for entry in ENTRIES.values() for line in entry)
+SET = [
+    *("position.source=set_point_mm - position_error_mm", "position.unit=mm"),
+    *("position.lead=0.005", "command.source=set_point_mm", "command.unit=mm"),
+    *("command.lead=0.005", "current.source=current_a", "current.kind=magnitude"),
+    "clock.source=time_s",
+]
+SET_OPTIONS = [word for one in SET for word in ("--set", one)]
+
+
+@pytest.fixture
+def command():
+    return "import", REAL / "healthy_1.csv", "--actuator", REAL / "actuator.yaml"
+
+
+def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, command):
+    by_hand = ema(*command, "--mapping", REAL / "mapping.yaml", "-o", tmp_path / "hand.mcap")
+    assert by_hand.exit_code == 0, by_hand.output
+    guided = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=ASKED)
+    assert guided.exit_code == 0, guided.output
+    assert "# column 'current_a': 0.186 to 1.13" in guided.stdout
+    given = ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap")
+    assert given.exit_code == 0, given.output
+    hand, *others = (
+        join(list(read_telemetry(tmp_path / f"{name}.mcap")))
+        for name in ("hand", "guided", "given")
+    )
+    for other in others:
+        assert (hand.position == other.position).all()
+        assert (hand.current == other.current).all()
+    assert (tmp_path / "guided.png").stat().st_size > 10_000
+    again = ("--mapping", tmp_path / "guided.yaml", "-o", tmp_path / "again.mcap")
+    assert ema(*command, *again).exit_code == 0
+    assert "is there already" in ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap").stderr
+
+
+def test_impossible_answer_is_told_and_asked_for_again(ema, tmp_path, command):
+    wrong = ASKED.replace("current_a", "amperes", 1)
+    # Asked again, what was answered before is the default.
+    again = "\n" * 9 + "current_a\n" + "\n" * 5
+    result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=wrong + again)
+    assert result.exit_code == 0, result.output
+    assert "'amperes'" in result.stderr
+    mapping = yaml.safe_load((tmp_path / "guided.yaml").read_text())
+    assert mapping["current"] == {
+        **{"source": "current_a", "unit": "A", "kind": "magnitude", "sampling": "mean"}
+    }
+
+
+def test_table_without_time_is_asked_for_its_rate(ema, tmp_path, command):
+    answers = ASKED.replace("time_s\ns\n", "-\n25\n")
+    result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=answers)
+    assert result.exit_code == 0, result.output
+    assert yaml.safe_load((tmp_path / "guided.yaml").read_text())["clock"] == {"rate_hz": 25.0}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--set", "position.uni=mm"), "unknown entry 'uni'; did you mean 'unit'?"),
+        (("--guide", "--mapping", REAL / "mapping.yaml"), "--mapping is complete"),
+        ((), "--guide asks for it"),
+    ],
+)
+def test_wrong_options_are_refused(ema, tmp_path, command, options, words):
+    result = ema(*command, *options, "-o", tmp_path / "bag.mcap")
+    assert result.exit_code in (1, 2)
+    assert words in " ".join(result.stderr.split())
+    assert not list(tmp_path.iterdir())
