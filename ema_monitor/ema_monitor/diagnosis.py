@@ -25,8 +25,9 @@ from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-_EXPLAINS: Final = 2.0
-"""Standard deviations from healthy beyond which a fault or a cause explains what departs."""
+_FAULT_EXPLAINS: Final = 3.0
+_CAUSE_EXPLAINS: Final = 2.0
+"""Standard deviations beyond which a fault, or a cause, explains what departs."""
 
 
 def _identified(
@@ -71,10 +72,10 @@ def _judged(
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
-    far = np.abs(np.subtract(estimate.faults, healthy_faults())) > _EXPLAINS * np.asarray(
+    far = np.abs(np.subtract(estimate.faults, healthy_faults())) > _FAULT_EXPLAINS * np.asarray(
         estimate.sigma
     )
-    causes = any(abs(one.value) > _EXPLAINS * one.sigma for one in estimate.causes)
+    causes = any(abs(one.value) > _CAUSE_EXPLAINS * one.sigma for one in estimate.causes)
     if estimate.valid and (np.any(estimate.found & far) or causes):
         return estimate
     departure = calibration.normal.departure(estimate.start_ns, parts)
