@@ -79,6 +79,10 @@ def estimate(
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
+        if not given.calibration_file and calibration.unit_mismatch(found.description):
+            click.echo(
+                "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
+            )
     explained = any(one.valid and _significant(one) for one in estimates)
     if checked is not None and not as_json:
         words = "the faults above explain it" if explained else "no fault explains it"
