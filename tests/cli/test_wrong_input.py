@@ -218,6 +218,7 @@ def test_command_that_never_moves(ema, record, faulty_blocks):
     result = ema("estimate", record(faulty_blocks[:9]))
     assert result.exit_code == 1
     assert "no excitation" in result.stderr
+    assert "--any-motion: of any motion" in result.stderr
 
 
 def test_bag_without_description_takes_one_from_a_file(ema, tmp_path, faulty_blocks):
