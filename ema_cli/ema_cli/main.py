@@ -75,9 +75,9 @@ class _CommandsOnDemand(click.Group):
             with one_clear_line():
                 return super().invoke(ctx)
         except click.NoSuchOption as error:
-            from ema_cli.parameters import parameter_in_place_of
+            from ema_cli.parameters import instead_of
 
-            instead = parameter_in_place_of(error.option_name)
+            instead = error.ctx and instead_of(error.option_name, error.ctx.command)
             if not instead:
                 raise
             words = f"{error.message.rstrip('.')}{instead}"

@@ -9,8 +9,9 @@ from typing import Any, Final, TypeVar
 
 import click
 
+from ema_core.faults import FAULT_NAMES
 from ema_core.parameter import parameters_of
-from ema_core.wording import unknown_name
+from ema_core.wording import as_identifier, unknown_name
 
 Settings = TypeVar("Settings")
 Command = Callable[..., None]
@@ -98,14 +99,13 @@ def settings_options(
     ]
 
     def add(command: Command) -> Command:
-        own = signature(command).parameters
+        own, known = signature(command).parameters, names_of(kind.SECTIONS)
 
         @wraps(command)
         def with_options(
             *, assignments: tuple[str, ...], parameter_file: Path | None, **given: Any
         ) -> None:
             shared = {name: given.pop(name) for name in list(given) if name not in own}
-            known = names_of(kind.SECTIONS)
             values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
             values |= _assigned(assignments, known)
             # An option with the name of a parameter gives it.
@@ -115,6 +115,7 @@ def settings_options(
             built = kind.of(Parameters(values), **shared)
             command(given=built, **given)
 
+        vars(with_options)["parameters"] = known
         decorated: Command = with_options
         for option in reversed(options):
             decorated = option(decorated)
@@ -144,14 +145,22 @@ def _assigned(assignments: Iterable[str], known: Sequence[str]) -> dict[str, Any
     return assigned
 
 
-def parameter_in_place_of(option: str) -> str:
-    """Return the parameters that do what a former option did, for an error; empty for none."""
+def instead_of(option: str, command: click.Command) -> str:
+    """Return what a command has in place of an unknown option, for an error; empty for nothing."""
     from ema_cli.bags.predicting import Predicting
     from ema_cli.bench import Bench
 
-    name = option.lstrip("-").replace("-", "_").removeprefix("no_")
+    name = as_identifier(option.lstrip("-")).removeprefix("no_")
+    has = {word for item in command.params for word in item.opts}
+    if (same := f"--{name.replace('_', '-')}") in has:
+        return f": did you mean {same}?"
+    if "-p" not in has:
+        return ""
+    if name in FAULT_NAMES and (own := {"--fault", "--limit"} & has):
+        return f": give {min(own)} {name}=VALUE"
     name = _RENAMED.get(name, name)
-    known = [*names_of((*Predicting.SECTIONS, *Bench.SECTIONS)), *_OF_OTHER_NODES]
+    of_nodes = [*names_of((*Predicting.SECTIONS, *Bench.SECTIONS)), *_OF_OTHER_NODES]
+    known = vars(command.callback).get("parameters", of_nodes)
     if any(one.startswith(f"{name}.") for one in known):
         found = [f"{name}.NAME"]
     else:

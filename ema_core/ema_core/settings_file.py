@@ -48,7 +48,8 @@ def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Se
     if isinstance(content, str) and "source" in known:
         content = {"source": content}
     if not isinstance(content, dict):
-        given = f"{section} = {content!r}: " if section else f"not {content!r}, "
+        given = f"{section} = {content!r}: " if section else f"it holds {content!r}, "
+        given = "it is empty, " if content is None and not section else given
         raise ValueError(f"{given}expected a mapping with {', '.join(known)}")
     values = {}
     for name, value in content.items():

@@ -111,7 +111,7 @@ def check_period(sample_period: float) -> None:
     shortest, longest = PERIODS
     if not is_finite_number(sample_period) or not shortest <= sample_period <= longest:
         raise ValueError(
-            f"sample_period = {sample_period!r} s is outside [{shortest:g}, {longest:g}] s"
+            f"sample_period = {sample_period!r}: expected {shortest:g} to {longest:g} [s]"
         )
 
 

@@ -83,7 +83,7 @@ def parse_yaml(content: bytes) -> Any:
         if _holds_too_much(loaded):
             raise ValueError(f"it stands for more than {_MOST_VALUES:,} values")
     except (yaml.YAMLError, ValueError) as error:
-        raise YamlError(str(error)) from error
+        raise YamlError(str(error).replace('in "<unicode string>", ', "at ")) from error
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise YamlError(f"a tag does not fit its value: {error!r}") from error
     return loaded

@@ -236,7 +236,9 @@ def test_repair_that_is_refused_or_fails_is_asked_for_again_at_the_next_failed_t
     technician = Technician()
     for i, reason in enumerate(("busy", "RuntimeError('gone')", "the call was cancelled", "")):
         tests = [replace(FAILED, window=30 + i)]
-        assert "failed in cycle 30" in technician.look(tests, observer)
+        told = technician.look(tests, observer)
+        assert "failed in cycle 30" in told
+        assert "the level falls when further tests confirm it" in told
         told = technician.look(tests, observer)
         assert reason in told if reason else told == ""
         assert technician.look(tests, observer) == ""

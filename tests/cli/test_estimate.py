@@ -100,6 +100,7 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     assert told.exit_code == 3
     assert "3 windows: 0 valid, 0 degraded, 3 refused\n3 refused: " in told.stdout
     assert "largest" not in told.stdout
+    assert told.stdout.endswith("`ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE\n")
     ema("simulate", *unit, "--fault", "gain=0.6", "-o", case)
     result = ema("calibrate", healthy, "-o", calibration)
     assert result.exit_code == 0
@@ -118,6 +119,7 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     assert own["valid"]
     assert own["reason"] == ""
     assert own["faults"]["gain"] == pytest.approx(0.6, abs=0.01)
+    assert "`ema calibrate" not in ema("estimate", case, "--calibration", calibration).stdout
 
 
 @pytest.mark.parametrize("window", [(), ("--window", "0")])

@@ -114,6 +114,7 @@ def test_files_follow_each_other_in_one_bag(ema, table, tmp_path):
     files = (table("a.csv"), table("b.csv"))
     result = ema("import", *files, "--mapping", mapping, "-o", output)
     assert "34000 samples" in result.stdout
+    assert "no --actuator, so the bag describes the built-in actuator" in result.stderr
     assert "windows: 2" in ema("info", output).stdout
     blocks = list(read_telemetry(output))
     ends = [block.stamp_at(len(block) - 1) for block in blocks]
@@ -130,7 +131,7 @@ def test_description_is_that_of_the_file_with_the_rate_and_acquisition_found(ema
     actuator.write_text("serial_number: '4711'\nsample_period: 0.5\n")
     output = tmp_path / "out.mcap"
     result = ema("import", table(), "--mapping", mapping, "--actuator", actuator, "-o", output)
-    assert result.exit_code == 0, result.output
+    assert (result.exit_code, result.stderr) == (0, ""), result.output
     description = read_windows(output).description
     assert (description.serial_number, description.sample_period) == ("4711", 1e-4)
     assert description.acquisition.current == "filtered"

@@ -56,6 +56,11 @@ NEW = "simulate -o new.mcap"
         (f"{NEW} --command square", 1, ["'square'", "chirp"]),
         (f"{NEW} --command missing.csv", 1, ["missing.csv"]),
         (f"{NEW} --set R_s=2", 2, ["'--set'", "-p plant.NAME=VALUE"]),
+        (f"{NEW} --friction .3", 2, ["'--friction': give --fault friction=VALUE"]),
+        (f"{NEW} --current_noise 1", 2, ["did you mean --current-noise?"]),
+        (f"{NEW} --limits 1", 2, ["No such option '--limits'."]),
+        ("report BAG --friction .4", 2, ["'--friction': give --limit friction=VALUE"]),
+        ("watch --duration 2", 2, ["No such option '--duration'."]),
         (f"{NEW} --actuator missing.yaml", 1, ["missing.yaml"]),
         (f"{NEW} --actuator unit.yaml", 1, ["unit.yaml", "J_m", "-1", "kg.m^2"]),
         (f"{NEW} --params broken.yaml", 1, ["broken.yaml: expected a parameter file"]),
@@ -213,6 +218,7 @@ def test_command_that_never_moves(ema, record, faulty_blocks):
     result = ema("estimate", record(faulty_blocks[:9]))
     assert result.exit_code == 1
     assert "no excitation" in result.stderr
+    assert "--any-motion: of any motion" in result.stderr
 
 
 def test_bag_without_description_takes_one_from_a_file(ema, tmp_path, faulty_blocks):

@@ -30,7 +30,8 @@ def test_plain_values_are_read(load):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[", "is not a YAML file"),
+        ("[", "is not a YAML file: while parsing a flow node"),
+        ("a: 1\n b: 2\n", "at line 2, column 3"),
         (b"\xff\xfe\xfa", "is not a YAML file"),
         ("a: 1\nb: 2\na: 3\n", "a is given twice"),
         ("x: {b: 1, b: 1}", "b is given twice"),

@@ -147,6 +147,17 @@ def run_shell(name: str, found: list[Snippet], quick_ema: Path) -> None:
             assert_shown(snippet, done.stdout)
 
 
+def test_documents_write_files_of_different_names():
+    """A reader who follows them in one folder never calibrates or diagnoses another one's bag."""
+    writers: dict[str, set[str]] = {}
+    for name in set(DOCUMENTS) - {LONG}:  # which repeats the commands of README.md
+        text = "".join(match["text"] for match in BLOCK.finditer((ROOT / name).read_text()))
+        for file in re.findall(r"(?:-o |> |Path\(\")([a-z_]+\.(?:mcap|yaml|html))", text):
+            writers.setdefault(file, set()).add(name)
+    assert len(writers) > 15
+    assert {file: names for file, names in writers.items() if len(names) > 1} == {}
+
+
 @pytest.mark.parametrize(
     ("name", "kind", "least"),
     [("README.md", "python", 1), ("README.md", "sh", 1), ("docs/python.md", "python", 5)],

@@ -62,7 +62,7 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
         ),
         (
             lambda t: {"sample_period": 2e-4},
-            ("the sample period is 0.0002 s", "0.0001 s"),
+            ("the sample period is 0.0002 s, in the calibration of flap (SIM-0001) 0.0001 s",),
             "refused",
         ),
         # Whether the current flows that the loop wants tells the defects apart.

@@ -181,7 +181,7 @@ def why_no_window(path: Path, found: BagWindows, source: Source) -> str:
         behaviour = "it never left its rest"
     return (
         f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
-        f"command moving to and fro after a rest, and {behaviour}"
+        f"command moving to and fro after a rest (--any-motion: of any motion), and {behaviour}"
         + (f"; {found.obstacle}" if found.obstacle else "")
     )
 

@@ -58,6 +58,10 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
+        if not given.calibration_file and calibration.unit_mismatch(found.description):
+            click.echo(
+                "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
+            )
     # A recording of a live system ends anywhere: that its last window is cut off is no failure.
     looked_at = [one for one in estimates if one.verdict != SKIPPED]
     if not looked_at or not all(one.valid and one.verdict != DEPARTED for one in looked_at):

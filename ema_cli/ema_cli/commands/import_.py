@@ -122,6 +122,8 @@ def import_(
         f"{output}: {counted(samples, 'sample')} of {description.actuator_id} "
         f"({description.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
     )
+    if actuator_file is None:
+        click.echo("note: no --actuator, so the bag describes the built-in actuator", err=True)
 
 
 def _draw(bag: Path) -> None:

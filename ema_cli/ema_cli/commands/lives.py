@@ -24,7 +24,7 @@ INDEX: Final = "lives.csv"
     "folder",
     required=True,
     type=click.Path(path_type=Path),
-    help="Folder to make; it must not be there.",
+    help="New or empty folder.",
 )
 @click.option("--count", default=1, type=click.IntRange(1, 10_000))
 @click.option(
@@ -71,9 +71,9 @@ def lives(
     """
     if is_constant and (fault or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
-    if folder.exists():
-        raise ValueError(f"{folder} is there already: give a folder that is not")
-    folder.mkdir(parents=True)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(f"{folder} is there already: give a new or an empty folder")
+    folder.mkdir(parents=True, exist_ok=True)
     jobs = [
         LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair, start_ns)
         for number in range(count)

@@ -126,7 +126,7 @@ class Technician:
         self._answer = observer.begin_life(self._growth)
         return (
             f"failed in cycle {last.cycle}: {last.cause}; a technician removes and repairs the "
-            "unit, and its wear begins again"
+            "unit, its wear begins again, and the level falls when further tests confirm it"
         )
 
 

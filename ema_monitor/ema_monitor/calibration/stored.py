@@ -54,8 +54,8 @@ class StoredCalibration(ABC):
         """Return why the samples of a window are not those calibrated; empty when they are."""
         if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
             return (
-                f"the sample period is {window.sample_period:g} s, the calibration's "
-                f"{self.sample_period:g} s"
+                f"the sample period is {window.sample_period:g} s, in the calibration of "
+                f"{self.actuator_id} ({self.serial_number}) {self.sample_period:g} s"
             )
         return ""
 

@@ -31,7 +31,7 @@ _RESIDUAL: Final[dict[str, Any]] = {
     "color": GREY,
     "alpha": 0.6,
     "lw": 0.5,
-    "label": "measured less model",
+    "label": "measured − model",
 }
 _SMOOTH: Final[dict[str, Any]] = {"color": INK, "lw": 1.0, "label": "the same, band-limited"}
 _BAR: Final = "estimate, 90 % interval"

@@ -149,6 +149,15 @@ describe("a fleet of nine", () => {
     }
   });
 
+  test("plots beside each other are at one height, though a longer heading has two lines", async () => {
+    page = await open(stage, addressOf(WORN), { viewport: { width: 1440, height: 900 } });
+    await page.waitForSelector(".plots.many canvas");
+    const bottoms = await page.$$eval(".plots.many figure", (figures) => figures.map((one) =>
+      one.getBoundingClientRect().bottom - one.lastElementChild.getBoundingClientRect().bottom));
+    assert.equal(bottoms.length, 7);
+    for (const below of bottoms) assert.ok(below < 1, `${bottoms}`);
+  });
+
   test("what is not set has no place, and a legend shows values under the cursor only", async () => {
     await stage.source.order({ do: "set", actuator: WORN, costs: false });
     page = await open(stage, addressOf(WORN, "test"));

@@ -21,7 +21,7 @@ const curve = (page) => page.waitForSelector("[aria-labelledby=survival] canvas"
 
 const STATES = [
   { name: "overview", at: WORN, before: live({}), ready: plots,
-    view: { width: 1440, height: 1130 }, scale: 1 },
+    view: { width: 1440, height: 1004 }, scale: 1 },
   { name: "fleet", before: live({}), ready: rows },
   { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
   { name: "archive", at: "#/archive", before: archived, ready: curve, full: true },
