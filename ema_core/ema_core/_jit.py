@@ -26,11 +26,12 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 _log = logging.getLogger(__name__)
 
 
-def kernel() -> Callable[[Callable[..., Any]], Any]:
+def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator that compiles a kernel.
 
     Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
-    cached on disk where that is possible.
+    cached on disk where that is possible. A kernel of a few microseconds keeps the lock (``nogil``
+    is False): to get the lock back it would wait for a thread that works for milliseconds.
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
@@ -38,7 +39,7 @@ def kernel() -> Callable[[Callable[..., Any]], Any]:
         # pyright does not see the options, which numba sets from the environment.
         shared_folder = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
         config.CACHE_DIR = folder  # pyright: ignore[reportAttributeAccessIssue]
-        compiled = numba.njit(error_model="numpy", nogil=True)(function)
+        compiled = numba.njit(error_model="numpy", nogil=nogil)(function)
         try:
             found = _KernelCache(function)
             if not Path(found.cache_path).is_relative_to(folder):

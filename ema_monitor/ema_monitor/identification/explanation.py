@@ -309,14 +309,14 @@ class Explainer:
         """
         now = components(kept)
         most = self._evidence.most_gain(at) if len(self._causes) else 0.0
-        best, chosen = 0.0, None
+        best, chosen, groups = 0.0, None, self._evidence.groups(kept)
         for cause in self._causes:
             if kept[cause] or not self._tried[cause]:
                 continue
             added = including(kept, [cause])
             # Faults that the cause has hidden may come back.
             trials = [(added | self._always, -ADDED_EVIDENCE)]
-            for group in self._evidence.groups(kept):
+            for group in groups:
                 fewer = now - components(trial := excluding(added, group))
                 worth = COMPONENT_EVIDENCE * fewer + AMBIGUOUS_EVIDENCE
                 trials.append((trial, worth if fewer else 0.0))

@@ -178,6 +178,8 @@ class Objective:
         What is known of the faults already; None where nothing is.
     relations
         What the columns say of each other, where readings of the position are components.
+    first_cause
+        Number of the first component that is a hidden cause.
     evaluations
         Windows of the model that were computed so far.
     """
@@ -214,6 +216,7 @@ class Objective:
         if {one.name for one in causes} >= set(MOVES_START):
             self.relations = Relations.of(window, calibration)
         self.healthy = self.encode(healthy_faults())
+        self.first_cause = len(self.healthy) - len(causes)
         # They are linear in a point, and are asked for at many.
         relations, reaches = self.relations, np.array([2.0 * one.reach for one in causes])
         self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
@@ -270,11 +273,6 @@ class Objective:
         """Return the covariance of the components whose derivatives the Jacobian has."""
         lags = max(1, round(CORRELATION_S / self.fitness.spacing))
         return sandwich_covariance(jacobian, residuals, lags, self.priors, self.noise)
-
-    @property
-    def first_cause(self) -> int:
-        """Number of the first component that is a hidden cause."""
-        return self.dimension - len(self.hidden_causes)
 
     @property
     def priors(self) -> int:

@@ -56,7 +56,7 @@ def step_of_free(hessian, slope, held):
     return step
 
 
-@kernel()
+@kernel(nogil=False)
 def lowest_in_box(
     hessian: NDArray[np.float64], gradient: NDArray[np.float64], start: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """The band of a residual that carries information."""
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -43,11 +44,16 @@ def band_limited(rows: Array, sample_period: float) -> Array:
     if sample_period > _LONG_SAMPLE * BAND_S:
         return rows
     half = band_samples(rows.shape[-1], sample_period)
-    hann = 1.0 - np.cos(np.pi * (np.arange(2 * half) + 0.5) / half)
-    hann /= np.sum(hann)
+    hann = _hann(half)
     n_band = rows.shape[-1] // half
     blocks = rows[..., : n_band * half].reshape(*rows.shape[:-1], n_band, half)
     return blocks[..., :-1, :] @ hann[:half] + blocks[..., 1:, :] @ hann[half:]
+
+
+@cache
+def _hann(half: int) -> Array:
+    hann = 1.0 - np.cos(np.pi * (np.arange(2 * half) + 0.5) / half)
+    return hann / np.sum(hann)
 
 
 def speed_weight(parameters: ActuatorParameters) -> float:

@@ -19,7 +19,7 @@ _MOST_LOAD: Final = 10.0
 _S_PER_HOUR: Final = 3600.0
 
 
-@kernel()
+@kernel(nogil=False)
 def count_travel(position: Array, load: Array, last: float, amount: Array, moment: Array) -> float:
     """Count the travel of a shaft by load, in place; return from where to count on.
 
