@@ -147,6 +147,13 @@ class Trial:
         """Return the coverage of each component."""
         return {name: self.coverage(columns=n) for n, name in enumerate(FAULT_NAMES)}
 
+    def crps_percent(self) -> float:
+        """Return the mean CRPS of known components, as normal distributions, in % of the range."""
+        normal, sigma = NormalDist(), self.sigma[self.known]
+        z = self.away[self.known] / sigma
+        cdf, pdf = (np.array([f(one) for one in z]) for f in (normal.cdf, normal.pdf))
+        return 100.0 * mean(sigma * (z * (2.0 * cdf - 1.0) + 2.0 * pdf - np.pi**-0.5))
+
     def wrong_and_confident(self) -> int:
         """Return in how many of those in use a component is off by more than 3 sigma and 2 %."""
         used = self.used
@@ -165,6 +172,7 @@ class Trial:
         """Return the figures of the errors, of the evaluations, and of verdicts."""
         return {
             **quantiles(self.errors_percent),
+            "crps": self.crps_percent(),
             "cases": len(self.estimates),
             "verdicts": self.verdicts(),
             "evaluations_median": median([one.evaluations for one in self.estimates]),

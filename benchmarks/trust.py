@@ -118,6 +118,7 @@ def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
         "wrong_and_confident": trial.wrong_and_confident(),
         "seconds_median": median([one.computing_time_s for one in estimates]),
         "coverage": used.coverage(),
+        "crps": used.crps_percent(),
         "coverage_by_component": used.coverage_by_component(),
     }
 
@@ -213,11 +214,11 @@ def tables(figures: Figures) -> Iterator[Table | str]:
     if figures["held_out"]:
         yield "HELD-OUT EFFECTS: for one run at the end, not to be tuned on"
     headings = ("condition", "win-\ndows", "median\n%", "90 %\n%", "worst\n%", "valid")
-    more = ("right ones\nrefused %", "wrong and\nconfident", "interval\ncovers %", "time\ns")
+    more = ("right ones\nrefused %", "wrong and\nconfident", "interval\ncovers %", "CRPS\n%")
     for start in ("cold", "warm"):
         yield grid(
             f"faults, {start} start",
-            (*headings, "degra-\nded", "re-\nfused", *more),
+            (*headings, "degra-\nded", "re-\nfused", *more, "time\ns"),
             (
                 (
                     name,
@@ -227,6 +228,7 @@ def tables(figures: Figures) -> Iterator[Table | str]:
                     percent(one["right_refused"], 1),
                     one["wrong_and_confident"],
                     percent(one["coverage"], 1),
+                    f"{one['crps']:.3f}",
                     f"{one['seconds_median']:.3f}",
                 )
                 for name, one in figures[start].items()

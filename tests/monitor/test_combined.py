@@ -13,6 +13,7 @@ from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
+from ema_monitor.identification.uncertainty import USUAL_MISFIT
 from ema_monitor.identification.verdict import Misfit
 
 from .windows import estimated
@@ -69,8 +70,8 @@ def test_goodness_is_that_of_all_stretches_together():
     assert found.unexplained_share == pytest.approx(math.sqrt(15.0 / 198.0))
     assert found.verdict == "degraded"
     assert "the residual is 4.0 times the residual of a healthy actuator" in found.reason
-    # The last one alone had no reason to be widened; beyond 2.5 they grow with the goodness.
-    np.testing.assert_allclose(found.sigma, SIGMA * 4.0 / 2.5)
+    # The last one alone had no reason to be widened; beyond 2 they grow with the goodness.
+    np.testing.assert_allclose(found.sigma, SIGMA * 4.0 / USUAL_MISFIT)
 
 
 def test_motion_that_nothing_explains_is_refused():

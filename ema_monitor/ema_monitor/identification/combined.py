@@ -54,7 +54,7 @@ def combined_estimate(
     alternatives = _not_told_apart(estimates, kept)
     faults = np.array(last.faults)
     scale = widening(assumed_goodness(faults, misfit.goodness))
-    scale /= widening(assumed_goodness(faults, last.goodness_of_fit))
+    scale = max(1.0, scale / widening(assumed_goodness(faults, last.goodness_of_fit)))
     covariance, unknown = _with_confusions(
         last, scale**2 * last.covariance, estimates, alternatives
     )

@@ -62,10 +62,7 @@ class Evidence:
         return self._value(*self.predicted(at, shown)) - self._value(at.cost, at.point)
 
     def most_gain(self, at: Linearisation) -> float:
-        """Return by how much a set could be better at most, while the fit is no better than noise.
-
-        None leaves less than all components together, and none is less than usual.
-        """
+        """Return by how much a set could be better at most: all components, none unusual."""
         lowest, _ = self.predicted(at, np.ones(len(at.point), dtype=bool))
         effective = self._objective.fitness.effective
         return self._value(at.cost, at.point) - effective * float(np.log(lowest))
@@ -86,13 +83,10 @@ class Evidence:
 
     def alternatives(
         self, at: Linearisation, kept: Components, tried: Components
-    ) -> tuple[Components, list[tuple[str, str]]]:
-        """Return which components could stand in for what is kept, and what could for what.
-
-        Only components whose derivatives are known, ``tried``, are looked at.
-        """
+    ) -> tuple[Components, Array, list[tuple[str, str]]]:
+        """Return which of those ``tried`` could stand in for what is kept, their spread, pairs."""
         confused = np.zeros_like(kept)
-        found = []
+        found, worse, steps = [], [0.0], [np.zeros_like(at.point)]
         for group in self.groups(kept):
             without = excluding(kept, group)
             fewer = components(kept) - components(without)
@@ -102,10 +96,13 @@ class Evidence:
                 self.worse(at, without) - COMPONENT_EVIDENCE,
             )
             for other in self._stand_ins(group, kept, tried):
-                if self.worse(at, including(without, other)) < most:
+                trial = including(without, other)
+                if (difference := self.worse(at, trial)) < most:
                     found.append(self.named(group, other))
                     confused[other] = True
-        return confused, found
+                    worse.append(difference - COMPONENT_EVIDENCE * (fewer - 1))
+                    steps.append(self.predicted(at, trial)[1] - at.point)
+        return confused, spread_of(worse, steps), found
 
     def groups(self, kept: Components) -> list[list[int]]:
         """Return what may be replaced: each component kept, and short circuits together."""
@@ -150,6 +147,15 @@ class Evidence:
         if first < N_FAULTS:
             return FAULTS[first].label
         return self._objective.hidden_causes[first - self._objective.first_cause].cause.label
+
+
+def spread_of(worse: Sequence[float], steps: Sequence[Array]) -> Array:
+    """Return the second moment about the estimate, one of some explanations, ``(d, d)`` (M27).
+
+    Each is so much ``worse`` than the estimate, and so many ``steps``, ``(d,)``, away from it.
+    """
+    odds, away = np.exp(-np.array(worse) / 2.0), np.array(steps)
+    return (away.T * (odds / np.sum(odds))) @ away
 
 
 def including(kept: Components, group: list[int]) -> Components:

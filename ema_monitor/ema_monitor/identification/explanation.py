@@ -27,6 +27,7 @@ from ema_monitor.identification.evidence import (
     components,
     excluding,
     including,
+    spread_of,
 )
 from ema_monitor.identification.knowledge import FLOOR
 from ema_monitor.identification.objective import Objective
@@ -70,20 +71,19 @@ class Explanation:
         Linearisation at the estimate, of all components.
     kept
         Components that differ from healthy, ``(d,)``.
-    confused
-        Components that could stand in for what is kept, ``(d,)``: they widen the covariance.
-    alternatives
-        Pairs of what is kept and what could stand in for it, both in words.
-    spread
-        Second moment of the explanations elsewhere that the window does not tell from this one,
-        about the estimate, ``(d, d)``.
+    confused, alternatives
+        Components that could stand in for what is kept, ``(d,)``, and pairs of both in words.
+    near, far
+        Second moments of explanations that the window does not separate, about the estimate,
+        ``(d, d)``: of those that the linear model predicts, and of one elsewhere.
     """
 
     at: Linearisation
     kept: Components
     confused: Components
     alternatives: list[tuple[str, str]]
-    spread: Array
+    near: Array
+    far: Array
 
 
 class Explainer:
@@ -140,8 +140,8 @@ class Explainer:
             trial = kept | self._always
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
             at, kept = self._without_what_cancels(at, kept)
-        confused, alternatives = self._evidence.alternatives(at, kept, self._tried)
-        explanation = Explanation(at, kept, confused, alternatives, np.zeros((len(kept),) * 2))
+        confused, near, alternatives = self._evidence.alternatives(at, kept, self._tried)
+        explanation = Explanation(at, kept, confused, alternatives, near, np.zeros_like(near))
         return self._with_weaker_motors(explanation)
 
     def _with_weaker_motors(self, explanation: Explanation) -> Explanation:
@@ -168,7 +168,7 @@ class Explainer:
                 return replace(
                     explanation,
                     alternatives=[*explanation.alternatives, evidence.named(group, other)],
-                    spread=np.outer(away, away) / (1.0 + math.exp(worse / 2.0)),
+                    far=spread_of([0.0, worse], [np.zeros_like(away), away]),
                 )
         return explanation
 

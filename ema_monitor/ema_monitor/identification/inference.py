@@ -32,6 +32,7 @@ from ema_monitor.identification.uncertainty import (
     Linearisation,
     shifts_of,
     uncertainty_of_faults,
+    widening,
     with_mismatch,
 )
 from ema_monitor.identification.verdict import (
@@ -177,14 +178,13 @@ class Inference:
         at, kept = explanation.at, explanation.kept
         [faults], [play] = objective.decode(at.point[None])
         misfit = self._misfit(at)
-        covariance = self._uncertainty(explanation) * np.outer(self._span, self._span)
+        widened = widening(assumed_goodness(faults, misfit.goodness))
+        covariance = np.outer(self._span, self._span) * self._uncertainty(explanation, widened)
         knowledge, surprised = None, 0.0
         if self._known is not None:
             knowledge, gained = self._knowledge(explanation, self._known)
             surprised = surprise(self._known, knowledge, gained)
-        known, unobservable = uncertainty_of_faults(
-            faults, covariance, assumed_goodness(faults, misfit.goodness)
-        )
+        known, unobservable = uncertainty_of_faults(faults, covariance)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, covariance)
         unlearned = self._unlearned(explanation, covariance)
@@ -234,30 +234,31 @@ class Inference:
             estimate, misfit, knowledge, surprised, contradicted, caveats, tuple(unlearned)
         )
 
-    def _uncertainty(self, explanation: Explanation) -> Array:
+    def _uncertainty(self, explanation: Explanation, widened: float) -> Array:
         """Return the covariance of all components in the unit box, ``(d, d)``.
 
-        Where causes take part, that of what is kept holds for the explanation as it is, with what
-        it could be confused with; that of each other fault, for the explanation with it. What is
-        not known of the unit is part of it (M18, M27).
+        Where causes take part, that of what is kept holds for the explanation as it is; that of
+        each other fault, for the explanation with it. What is not known of the unit, and other
+        explanations, are part of it (M18, M27); ``widened`` is what a poor fit makes of residuals.
         """
-        at, kept = explanation.at, explanation.kept | explanation.confused
+        at, kept = explanation.at, explanation.kept
+        # Other explanations, and what is not known of the unit, do not follow the misfit.
+        at = at._replace(residuals=widened * at.residuals)
+        spread = (explanation.near + explanation.far) / MISMATCH_FACTOR**2
         always, is_cause = self._always, np.arange(len(kept)) >= self._objective.first_cause
         effects = np.zeros((len(at.residuals), 0))
         # At the healthy point under a calibrated command there is no effect: it was measured.
         departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
         if departs or self._window.measured:
             effects = self._effects(at)
-        if not np.any(kept & ~always):
-            return self._covariance(at, always, effects) + explanation.spread
-        if np.any(is_cause & always):
+        if np.any(is_cause & always) or not np.any(kept & ~always):
             kept = kept | always
         result = self._covariance(at, kept, effects)
         for group in GROUPS:
             if not kept[group[0]]:
                 wider = self._covariance(at, including(kept, group), effects)
                 result[np.ix_(group, group)] = wider[np.ix_(group, group)]
-        return result + explanation.spread
+        return result + spread
 
     def _covariance(self, at: Linearisation, shown: Components, effects: Array) -> Array:
         """Return the covariance with only some components fitted, ``(d, d)``."""
@@ -293,7 +294,7 @@ class Inference:
         gained = information(np.delete(jacobian, objective.known_rows, axis=0), objective.noise)
         known = Knowledge(
             at.point[faults] + step[faults, 0],
-            covariance[faults, faults] + explanation.spread[faults, faults],
+            covariance[faults, faults] + explanation.far[faults, faults],
             effects[faults],
             max(1.0, objective.misfit(at.residuals)),
             before.gained + before.misfit**2 * gained,

@@ -66,8 +66,8 @@ STRONG_CORRELATION: Final = 0.95
 SPANS: Final = np.array([2.0 if i in PLANE else 1.0 for i in range(N_FAULTS)])
 """What one unit of a point in Cartesian coordinates of the unit box is in faults, ``(8,)`` [-]."""
 
-USUAL_MISFIT: Final = 2.5
-"""Goodness of fit up to which both figures hold; beyond, standard deviations grow with it [-]."""
+USUAL_MISFIT: Final = 2.0
+"""Goodness of fit up to which both figures hold; beyond, the factor grows with it [-]."""
 
 GROUPS: Final = tuple(
     [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
@@ -157,28 +157,20 @@ def with_mismatch(covariance: Array, floor: Array) -> Array:
 
 
 def widening(goodness_of_fit: float) -> float:
-    """Return by how much a poor fit widens standard deviations [-]."""
+    """Return by how much a poor fit widens the standard deviations from the residuals [-]."""
     return max(1.0, goodness_of_fit / USUAL_MISFIT)
 
 
-def uncertainty_of_faults(faults: Array, covariance: Array, goodness_of_fit: float) -> Uncertainty:
-    """Turn a covariance with eccentricity in Cartesian form into one of the fault vector.
+def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
+    """Turn a covariance with eccentricity in Cartesian form into one of the fault vector, ``(8,)``.
 
-    Parameters
-    ----------
-    faults
-        The estimate, ``(8,)``.
-    covariance
-        Covariance of the faults with ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places of
-        eccentricity and phase, ``(8, 8)`` or larger.
-    goodness_of_fit
-        What the model misses over what it misses of a healthy actuator.
+    ``covariance``, ``(8, 8)`` or larger, has ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places
+    of eccentricity and phase.
     """
     zeta = faults[ECCENTRICITY]
     phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
     cosine, sine = np.cos(phi), np.sin(phi)
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
-    covariance *= widening(goodness_of_fit) ** 2
     plane = covariance[np.ix_(PLANE, PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))
