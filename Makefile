@@ -99,8 +99,8 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python resume.py --json resume.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
 	$(activate) && cd benchmarks && python archive.py --json archive.json
-	cd benchmarks && ../tools/peers.sh python -m prognosis.own_laws --json own_laws.json
-	cd benchmarks && ../tools/peers.sh python -m prognosis.foreign_laws --json foreign_laws.json
+	$(activate) && cd benchmarks && python -m prognosis.own_laws --json own_laws.json
+	$(activate) && cd benchmarks && python -m prognosis.foreign_laws --json foreign_laws.json
 	$(activate) && cd benchmarks && python advisory.py --json advisory.json
 	$(activate) && cd benchmarks && python summary.py
 

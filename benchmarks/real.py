@@ -26,9 +26,9 @@ from script import Figures, Workers, command
 from targets import Row, at_least, grid, none_of, percent, share_at_least
 
 from ema_bags.inputs.files import InputFile
-from ema_bags.inputs.importing import import_series
+from ema_bags.inputs.importing import Imported, import_series
 from ema_bags.inputs.mapping import load_mapping
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import join
 from ema_monitor.calibrations import calibrate
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.identification.tally import CombinationSettings
@@ -36,7 +36,7 @@ from ema_monitor.normal.features import Part, mean_of, parts_of
 from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.normal.moves import Move, MoveSeries
 from ema_monitor.normal.normal import DEPARTED, HealthyTest
-from ema_monitor.normal.states import NONE_OF_THESE, LabelledTest, States, kinds
+from ema_monitor.normal.states import LabelledTest, States, kinds
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -44,7 +44,6 @@ from ema_ros.actuator_file import load_description
 
 SAMPLE: Final = Path(__file__).parents[1] / "bags" / "real"
 MAPPING: Final = load_mapping(SAMPLE / "mapping.yaml")
-LEAD_MM: Final = 5.0
 PERIOD_S: Final = 0.04
 HEALTHY: Final = "normal"
 LOADS: Final = (20, 40, -40)
@@ -71,29 +70,27 @@ def ball_screw_trials(folder: Path) -> dict[Test, pd.DataFrame]:
     return dict(iter(frame.groupby(["state", "load_kg", "trial"])))  # pyright: ignore
 
 
+def imported(records: pd.DataFrame) -> Imported:
+    """Return records as their owner would import them."""
+    with TemporaryDirectory() as folder:
+        table = Path(folder) / "trial.csv"
+        records.assign(time_s=PERIOD_S * np.arange(len(records))).to_csv(table, index=False)
+        series = InputFile(table, MAPPING).series(MAPPING)
+        return import_series(series, MAPPING, load_description(SAMPLE / "actuator.yaml"))
+
+
 def cycles(trial: pd.DataFrame) -> list[Part]:
     """Return the figures of each cycle of a trial."""
-    turn, parts = 2.0 * np.pi / LEAD_MM, []
-    for _, cycle in trial.groupby("repetition"):
-        command = turn * cycle["set_point_mm"].to_numpy(float)
-        error = turn * cycle["position_error_mm"].to_numpy(float)
-        current = cycle["current_a"].to_numpy(float)
-        parts.append(Telemetry(0, PERIOD_S, 0, command, current, command - error, np.empty(0)))
-    return parts_of(parts)
+    some = [imported(cycle) for _, cycle in trial.groupby("repetition")]
+    return parts_of(join(list(one.blocks())) for one in some)
 
 
 def stretches(trial: pd.DataFrame) -> list[Segment]:
-    """Return the stretches of motion in a trial, imported as its owner would."""
-    trial = trial.sort_values(["repetition", "sample"])
-    with TemporaryDirectory() as folder:
-        table = Path(folder) / "trial.csv"
-        trial.assign(time_s=PERIOD_S * np.arange(len(trial))).to_csv(table, index=False)
-        series = InputFile(table, MAPPING).series(MAPPING)
-        imported = import_series(series, MAPPING, load_description(SAMPLE / "actuator.yaml"))
-        finder = WindowFinder(TriggerSettings(windows=ANY_MOTION), imported.description)
-        blocks = [finder.feed(block) for block in imported.blocks()]
-        events = chain(*blocks, finder.finish())
-        return [one for one in events if isinstance(one, Segment)]
+    """Return the stretches of motion in a trial."""
+    found = imported(trial.sort_values(["repetition", "sample"]))
+    finder = WindowFinder(TriggerSettings(windows=ANY_MOTION), found.description)
+    events = chain(*map(finder.feed, found.blocks()), finder.finish())
+    return [one for one in events if isinstance(one, Segment)]
 
 
 def diagnosed(trials: dict[Test, list[Segment]]) -> dict[str, dict[str, list[Any]]]:
@@ -145,7 +142,7 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
     shares = {}
     for load in LOADS:
         here = {key: parts for key, parts in tests.items() if key[1] == load}
-        kind, right, none = [], [], []
+        kind, right = [], []
         for trial in sorted({key[2] for key in here}):
             known = [
                 LabelledTest(state, _test(parts), [part.features for part in parts])
@@ -158,12 +155,10 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
                     found = states.probabilities(_test(parts))
                     named = next(iter(found))
                     right.append(named == state)
-                    none.append(named == NONE_OF_THESE)
                     kind.append(next(iter(kinds(found))) == state.rstrip("0123456789"))
         shares[str(load)] = {
             "4": float(np.mean(kind)),
             "13": float(np.mean(right)),
-            "none": float(np.mean(none)),
         }
     return shares
 

@@ -1,15 +1,14 @@
 #!/usr/bin/env bash
-# Compiles requirements/*.in to lock.txt, peers.lock.txt, sbom.lock.txt and docs.lock.txt beside
-# them, with the hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
+# Compiles requirements/*.in to lock.txt, sbom.lock.txt and docs.lock.txt beside them, with the hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-# Wheels only, so that nothing is compiled; empy and fastdtw, which progpy needs, come as sources.
+# Wheels only, so that nothing is compiled; empy comes as a source.
 export UV_SYSTEM_CERTS=1 UV_CUSTOM_COMPILE_COMMAND='make lock'
 options=("$@")
 compile() {
     .venv/bin/uv pip compile --quiet --generate-hashes --python-platform x86_64-manylinux_2_28 \
-        --only-binary :all: --no-binary empy --no-binary fastdtw --python-version "$@"
+        --only-binary :all: --no-binary empy --python-version "$@"
 }
 
 # lock FILE INPUT...: what the oldest Python can use, the newer ones can. Resolve for it, then let
@@ -30,9 +29,6 @@ grep -q '^ros-rclpy==7\.1\.[0-9]* ' requirements/lock.txt || {
     echo "lock: rclpy is not Jazzy's 7.1: pin what brought it in requirements/ros.in" >&2
     exit 1
 }
-
-# The peers run with the versions that everything else is tested with.
-lock requirements/peers.lock.txt requirements/{runtime,peers}.in --constraints requirements/lock.txt
 
 lock requirements/sbom.lock.txt requirements/sbom.in
 

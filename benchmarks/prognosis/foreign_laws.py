@@ -1,12 +1,11 @@
 """Accuracy and honesty of the remaining life over lives by laws that the tracker does not have.
 
-    ../tools/peers.sh python -m prognosis.foreign_laws [--lives N] [--constant N] [--held-out]
-        [--json FILE]
+    python -m prognosis.foreign_laws [--lives N] [--constant N] [--held-out] [--json FILE]
 
 Lives (foreign_lives.py) are by six laws that the tracker was developed with, or by six others with
 --held-out. No law is known. On the same estimates: straight lines through all and through the last
-60 tests, a quadratic, an exponential with bootstrap, progpy's particle filter with the law and rate
-of the type, and an oracle that knows the law, its figures and the state.
+60 tests, a quadratic, an exponential with bootstrap, and an oracle that knows the law, its figures
+and the state.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,16 +23,10 @@ from prognosis.laws import DEVELOPMENT, HELD_OUT
 from prognosis.predictors import law_unknown
 from prognosis.scores import LifeScore, summary
 
-try:
-    from prognosis.particle_filter import particle_filter
-except ImportError:
-    particle_filter = None
-
 TRACKER: Final = "law unknown"
 METHODS: Final[Mapping[str, Any]] = {
     TRACKER: law_unknown,
     **FITS,
-    **({"progpy": particle_filter} if particle_filter else {}),
     "oracle": oracle,
 }
 
@@ -49,12 +42,9 @@ def scored(case: ForeignCase) -> dict[str, LifeScore]:
     life = case.life()
     measurements = case.measurements(life)
     left = life.end_hours - life.start_hours
-    told = [one for one in measurements if one.hours >= life.start_hours]
     result = {}
     for name, predict in METHODS.items():
-        # progpy's filter knows of no repair: it begins with it.
-        made = predict(life, told if name == "progpy" else measurements)
-        since = made.since(life.start_hours)
+        since = predict(life, measurements).since(life.start_hours)
         result[name] = LifeScore.of(case.kind, left, since)
     return result
 

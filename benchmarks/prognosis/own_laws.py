@@ -1,14 +1,13 @@
 """Accuracy and honesty of the remaining useful life over lives by laws that the tracker has.
 
-    ../tools/peers.sh python -m prognosis.own_laws [--lives N] [--constant N] [--whole N] [--real N]
-        [--json FILE]
+    python -m prognosis.own_laws [--lives N] [--constant N] [--whole N] [--real N] [--json FILE]
 
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
 of --real are simulated and identified test by test. Their seeds are fixed, and nothing was tuned on
 them. The tracker knows the laws and typical rates, or no law at all. It is compared, on the same
-estimates and in the same process, with NASA's progpy, and an oracle to which only the noise of the
-future is unknown: more than that nobody can predict. Lives of --whole are scored by their health
-messages, by fault limit or requirement, whichever is first.
+estimates, with an oracle to which only the noise of the future is unknown: more than that nobody
+can predict. Lives of --whole are scored by their health messages, by fault limit or requirement,
+whichever is first.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,15 +31,9 @@ from prognosis.predictors import SETTINGS, Predictor, law_known, law_unknown, or
 from prognosis.scores import LAMBDAS, WITHOUT_DIFFUSION, LifeScore, by_kind, summary
 from prognosis.whole import reports, score_whole
 
-try:
-    from prognosis.particle_filter import particle_filter
-except ImportError:
-    particle_filter = None
-
 METHODS: Final[Mapping[str, Predictor]] = {
     "law known": law_known,
     "law unknown": law_unknown,
-    **({"progpy": particle_filter} if particle_filter else {}),
     "oracle": oracle,
 }
 
@@ -49,7 +42,7 @@ TARGETS: Final = {"law known": (0.90, 0.95), "law unknown": (0.80, 0.85)}
 COVERAGE: Final = (0.85, 0.95)
 LONGEST_S: Final = 0.02
 BY_MESSAGE: Final = ("lives", "cra", "coverage", "seconds")
-BESIDE: Final = "oracle / progpy"
+BESIDE: Final = "oracle"
 """Whose figures stand beside ours: an accuracy that the oracle misses nobody can reach."""
 
 _TITLES: Final = {"drawn": "drawn estimates", "real": "estimator in the loop"}
@@ -157,10 +150,7 @@ def _accuracy_rows(by_method: Figures, case: str, name: str) -> Iterator[Row]:
         ("  coverage of the 90 % interval", "all", "coverage", *COVERAGE),
     ):
         value = by_method[name][part][key]
-        beside = " / ".join(
-            f"{by_method[peer][part][key]:.3f}" if peer in by_method else "-"
-            for peer in ("oracle", "progpy")
-        )
+        beside = f"{by_method['oracle'][part][key]:.3f}"
         if part == "all":
             yield Row(
                 what, f"{low:.2f} to {high:.2f}", f"{value:.3f}", low <= value <= high, beside
