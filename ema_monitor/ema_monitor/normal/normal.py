@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.special import stdtr
 
 from ema_monitor.normal.features import FEATURES, FIGURE, LEVEL, RATIO, Feature
 
@@ -126,6 +125,8 @@ class Normal:
         ValueError
             When it has none of the figures.
         """
+        from scipy.special import stdtr  # 0.1 s, where there is no normal
+
         names = [name for name in self.names if name in test.features]
         if not names:
             raise ValueError(f"the test has none of the figures {', '.join(self.names)}")

@@ -68,12 +68,15 @@ class PlayerOutputs:
         return "" if subscribed else f"any of {', '.join(self.publishers)}"
 
     def await_subscribers(self, stop: threading.Event, wait_s: float) -> None:
-        """Wait for subscriptions, at most so long [s], and for those to be ready."""
+        """Wait for subscriptions, at most so long [s], and until no other has come for a while."""
         waits = round(wait_s / _POLL_S)
         while waits and self.missing() and not stop.wait(_POLL_S):
             waits -= 1
-        if not stop.is_set() and not self.missing():
-            stop.wait(_SETTLE_S)
+        # A recorder finds what is published, and subscribes to one topic after the other.
+        quiet, known = 0, -1
+        while quiet < round(_SETTLE_S / _POLL_S) and not self.missing() and not stop.wait(_POLL_S):
+            found = sum(one.get_subscription_count() for one in self.publishers.values())
+            quiet, known = quiet + 1 if found == known else 0, found
 
     def await_acknowledgement(self, stop: threading.Event) -> list[str]:
         """Wait until all has arrived, for some seconds; return the topics of which not all has."""
