@@ -195,8 +195,11 @@ def assess(
     if np.isfinite(estimate.unexplained_share):
         fit = max(fit, 1.0 - estimate.unexplained_share / MOST_UNEXPLAINED)
     level, severity = worst.level if worst else STALE, _grade(worst)
-    if estimate.verdict == DEPARTED and level in (OK, STALE):
-        level, severity = WARN, 1
+    reasons = [unseen, estimate.reason]
+    if estimate.verdict == DEPARTED:
+        reasons.reverse()
+        if level in (OK, STALE):
+            level, severity = WARN, 1
     health = Health(
         level=level,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),
@@ -204,7 +207,7 @@ def assess(
         confidence=float(fit) * (1.0 - len(unknown) / len(faults)),
         dominant_fault=worst.name if worst and worst.level != OK else "",
         faults=faults,
-        reason="; ".join(filter(None, [unseen, estimate.reason])),
+        reason="; ".join(filter(None, reasons)),
     )
     return with_requirements(health, _torque_per_ampere(estimate, limits))
 
