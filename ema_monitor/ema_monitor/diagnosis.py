@@ -53,7 +53,7 @@ def _identified(
 def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[Part]:
     """Return the figures of a window, if there is a normal to compare them with.
 
-    Where a cause was measured they may be another load's, and say nothing.
+    There are none where a cause was measured: they may be those of another load.
     """
     if isinstance(window, Refusal) or isinstance(calibration, str) or window.measured:
         return []
@@ -230,8 +230,8 @@ class Diagnosis:
         # Description and calibration of the last valid estimate, and its faults.
         self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
         self._combination: Combining | None = None
-        # Figures of the stretches since the last estimate.
-        self._parts: list[Part] = []
+        # Figures of the stretches since the last estimate, by number: one may be looked at again.
+        self._parts: dict[int, list[Part]] = {}
         self._calibration: AnyCalibration | str = ""
         self._key: tuple[object, ...] = ()
         self._described: ActuatorDescription | None = None
@@ -326,14 +326,17 @@ class Diagnosis:
                 )
             yield from self.finish()
             self._combination, self._key, self._described = new, key, description
-            self._calibration = calibration
-        self._parts += _figures(found.window, calibration)
+            self._calibration, self._parts = calibration, {}
+        self._parts[found.number] = _figures(found.window, calibration)
+        for old in list(self._parts)[: -combining.most_stretches]:
+            del self._parts[old]
         for one in self._combination.add(found.window):
             yield self._numbered(description, one) if isinstance(one, Estimate) else one
 
     def _numbered(self, description: ActuatorDescription, estimate: Estimate) -> Diagnosed:
-        estimate = _judged(estimate, self._parts, self._calibration, description)
-        self._parts = []
+        parts = [part for some in self._parts.values() for part in some]
+        estimate = _judged(estimate, parts, self._calibration, description)
+        self._parts = {}
         self.begin_at(description, estimate)
         self._combined += 1
         return Diagnosed(self._combined - 1, self._looked_at, description, estimate)

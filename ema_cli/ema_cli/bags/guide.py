@@ -55,7 +55,12 @@ def mapping_of(
     for key, value in is_set.items():
         section, _, entry = key.rpartition(".")
         place = content.setdefault(section, {}) if section else content
-        place[entry] = yaml.safe_load(value)
+        try:
+            place[entry] = value if entry == "source" else yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise ValueError(f"--set {key}={value}: expected a value") from None
+        if not asks and place[entry] == "-":
+            del content[section]
     while True:
         try:
             if asks:
@@ -66,7 +71,8 @@ def mapping_of(
         except ValueError as error:
             if not asks:
                 raise
-            click.echo(f"{error}\nonce more:", err=True)
+            click.echo(f"{error}\nAnswer again; Enter keeps the previous answer.", err=True)
+            is_set = {}
 
 
 def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:

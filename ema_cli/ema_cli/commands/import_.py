@@ -89,8 +89,9 @@ def import_(
         )
     description = load_description(actuator_file) if actuator_file else ActuatorDescription()
     inputs = [item for item in (*files, mapping_file, actuator_file) if item]
-    written = output.with_suffix(".yaml") if output and is_asked else None
-    for path in filter(None, (output, written)):
+    written = _beside(output, ".yaml") if output and is_asked else None
+    picture = _beside(output, ".png") if output and guide else None
+    for path in filter(None, (output, written, picture)):
         require_free(path, inputs, overwrite=overwrite)
     mapping = load_mapping(mapping_file) if mapping_file else None
     if is_asked:
@@ -114,8 +115,9 @@ def import_(
     _write(output, found, overwrite=overwrite)
     if written is not None:
         written.write_text(mapping_text(mapping), encoding="utf-8")
-    if guide:
-        _draw(output)
+    if picture is not None:
+        _draw(output, picture)
+        click.echo(f"{written}: the mapping; {picture}: compare it with your record")
     samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
     h = found[0].description.sample_period
     click.echo(
@@ -126,14 +128,17 @@ def import_(
         click.echo("note: no --actuator, so the bag describes the built-in actuator", err=True)
 
 
-def _draw(bag: Path) -> None:
+def _beside(bag: Path, suffix: str) -> Path:
+    return bag.with_name(bag.name.removesuffix(".mcap") + suffix)
+
+
+def _draw(bag: Path, picture: Path) -> None:
     """Draw what was written, beside it."""
     from ema_cli.figures.files import save_picture
     from ema_cli.figures.telemetry import Outline, draw_telemetry
 
-    outline, picture = Outline(), bag.with_suffix(".png")
+    outline = Outline()
     save_picture(draw_telemetry(read_windows(bag, Source(), outline.add), outline), picture)
-    click.echo(f"{bag.with_suffix('.yaml')}: the mapping; {picture}: is it what was recorded?")
 
 
 def _read(

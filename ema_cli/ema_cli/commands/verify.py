@@ -64,7 +64,7 @@ class Verified:
 
     def compared(self, recorded: Any, again: Estimate, by: str = "") -> Self:
         """Return what becomes of a recorded estimate that was made again, ``by`` what."""
-        if again.verdict != recorded.verdict:
+        if (again.verdict, again.valid) != (recorded.verdict, recorded.valid):
             words = f"the verdict was {recorded.verdict} and is {again.verdict}"
             return replace(self, state=DIFFERENT, reason=words)
         if np.array_equal(recorded.faults, again.faults, equal_nan=True):

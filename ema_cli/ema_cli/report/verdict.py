@@ -198,8 +198,10 @@ def _state(course: Course, last: Outlook) -> str:
     )
     tests = f"{counted(len(course.outlooks), 'valid test')} of {len(course.estimates)}"
     index = f"{health.health_index:.2f}" if math.isfinite(health.health_index) else "unknown"
+    is_departed = health.level == WARN and course.estimates[-1].verdict == DEPARTED
+    state = "Changed" if is_departed else _STATES[health.level]
     return (
-        f"{_STATES[health.level]}: {why} ({tests}; health index {index}, severity "
+        f"{state}: {why} ({tests}; health index {index}, severity "
         f"{health.severity} of 4, confidence {health.confidence:.2f})."
     )
 
@@ -213,7 +215,7 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     if worst is not None and worst not in named:
         named.append(worst)
     if not named:
-        return "Nothing wears: no fault differs from healthy by more than its uncertainty."
+        return "No fault differs from healthy by more than its uncertainty."
     parts = [_item_in_words(item, last) for item in named]
     return f"{_sentence('; behind it '.join(parts))}"
 
@@ -253,11 +255,11 @@ def _after_the_last_test(course: Course) -> list[str]:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
     if last.verdict == FAILED:
         return []
-    if last.verdict == DEPARTED:
-        return [f"Look at the unit: the last test {last.reason}."]
-    if not last.valid:
-        return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
     actions = []
+    if last.verdict == DEPARTED:
+        actions.append(f"Look at the unit: the last test {last.reason}.")
+    elif not last.valid:
+        return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
     for cause in last.causes:
         about = CAUSE_BY_NAME[cause.name]
         part = "sensor" if about.place is Place.SENSOR else "installation"

@@ -61,10 +61,13 @@ class HealthyWindows:
     def of_mapping(cls, content: dict[str, Any]) -> Self:
         """Return what ``as_mapping`` gives."""
         parts = []
-        for _, samples, period, travel, speed, *values in content["windows"]:
-            named = zip(content["figures"], map(float, values), strict=True)
-            figures = {name: value for name, value in named if not math.isnan(value)}
-            parts.append(Part(Motion(period, travel, speed), figures, samples))
+        for number, row in enumerate(content["windows"]):
+            _, samples, period, travel, speed, *values = map(float, row)
+            if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
+                raise ValueError(f"normal: window {number} has no motion: make it anew")
+            named = zip(content["figures"], values, strict=True)
+            figures = {name: value for name, value in named if math.isfinite(value)}
+            parts.append(Part(Motion(period, travel, speed), figures, int(samples)))
         return cls(tuple(int(one[0]) for one in content["windows"]), tuple(parts))
 
 

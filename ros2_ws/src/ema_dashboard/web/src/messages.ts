@@ -11,6 +11,7 @@ export const ERROR = 2;
 export const STALE = 3;
 
 export const VERDICTS = ["valid", "degraded", "refused", "failed", "skipped", "departed"] as const;
+export const DEPARTED = VERDICTS.indexOf("departed");
 
 export const ACTIONS = ["unknown", "continue", "inspect", "remove"] as const;
 

@@ -3,7 +3,7 @@
 import type { ComponentChildren } from "preact";
 import { ASSESSED, type Fault, faultOf, inPercent, labelOf } from "../faults.ts";
 import { dateTime, duration, fixed, hours, percent, shownUnit, significant, unit } from "../format.ts";
-import { type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
+import { DEPARTED, type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
 import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
 import type { HistoryColumns } from "../unit_history.ts";
@@ -86,7 +86,8 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   const { health, estimate, description } = actuator;
   const level = levelOf(actuator);
   const fault = health && worstFault(health);
-  const isRefused = estimate !== undefined && !estimate.valid;
+  const isDeparted = estimate?.verdict === DEPARTED;
+  const isRefused = estimate !== undefined && (!estimate.valid || isDeparted);
   return (
     <section class={`card head ${classOf(level)}`} aria-labelledby="name">
       <div class="head-line">
@@ -102,8 +103,9 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
         <Badge level={level} large />
       </div>
       {isRefused && (
-        <p class="banner error">
-          <strong>The latest test was refused:</strong> {estimate.reason || "no reason given"}
+        <p class={`banner ${isDeparted ? "warn" : "error"}`}>
+          <strong>The latest test {isDeparted ? "differs from healthy ones" : "was refused"}:</strong>{" "}
+          {estimate.reason || "no reason given"}
         </p>
       )}
       {actuator.lost !== undefined && (

@@ -5,7 +5,7 @@ import { useMemo } from "preact/hooks";
 import { labelOf } from "../faults.ts";
 import { fixed } from "../format.ts";
 import { LEVELS } from "../levels.ts";
-import { ACTIONS, seconds } from "../messages.ts";
+import { ACTIONS, DEPARTED, seconds } from "../messages.ts";
 import type { Actuator, State } from "../state.ts";
 import { useApp, useStored } from "./hooks.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
@@ -227,7 +227,8 @@ const Row = memo(({ actuator, hasNamespace, isAdvised }: {
 
 function waiting(actuator: Actuator): string {
   if (actuator.estimate && !actuator.estimate.valid) {
-    return `test refused: ${actuator.estimate.reason}`;
+    const is = actuator.estimate.verdict === DEPARTED ? "" : "refused: ";
+    return `test ${is}${actuator.estimate.reason}`;
   }
   return "waiting for its first test";
 }
