@@ -209,9 +209,11 @@ def test_killed_supervisor_takes_its_children_along(note):
 
 
 def health_in(bag: Path) -> list[Any]:
-    # The recorder hears of a topic some time after it is there.
-    if not (bag / "bag_0.mcap").exists() or "/ema/health" not in (found := Bag(bag)).topics:
+    # A recorder opens the file empty, and hears of a topic some time after it is there.
+    file = bag / "bag_0.mcap"
+    if not file.exists() or not file.stat().st_size or "/ema/health" not in Bag(bag).topics:
         return []
+    found = Bag(bag)
     return [item.message for item in found.messages(["/ema/health"])]
 
 

@@ -3,6 +3,7 @@
 import errno
 import os
 from collections import Counter
+from contextlib import suppress
 from functools import cached_property
 from io import BufferedWriter
 from pathlib import Path
@@ -120,6 +121,8 @@ class BagFile:
         # It writes, tells where it is and flushes: more is not asked of a stream.
         self._mcap = Writer(cast(BufferedWriter, self.disk), chunk_bytes)
         self._mcap.start(profile="ros2", library=f"ema_bags {__version__}")
+        with suppress(OSError):  # whoever looks at a bag that has just begun finds one
+            self.disk.flush()
 
     def add_topic(self, topic: WrittenTopic) -> None:
         """Add a topic that messages follow of."""
