@@ -18,7 +18,7 @@ from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
 from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR
-from ema_monitor.identification.estimate import FAILED, REFUSED
+from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
@@ -189,7 +189,7 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     """Return rows of estimates, of a window that is in several bags the first that tells most.
 
     Valid tests of bags in which it is not known which test came first are refused; the second
-    list has them as rows. A failure leads all the same.
+    list has them as rows. What failed or departed leads all the same.
     """
     found: dict[int, Row] = {}
     rows = table.to_pylist()
@@ -200,7 +200,7 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     reasons = unordered(
         StampedTest(row["start_ns"], row["end_ns"], row["bag"], [str(row[name]) for name in _SAME])
         for row in rows
-        if _telling(row)
+        if row["valid"] or row["verdict"] == FAILED
     )
     refused = [
         {"bag": row["bag"], "number": row["number"]}
@@ -208,18 +208,18 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
         for row in rows
         if row["valid"] and (first := found[row["end_ns"]]["bag"]) in reasons
     ]
-    windows = [
-        {**row, "valid": False, "verdict": REFUSED, "reason": reasons[row["bag"]]}
-        if row["valid"] and row["bag"] in reasons
-        else row
-        for row in found.values()
-    ]
+    windows = []
+    for row in found.values():
+        if row["valid"] and row["bag"] in reasons:
+            why = {"verdict": REFUSED, "reason": reasons[row["bag"]]}
+            row = {**row, "valid": False} | (why if row["verdict"] != DEPARTED else {})
+        windows.append(row)
     return windows, refused
 
 
 def _telling(row: Row) -> int:
-    """Return how much a window shows of the unit: most where it shows a failure."""
-    return 2 if row["verdict"] == FAILED else int(row["valid"])
+    """Return how much a window shows of the unit: a failure most, nothing if it is refused."""
+    return {FAILED: 3, DEPARTED: 1}.get(row["verdict"], 2 if row["valid"] else 0)
 
 
 def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:

@@ -141,7 +141,7 @@ def _assigned(assignments: Iterable[str], known: Sequence[str]) -> dict[str, Any
             raise ValueError(f"-p: {unknown_name('parameter', name, known)}")
         if name in assigned:
             raise ValueError(f"-p {name}: given more than once")
-        assigned[name] = _value(value)
+        assigned[name] = value_of(value)
     return assigned
 
 
@@ -169,7 +169,8 @@ def instead_of(option: str, command: click.Command) -> str:
     return f": give -p {found[0]}=VALUE (docs/parameters.md)" if found else ""
 
 
-def _value(text: str) -> Any:
+def value_of(text: str) -> Any:
+    """Return a value in YAML; what is none is the text."""
     import yaml  # only where there is a value
 
     try:

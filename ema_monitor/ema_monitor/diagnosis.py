@@ -1,7 +1,7 @@
 """Diagnosis of one actuator: windows and stretches of motion in, estimates of its faults out."""
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from ema_monitor.current_balance.combining import CurrentCombination
 from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
-from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
@@ -25,6 +25,7 @@ from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
+_NOTHING: Final = "the motion shows no fault as well as wanted"
 _FAULT_EXPLAINS: Final = 3.0
 _CAUSE_EXPLAINS: Final = 2.0
 """Standard deviations beyond which a fault, or a cause, explains what departs."""
@@ -57,7 +58,7 @@ def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> lis
     """
     if isinstance(window, Refusal) or isinstance(calibration, str) or window.measured:
         return []
-    return figures_of(window.telemetry) if calibration.normal.parts else []
+    return figures_of(window.telemetry) if calibration.normal.windows else []
 
 
 def _judged(
@@ -72,11 +73,7 @@ def _judged(
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
-    far = np.abs(np.subtract(estimate.faults, healthy_faults())) > _FAULT_EXPLAINS * np.asarray(
-        estimate.sigma
-    )
-    causes = any(abs(one.value) > _CAUSE_EXPLAINS * one.sigma for one in estimate.causes)
-    if estimate.valid and (np.any(estimate.found & far) or causes):
+    if estimate.valid and _is_explained(estimate):
         return estimate
     departure = calibration.normal.departure(estimate.start_ns, parts)
     if departure is None or not departure.is_significant:
@@ -85,6 +82,14 @@ def _judged(
         return estimate
     words = filter(None, [f"{departure}; no fault explains it", estimate.reason])
     return replace(estimate, verdict=DEPARTED, reason="; ".join(words))
+
+
+def _is_explained(estimate: Estimate) -> bool:
+    """Return whether a fault or a cause was found that explains what departs."""
+    away = np.abs(np.subtract(estimate.faults, healthy_faults()))
+    far = away > _FAULT_EXPLAINS * np.asarray(estimate.sigma)
+    causes = any(abs(one.value) > _CAUSE_EXPLAINS * one.sigma for one in estimate.causes)
+    return bool(np.any(estimate.found & far)) or causes
 
 
 class Identification:
@@ -217,6 +222,37 @@ class Diagnosed(NamedTuple):
     estimate: Estimate
 
 
+class _Stretch(NamedTuple):
+    start_ns: int
+    end_ns: int
+    parts: list[Part]
+
+
+@dataclass
+class _Motion:
+    """Ordinary motion of one unit.
+
+    ``since`` are its stretches since the last estimate, by number, as one may be looked at again;
+    ``fruitless`` are the combinations that were known to have come to nothing.
+    """
+
+    combination: Combining
+    key: tuple[object, ...]
+    description: ActuatorDescription
+    calibration: AnyCalibration | str
+    search: SearchSettings
+    since: dict[int, _Stretch] = field(default_factory=dict)
+    fruitless: int = 0
+
+    def judged(self, estimate: Estimate) -> Estimate:
+        """Return an estimate, judged by all motion since the last one.
+
+        That counts which was refused, too: what departs may be what no model explains.
+        """
+        parts = [part for one in self.since.values() for part in one.parts]
+        return _judged(estimate, parts, self.calibration, self.description)
+
+
 class Diagnosis:
     """Diagnoses one actuator, window by window.
 
@@ -229,12 +265,7 @@ class Diagnosis:
     def __init__(self) -> None:
         # Description and calibration of the last valid estimate, and its faults.
         self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
-        self._combination: Combining | None = None
-        # Figures of the stretches since the last estimate, by number: one may be looked at again.
-        self._parts: dict[int, list[Part]] = {}
-        self._calibration: AnyCalibration | str = ""
-        self._key: tuple[object, ...] = ()
-        self._described: ActuatorDescription | None = None
+        self._motion: _Motion | None = None
         self._combined = 0
         self._looked_at = 0
 
@@ -283,15 +314,15 @@ class Diagnosis:
 
     def finish(self) -> list[Diagnosed]:
         """End the motion; return the estimate of the stretches combined so far, if there is one."""
-        if self._combination is None or self._described is None:
+        if self._motion is None:
             return []
-        of = self._described
-        return [self._numbered(of, one) for one in self._combination.finish()]
+        made = [self._numbered(self._motion, one) for one in self._motion.combination.finish()]
+        return made + self._come_to_nothing(self._motion)
 
     @property
     def tally(self) -> Tally:
         """How many stretches there were since the combination was set up."""
-        return Tally() if self._combination is None else self._combination.tally
+        return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
         """Let the next search begin at an estimate, if it is valid and knows every fault."""
@@ -315,7 +346,7 @@ class Diagnosis:
     ) -> Iterator[Generation | Diagnosed]:
         description = found.description
         key = (description, _identity(calibration), search, combining)
-        if self._combination is None or self._key != key:
+        if self._motion is None or self._motion.key != key:
             if isinstance(calibration, UnknownDriveUnit):
                 new: Combining = CurrentCombination(
                     description, calibration, search, combining, force=force
@@ -325,21 +356,36 @@ class Diagnosis:
                     description, calibration, search, combining, previous=previous, force=force
                 )
             yield from self.finish()
-            self._combination, self._key, self._described = new, key, description
-            self._calibration, self._parts = calibration, {}
-        self._parts[found.number] = _figures(found.window, calibration)
-        for old in list(self._parts)[: -combining.most_stretches]:
-            del self._parts[old]
-        for one in self._combination.add(found.window):
-            yield self._numbered(description, one) if isinstance(one, Estimate) else one
+            self._motion = _Motion(new, key, description, calibration, search)
+        motion, window = self._motion, found.window
+        figures = _figures(window, calibration)
+        motion.since[found.number] = _Stretch(window.start_ns, window.end_ns, figures)
+        for old in list(motion.since)[: -combining.most_stretches]:
+            del motion.since[old]
+        for one in motion.combination.add(window):
+            yield self._numbered(motion, one) if isinstance(one, Estimate) else one
+        yield from self._come_to_nothing(motion)
 
-    def _numbered(self, description: ActuatorDescription, estimate: Estimate) -> Diagnosed:
-        parts = [part for some in self._parts.values() for part in some]
-        estimate = _judged(estimate, parts, self._calibration, description)
-        self._parts = {}
-        self.begin_at(description, estimate)
+    def _numbered(self, motion: _Motion, estimate: Estimate) -> Diagnosed:
+        estimate = motion.judged(estimate)
+        motion.since.clear()
+        self.begin_at(motion.description, estimate)
         self._combined += 1
-        return Diagnosed(self._combined - 1, self._looked_at, description, estimate)
+        return Diagnosed(self._combined - 1, self._looked_at, motion.description, estimate)
+
+    def _come_to_nothing(self, motion: _Motion) -> list[Diagnosed]:
+        """Return as refused stretches that have shown no fault, if they depart."""
+        is_new = motion.combination.tally.fruitless > motion.fruitless
+        motion.fruitless = motion.combination.tally.fruitless
+        if not is_new or not (stretches := list(motion.since.values())):
+            return []
+        whole = Refusal(stretches[0].start_ns, stretches[-1].end_ns, _NOTHING)
+        nothing = refusal(whole, motion.calibration, motion.search, _NOTHING)
+        nothing = replace(nothing, stretches=len(stretches))
+        if motion.judged(nothing).verdict == DEPARTED:
+            return [self._numbered(motion, nothing)]
+        motion.since.clear()
+        return []
 
 
 def _identity(calibration: AnyCalibration | str) -> str:

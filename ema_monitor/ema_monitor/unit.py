@@ -32,7 +32,6 @@ from ema_monitor.prognosis.history_entry import (
     Count,
     Entry,
     Finding,
-    Test,
     UnitEvent,
     UnusedCycle,
 )
@@ -158,7 +157,8 @@ class Unit:
                 cycles = len(self.history.unused) + is_new
                 flown = self.history.unused_duty + flown
                 entry, findings = self._entry(estimate, cycles, count, flown)
-                if estimate.verdict == DEPARTED != _verdict_of(self.history.newest):
+                before = self.history.newest
+                if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
                     findings.append(Finding(FAULT, estimate.reason))
                 try:
                     findings += self.growth.add(entry)
@@ -198,7 +198,7 @@ class Unit:
         if self._by_valid is None:
             self._by_valid = self._outlook(parameters)
         outlook = self._claimed(self._by_valid)
-        had_it = _verdict_of(before) == estimate.verdict
+        had_it = before is not None and before.verdict == estimate.verdict
         if estimate.verdict not in (FAILED, DEPARTED) or had_it:
             return outlook
         event = UnitEvent(estimate.end_ns, outlook.hours, FAULT, estimate.reason)
@@ -228,6 +228,8 @@ class Unit:
             "changes no level"
         )
         self._findings.append(Finding(OTHER, text))
+        if estimate.verdict == DEPARTED:
+            self._findings.append(Finding(FAULT, estimate.reason))
 
     def follow(
         self,
@@ -472,12 +474,6 @@ class Unit:
             text = f"{counted(missed, 'test')} without a valid estimate before this one"
             findings.append(Finding(GAP, text))
         return Entry(estimate, hours, cycles, newest, flown), findings
-
-
-def _verdict_of(test: Test | None) -> str:
-    if test is None:
-        return ""
-    return test.verdict if isinstance(test, UnusedCycle) else test.estimate.verdict
 
 
 def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:

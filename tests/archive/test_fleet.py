@@ -12,7 +12,8 @@ import pytest
 from ema_archive.fleet import fleet_summary, survival
 from ema_archive.partitions import TABLES, write_table
 from ema_archive.tables import WHOLE
-from ema_archive.unit_task import lives_of
+from ema_archive.unit_task import _windows, lives_of
+from ema_core.faults import FAULT_NAMES
 
 from ..pages import Page
 
@@ -62,6 +63,25 @@ UNITS = (
     (2, 660.0, math.inf, 0.1, 100, 50),
     (3, 700.0, math.nan, math.nan, 3, 0),
 )
+
+
+def test_departure_gives_way_to_an_estimate_and_a_failure_and_stays_in_no_order():
+    def row(bag, end_ns, verdict, *, valid):
+        rest = {"start_ns": end_ns - 5, "end_ns": end_ns, "number": 0, "fitness": 0.0}
+        told = {"bag": bag, "verdict": verdict, "valid": valid, "reason": verdict}
+        return rest | told | dict.fromkeys(FAULT_NAMES, 0.0)
+
+    copies = [row(verdict, 10, verdict, valid=False) for verdict in ("refused", "departed")]
+    copies += [row("valid", 10, "valid", valid=True), row("failed", 10, "failed", valid=False)]
+    for tells_more in range(1, 5):
+        (found,), _ = _windows(pa.Table.from_pylist(copies[:tells_more]))
+        assert found["verdict"] == copies[tells_more - 1]["verdict"]
+    # Both at the same time, and different.
+    rows = [row("a", 10, "departed", valid=True), row("b", 12, "valid", valid=True)]
+    found, refused = _windows(pa.Table.from_pylist(rows))
+    assert [one["verdict"] for one in found] == ["departed", "refused"]
+    assert [one["valid"] for one in found] == [False, False]
+    assert [one["bag"] for one in refused] == ["a", "b"]
 
 
 @pytest.fixture

@@ -81,6 +81,11 @@ def test_estimate_departs_where_no_fault_explains_what_changed(ema, tmp_path, ba
     assert "no fault explains it" in told
     result = ema("estimate", rough, *command, "--json")
     assert [one["verdict"] for one in json.loads(result.stdout)] == ["departed"]
+    for again in (("prognose", "--hours-per-cycle", "1"), ("report", "-o", tmp_path / "unit.html")):
+        result = ema(again[0], rough, *command, *again[1:])
+        told = " ".join(result.output.split())
+        assert result.exit_code == 3, told
+        assert "WARN" in told or "Changed: departed" in told
     result = ema("estimate", bags("dry", friction_a=0.75, seed=12), *command)
     assert result.exit_code == 0, result.output
     assert "departed" not in result.output

@@ -22,7 +22,7 @@ from ema_monitor.current_balance.motion import MotorMotion, free_play
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.diagnosis import Diagnosed, diagnose, identify
 from ema_monitor.health import TORQUE_PER_AMPERE, HealthLimits, assess
-from ema_monitor.identification.estimate import estimate_of, estimate_record
+from ema_monitor.identification.estimate import DEPARTED, estimate_of, estimate_record
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
@@ -305,6 +305,25 @@ def test_stretches_of_motion_are_fitted_together(unit):
     assert isinstance(found[0], Diagnosed)
     assert found[0].estimate.stretches > 0
     assert found[0].estimate.faults.friction == pytest.approx(0.3, abs=0.03)
+
+
+def test_stretches_that_nothing_explains_depart_together(unit):
+    """The balance gives no estimate of them; their figures are not those of healthy windows."""
+    stretches = []
+    for number, noise_a in enumerate((0.05, 1.0, 1.0, 1.0)):
+        window = chirp_of({}, {}, seed=10 + number)
+        noise = noise_a * np.random.default_rng(number).standard_normal(len(window) + 1)
+        later = replace(window.telemetry, current=window.telemetry.current + noise)
+        stretches.append(Segment(number, UNKNOWN, replace(window, telemetry=later)))
+    many = CombinationSettings(wanted_sigma=1e-3)
+    (found,) = diagnose(stretches[1:], unit, combining=many)
+    assert isinstance(found, Diagnosed)
+    assert (found.estimate.verdict, found.estimate.valid) == (DEPARTED, False)
+    assert found.estimate.stretches == 3
+    assert "the scatter of the current in the forward stroke" in found.estimate.reason
+    (found,) = diagnose(stretches[:1], unit, combining=many)
+    assert isinstance(found, Diagnosed)
+    assert found.estimate.valid
 
 
 def test_slow_samples_have_longer_stretches():

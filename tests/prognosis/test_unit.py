@@ -357,6 +357,14 @@ def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
     assert (first.health.level, first.known_level) == (WARN, WARN)
     _, last = after(made_test(0, friction=0.8), departed(1, valid=False))
     assert (last.health.level, last.health.reason) == (ERROR, departed(1).reason)
+    assert cause_of_level(last).startswith("friction 0.8 (failed")
+    assert cause_of_level(last).endswith(departed(1).reason)
+
+
+def test_departure_that_comes_late_is_an_event_and_no_level():
+    _, late = after(made_test(1), departed(0))
+    assert late.health.level == OK
+    assert [one.text for one in late.events if one.kind == FAULT] == [departed(0).reason]
 
 
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):

@@ -19,6 +19,7 @@ from ema_bags.inputs.mapping import (
     SpeedSource,
     mapping_text,
 )
+from ema_cli.parameters import value_of
 from ema_core.description import ActuatorDescription
 from ema_core.settings_file import settings_from
 
@@ -55,10 +56,7 @@ def mapping_of(
     for key, value in is_set.items():
         section, _, entry = key.rpartition(".")
         place = content.setdefault(section, {}) if section else content
-        try:
-            place[entry] = value if entry == "source" else yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise ValueError(f"--set {key}={value}: expected a value") from None
+        place[entry] = value if entry == "source" else value_of(value)
         if not asks and place[entry] == "-":
             del content[section]
     while True:

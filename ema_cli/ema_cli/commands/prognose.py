@@ -44,8 +44,8 @@ def prognose(
     that a monitor publishes after the last of these tests. Without --calibration, a file
     calibration.yaml beside the bags is used as the unit's.
 
-    Exit code 3 means that there is no prognosis: no test has a valid estimate, or the newest one
-    shows a failure of drive or shaft.
+    Exit code 3 means that no test has a valid estimate, or that the newest one shows a failure of
+    drive or shaft, or departs from the healthy windows and no fault explains it.
     """
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
@@ -55,7 +55,7 @@ def prognose(
     record, tests = course.record, counted(len(course.steps), "test")
     report = health_report(course.now, record.description)
     if not course.outlooks:
-        why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.failure else ""
+        why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.finding else ""
         click.echo(
             f"no prognosis: none of {counted(len(course.steps), 'window')} can be used{why}",
             err=True,
@@ -95,5 +95,5 @@ def prognose(
         save_picture(draw_course(course), output)
         if not as_json:
             click.echo(f"{output}")
-    if course.now.failure:
+    if course.now.finding:
         sys.exit(REFUSED)

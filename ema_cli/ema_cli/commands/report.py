@@ -36,7 +36,8 @@ def report(
     All tests are of one unit, as for `ema prognose`. The page needs no other file and no network.
     Without a BAG, --fleet ARCHIVE names an archive of `ema archive`: the page shows its fleet.
 
-    Exit code 3: no test has a valid estimate, or the newest one shows a failure of drive or shaft.
+    Exit code 3: no test has a valid estimate, or the newest one shows a failure of drive or shaft,
+    or departs from the healthy windows and no fault explains it.
     """
     archive = given.archive
     if (archive is None) == (not bags):
@@ -54,7 +55,10 @@ def report(
     else:
         course = diagnose_unit(bags, given, skips_unreadable=True)
         verdict = verdict_of(course)
-        lines, is_useless = verdict.lines, not course.outlooks or bool(course.now.failure)
+        lines, is_useless = (
+            verdict.lines,
+            not course.outlooks or bool(course.now.finding),
+        )
         page = report_page(bags, course, verdict, command)
     with complete_file(output) as partial:
         partial.write_text(page, encoding="utf-8")

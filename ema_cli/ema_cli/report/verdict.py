@@ -172,7 +172,7 @@ def verdict_of(course: Course) -> UnitVerdict:
     last = course.now
     if not course.outlooks:
         tests = counted(len(course.estimates), "test")
-        why = f"{cause_of_level(last)}; " if last.failure else ""
+        why = f"{cause_of_level(last)}; " if last.finding else ""
         return UnitVerdict(
             last.health.level,
             (
@@ -198,8 +198,7 @@ def _state(course: Course, last: Outlook) -> str:
     )
     tests = f"{counted(len(course.outlooks), 'valid test')} of {len(course.estimates)}"
     index = f"{health.health_index:.2f}" if math.isfinite(health.health_index) else "unknown"
-    is_departed = health.level == WARN and course.estimates[-1].verdict == DEPARTED
-    state = "Changed" if is_departed else _STATES[health.level]
+    state = "Changed" if last.departure and health.level == WARN else _STATES[health.level]
     return (
         f"{state}: {why} ({tests}; health index {index}, severity "
         f"{health.severity} of 4, confidence {health.confidence:.2f})."

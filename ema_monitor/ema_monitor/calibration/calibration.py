@@ -338,7 +338,6 @@ class Calibration(StoredCalibration):
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
         # What is usual is left out.
-        del content["normal"]
         for name in _unused_by(self.form):
             del content["parameters"][name]
         if self.acquisition == USUAL:

@@ -125,8 +125,9 @@ class StoredCalibration(ABC):
 
     def _content(self) -> dict[str, Any]:
         """Return the content of the file but for the identity, to the last bit."""
-        normal = {"normal": self.normal.as_mapping()} if self.normal.parts else {}
-        return self._as_mapping() | normal
+        content = self._as_mapping()
+        del content["normal"]
+        return content | ({"normal": self.normal.as_mapping()} if self.normal.windows else {})
 
     @abstractmethod
     def _as_mapping(self) -> dict[str, Any]:

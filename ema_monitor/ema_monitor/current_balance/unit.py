@@ -165,7 +165,6 @@ class UnknownDriveUnit(StoredCalibration):
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": self.FORMAT, **asdict(self)}
-        del content["normal"]
         for name in ("terms", "covariance"):
             content[name] = content[name].tolist()
         return content

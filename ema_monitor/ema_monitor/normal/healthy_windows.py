@@ -16,14 +16,12 @@ _LIKE: Final = 0.5
 class HealthyWindows:
     """When healthy windows began [ns], and their figures; each is a test of the unit's normal."""
 
-    stamps_ns: tuple[int, ...] = ()
-    parts: tuple[Part, ...] = ()
+    windows: tuple[tuple[int, Part], ...] = ()
 
     @classmethod
     def of(cls, windows: Iterable[Telemetry]) -> Self:
         """Return the figures of windows; one without a stroke in each direction has none."""
-        found = [(one.stamp_ns, part) for one in windows for part in figures_of(one)]
-        return cls(tuple(stamp for stamp, _ in found), tuple(part for _, part in found))
+        return cls(tuple((one.stamp_ns, part) for one in windows for part in figures_of(one)))
 
     def departure(self, stamp_ns: int, parts: Sequence[Part]) -> Departure | None:
         """Return how unlikely a test is for the healthy unit, by its stretches.
@@ -36,12 +34,8 @@ class HealthyWindows:
         if not parts:
             return None
         motion, figures = mean_of(parts)
-        alike = [
-            (stamp, part)
-            for stamp, part in zip(self.stamps_ns, self.parts, strict=True)
-            if not part.motion.mismatch(motion, TOLERANCE)
-        ]
-        if len(alike) < max(FEWEST_TESTS, _LIKE * len(self.parts)):
+        alike = [one for one in self.windows if not one[1].motion.mismatch(motion, TOLERANCE)]
+        if len(alike) < max(FEWEST_TESTS, _LIKE * len(self.windows)):
             return None
         size = min(len(parts), len(alike) // FEWEST_TESTS)
         rows = [alike[at : at + size] for at in range(0, len(alike) - size + 1, size)]
@@ -53,22 +47,23 @@ class HealthyWindows:
         rows = [
             [stamp, one.samples, *astuple(one.motion)]
             + [one.features.get(name, math.nan) for name in FEATURES]
-            for stamp, one in zip(self.stamps_ns, self.parts, strict=True)
+            for stamp, one in self.windows
         ]
         return {"figures": list(FEATURES), "windows": rows}
 
     @classmethod
     def of_mapping(cls, content: dict[str, Any]) -> Self:
         """Return what ``as_mapping`` gives."""
-        parts = []
+        windows = []
         for number, row in enumerate(content["windows"]):
-            _, samples, period, travel, speed, *values = map(float, row)
+            samples, period, travel, speed, *values = map(float, row[1:])
             if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
                 raise ValueError(f"normal: window {number} has no motion: make it anew")
             named = zip(content["figures"], values, strict=True)
             figures = {name: value for name, value in named if math.isfinite(value)}
-            parts.append(Part(Motion(period, travel, speed), figures, int(samples)))
-        return cls(tuple(int(one[0]) for one in content["windows"]), tuple(parts))
+            part = Part(Motion(period, travel, speed), figures, int(samples))
+            windows.append((int(row[0]), part))
+        return cls(tuple(windows))
 
 
 def figures_of(telemetry: Telemetry) -> list[Part]:

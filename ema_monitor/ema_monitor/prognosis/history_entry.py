@@ -97,6 +97,11 @@ class Entry:
         """Stamp of the window's end [ns]."""
         return self.estimate.end_ns
 
+    @property
+    def verdict(self) -> str:
+        """Verdict of its estimate."""
+        return self.estimate.verdict
+
 
 @dataclass(frozen=True, slots=True)
 class UnusedCycle:

@@ -132,6 +132,9 @@ class Outlook:
         not known, or the latest is not.
     failure
         Which failure of drive or shaft the newest test shows, in words; empty for none.
+    departure
+        In what the newest test that tells departs from healthy ones, with no fault that explains
+        it, in words; empty where it does not.
     claim
         What gives its level its worth.
     last_level
@@ -162,8 +165,14 @@ class Outlook:
     tests_tell: bool = True
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
     failure: str = ""
+    departure: str = ""
     claim: Claim = field(default_factory=Claim)
     last_level: int = STALE
+
+    @property
+    def finding(self) -> str:
+        """What the newest test shows that is no fault: a failure or a departure."""
+        return self.failure or self.departure
 
     @property
     def known_level(self) -> int:
@@ -193,7 +202,8 @@ class Outlook:
             if test.verdict != DEPARTED:
                 return stale
             level = self.known_level if self.known_level in (WARN, ERROR) else WARN
-            return replace(stale, health=replace(stale.health, level=level, reason=test.reason))
+            health = replace(stale.health, level=level, reason=test.reason)
+            return replace(stale, health=health, departure=test.reason)
         life = RemainingLife.unknown("", f"it has failed: {test.reason}")
         health = replace(
             _without_ok(self.health),
@@ -243,4 +253,10 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
         stamp_ns=estimate.end_ns,
         health=health,
         dominant=health.dominant_fault,
+        departure=departure_of(estimate),
     )
+
+
+def departure_of(estimate: Estimate) -> str:
+    """Return in what a test departs from healthy ones, in words; empty where it does not."""
+    return estimate.reason if estimate.verdict == DEPARTED else ""

@@ -42,7 +42,8 @@ def cause_of_level(outlook: Outlook) -> str:
     items.sort(key=lambda item: item.name != outlook.dominant)
     causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)
-    return ", ".join(causes) + (f" and {more} more" if more else "")
+    words = ", ".join(causes) + (f" and {more} more" if more else "")
+    return "; ".join(filter(None, [words, outlook.departure]))
 
 
 def in_words(item: FaultHealth) -> str:

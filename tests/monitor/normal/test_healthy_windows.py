@@ -51,6 +51,6 @@ def test_other_motion_is_not_judged(healthy):
 def test_file_holds_all_of_it(healthy):
     still = slide(noise=0.02)
     no_rest = replace(still, command=np.abs(np.arange(len(still)) % 100 - 49.5))
-    both = HealthyWindows((*healthy.stamps_ns, 5), (*healthy.parts, *figures_of(no_rest)))
-    assert "rest_current" not in both.parts[-1].features
+    both = HealthyWindows((*healthy.windows, (5, figures_of(no_rest)[0])))
+    assert "rest_current" not in both.windows[-1][1].features
     assert HealthyWindows.of_mapping(both.as_mapping()) == both
