@@ -22,6 +22,7 @@ from ema_monitor.identification.tally import CombinationSettings, Combining, Tal
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.normal.features import Part
 from ema_monitor.normal.healthy_windows import figures_of
+from ema_monitor.normal.normal import Departure
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -73,10 +74,10 @@ def _judged(
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
-    if estimate.valid and _is_explained(estimate):
-        return estimate
     departure = calibration.normal.departure(estimate.start_ns, parts)
     if departure is None or not departure.is_significant:
+        return estimate
+    if estimate.valid and _is_explained(estimate, departure):
         return estimate
     if not estimate.valid and calibration.unit_mismatch(description):
         return estimate
@@ -84,12 +85,18 @@ def _judged(
     return replace(estimate, verdict=DEPARTED, reason="; ".join(words))
 
 
-def _is_explained(estimate: Estimate) -> bool:
-    """Return whether a fault or a cause was found that explains what departs."""
+def _is_explained(estimate: Estimate, departure: Departure) -> bool:
+    """Return whether a fault or a cause was found that explains what departs.
+
+    A load that healthy windows had explains nothing.
+    """
     away = np.abs(np.subtract(estimate.faults, healthy_faults()))
     far = away > _FAULT_EXPLAINS * np.asarray(estimate.sigma)
-    causes = any(abs(one.value) > _CAUSE_EXPLAINS * one.sigma for one in estimate.causes)
-    return bool(np.any(estimate.found & far)) or causes
+    return bool(np.any(estimate.found & far)) or any(
+        abs(one.value) > _CAUSE_EXPLAINS * one.sigma
+        and not (departure.at_known_load and one.name == "load_torque")
+        for one in estimate.causes
+    )
 
 
 class Identification:

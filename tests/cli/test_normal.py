@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from .test_import_guide import REAL
 from .test_slow_records import MAPPING, written
 
 SLIDE = "actuator_id: slide\nserial_number: {}\nsample_period: 0.04\ndrive: unknown\n"
@@ -89,6 +90,47 @@ def test_estimate_departs_where_no_fault_explains_what_changed(ema, tmp_path, ba
     result = ema("estimate", bags("dry", friction_a=0.75, seed=12), *command)
     assert result.exit_code == 0, result.output
     assert "departed" not in result.output
+
+
+def told(ema, bag, calibration, *options):
+    result = ema("estimate", bag, "--any-motion", "--calibration", calibration, "--json", *options)
+    return json.loads(result.stdout)[0]
+
+
+def test_loads_of_the_healthy_windows_are_told_apart(ema, tmp_path, bags, healthy):
+    window = ("-p", "window_s=6")
+    loaded = [bags(f"loaded{seed}", load_a=0.3, seed=40 + seed) for seed in range(3)]
+    later = bags("later", load_a=0.3, seed=50)
+    rough = bags("loaded_rough", load_a=0.3, seed=51, current_noise=0.03)
+    verdicts = []
+    for known in (healthy, [*healthy, *loaded]):
+        calibration = tmp_path / f"{len(known)}.yaml"
+        result = ema("calibrate", *known, "--any-motion", *window, "-o", calibration)
+        assert result.exit_code == 0, result.output
+        verdicts += [told(ema, bag, calibration, *window)["verdict"] for bag in (later, rough)]
+    # A new load may be what makes the current rough; one that is known does not.
+    assert verdicts == ["valid", "valid", "valid", "departed"]
+
+
+def test_load_that_is_new_hides_friction_at_one_speed(ema, tmp_path):
+    given = ("--mapping", REAL / "mapping.yaml", "--actuator", REAL / "actuator.yaml")
+    for name in ("healthy_1", "healthy_2", "healthy_3", "healthy_4", "dry"):
+        result = ema("import", REAL / f"{name}.csv", *given, "-o", tmp_path / f"{name}.mcap")
+        assert result.exit_code == 0, result.output
+    pushed = pd.read_csv(REAL / "healthy_5.csv")
+    pushed["current_a"] += 0.3 * np.sign(np.gradient(pushed["set_point_mm"]))
+    pushed.to_csv(tmp_path / "pushed.csv", index=False)
+    assert (
+        ema("import", tmp_path / "pushed.csv", *given, "-o", tmp_path / "pushed.mcap").exit_code
+        == 0
+    )
+    calibration = tmp_path / "slide.yaml"
+    known = [tmp_path / f"healthy_{number}.mcap" for number in range(1, 5)]
+    assert ema("calibrate", *known, "--any-motion", "-o", calibration).exit_code == 0
+    found = told(ema, tmp_path / "pushed.mcap", calibration)
+    assert "friction" in found["unobservable"]
+    assert "A outside the loads of the healthy windows, and friction may" in found["reason"]
+    assert "outside" not in told(ema, tmp_path / "dry.mcap", calibration)["reason"]
 
 
 def test_what_cannot_be_judged_is_refused_with_its_cause(ema, tmp_path, bags, healthy):

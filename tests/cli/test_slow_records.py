@@ -16,7 +16,7 @@ clock: {source: time_s}
 """
 
 
-def written(path, rate_hz, duration_s, *, friction_a=0.6, current_noise=0.02, seed=0):
+def written(path, rate_hz, duration_s, *, friction_a=0.6, load_a=0.0, current_noise=0.02, seed=0):
     """Write a slide that goes to and fro: friction and a little inertia, the current unsigned."""
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration_s * rate_hz)) / rate_hz
@@ -26,7 +26,7 @@ def written(path, rate_hz, duration_s, *, friction_a=0.6, current_noise=0.02, se
     speed = sum(size * omega * np.sin(omega * times) for size, omega in tones)
     acceleration = sum(size * omega**2 * np.cos(omega * times) for size, omega in tones)
     error = 0.005 * speed + 0.01 * rng.standard_normal(len(times))
-    torque = friction_a * np.sign(speed) + 1e-3 * acceleration
+    torque = friction_a * np.sign(speed) + load_a + 1e-3 * acceleration
     current = np.abs(torque) + current_noise * rng.standard_normal(len(times))
     columns = {"set_point_mm": set_point, "error_mm": error, "current_a": np.abs(current)}
     pd.DataFrame({"time_s": times, **columns}).to_csv(path, index=False)

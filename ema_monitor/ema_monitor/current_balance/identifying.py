@@ -47,6 +47,8 @@ _BACKLASH_OF_SLOW_RECORDS: Final = (8e-3, 0.12)
 _SLOW_S: Final = 4e-3
 _ECCENTRICITY_MISMATCH: Final = (0.02, 0.06)
 _LOAD_HIDES: Final = 0.4
+# How much of the current that a load takes a gear may rub more under it.
+_OF_LOAD: Final = 0.5
 _FEWEST_ROWS: Final = 12
 _FREE: Final = 0.5
 _LATER_S: Final = 3e-4
@@ -247,13 +249,14 @@ class _Conclusion:
         self.alternatives: list[tuple[str, str]] = []
         self.reasons: list[str] = []
         self.degraded: list[str] = []
+        self._load_hides = False
 
     def conclude(self, widening: float) -> None:
         """Enter faults, causes and reasons, with standard deviations so much wider."""
         self._widening = widening
         self._compare_drag()
         self._set(FRICTION, *self._friction())
-        if self.unobservable[FRICTION]:
+        if self.unobservable[FRICTION] and not self._load_hides:
             self.reasons.append(
                 "the motion cannot separate friction from a load: it goes one way, or is too short"
             )
@@ -332,6 +335,15 @@ class _Conclusion:
         mismatch = math.hypot(floor, share * (level - 1.0) / 2.0)
         friction_sigma = math.hypot(level * math.sqrt(relative) / 2.0, mismatch)
         if not is_learned:
+            beyond = self._load_beyond()
+            rubs = _OF_LOAD * beyond / f_0 / 2.0
+            self._load_hides = rubs > friction_sigma
+            if self._load_hides:
+                self.reasons.append(
+                    f"the load is {beyond:.2g} A outside the loads of the healthy windows, and "
+                    "friction may have changed with it"
+                )
+            friction_sigma = math.hypot(friction_sigma, rubs)
             self.reasons.append(
                 "torque per ampere is not shown, as there is too little acceleration: friction is "
                 f"in amperes, for a torque per ampere known to {100.0 * USUAL_TORQUE_CHANGE:.0f} %"
@@ -363,6 +375,12 @@ class _Conclusion:
                     "inertia have the same effect"
                 )
         return friction, friction_sigma
+
+    def _load_beyond(self) -> float:
+        """Return by how much the load is outside that of the healthy windows [A]."""
+        least, largest = self._unit.normal.loads
+        loads = self.found.loads[:, 0] - self._unit.load
+        return float(np.max(np.maximum(least - loads, loads - largest), initial=0.0))
 
     def _instead(self, name: str, other: str, value: float, sigma: float) -> None:
         """Name a cause that explains an impossible change of the torque per ampere."""

@@ -62,11 +62,13 @@ class Departure:
 
     ``probability`` is that of a healthy test to depart so far in one of its figures; ``changes``
     are the figures that depart, the most significant first; ``remark`` says what was assumed.
+    ``at_known_load`` says that healthy tests had several loads and this one has one of them.
     """
 
     probability: float
     changes: tuple[Change, ...]
     remark: str = ""
+    at_known_load: bool = False
 
     @property
     def is_significant(self) -> bool:

@@ -54,3 +54,23 @@ def test_file_holds_all_of_it(healthy):
     both = HealthyWindows((*healthy.windows, (5, figures_of(no_rest)[0])))
     assert "rest_current" not in both.windows[-1][1].features
     assert HealthyWindows.of_mapping(both.as_mapping()) == both
+
+
+def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
+    """Without that, the loads would be the scatter, and a load would explain what departs."""
+    loads = [0.1, 0.4] * 6
+    healthy = HealthyWindows.of(
+        slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
+    )
+    assert healthy.loads == pytest.approx((-0.15, 0.15), abs=0.02)
+    for load in (0.1, 0.4, 0.8):
+        same = healthy.departure(0, figures_of(slide(load=load, noise=0.02, seed=30)))
+        dry = healthy.departure(0, figures_of(slide(load=load, friction=0.68, noise=0.02, seed=30)))
+        assert same
+        assert dry
+        is_known = load < 0.5
+        assert (same.is_significant, same.at_known_load) == (not is_known, is_known)
+        assert (dry.is_significant, dry.at_known_load) == (True, is_known)
+    # Of a load that one window alone had nothing is known.
+    once = HealthyWindows((*healthy.windows, (0, figures_of(slide(load=0.8, noise=0.02))[0])))
+    assert once.departure(0, figures_of(slide(load=0.8, noise=0.02, seed=30))) is None
