@@ -33,10 +33,10 @@ from ema_monitor.calibrations import calibrate
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.normal.features import Part, mean_of, parts_of
-from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.normal.moves import Move, MoveSeries
 from ema_monitor.normal.normal import DEPARTED, HealthyTest
 from ema_monitor.normal.states import LabelledTest, States, kinds
+from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window

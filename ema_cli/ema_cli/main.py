@@ -19,7 +19,9 @@ _COMMANDS: Final = {
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
-    "normal": "Learn how healthy tests of a unit scatter, and report whether a later one departs.",
+    "label": "Add tests of a unit whose state is known, one in each of BAGS, to its CALIBRATION.",
+    "moves": "Judge each test in TABLE, a CSV or Parquet file with one row a move, by those before "
+    "it.",
     "certify": "Predict which faults a test will show, how well, and which it cannot separate.",
     "design": "Find the shortest test command that reaches wanted standard deviations within "
     "limits.",

@@ -14,7 +14,7 @@ from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.calibration.stored import is_calibration_file
 from ema_monitor.current_balance.calibrating import calibrate_unknown
 from ema_monitor.current_balance.unit import UnknownDriveUnit
-from ema_monitor.normal.healthy_windows import HealthyWindows
+from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | UnknownDriveUnit
@@ -74,7 +74,7 @@ def calibrate(
         made = calibrate_unknown(windows, description)
     else:
         made = calibrate_model(windows, description, form)
-    return replace(made, normal=HealthyWindows.of(one.telemetry for one in windows))
+    return replace(made, normal=UnitNormal.of(one.telemetry for one in windows))
 
 
 class CalibrationStore:

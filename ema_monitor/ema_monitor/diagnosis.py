@@ -21,8 +21,8 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.normal.features import Part
-from ema_monitor.normal.healthy_windows import figures_of
 from ema_monitor.normal.normal import Departure
+from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -70,6 +70,7 @@ def _judged(
 ) -> Estimate:
     """Return an estimate as departed where the motion does and nothing that was found explains it.
 
+    Which state it looks like is said all the same.
     A window that is refused is judged, too, unless it is of another unit.
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
@@ -78,7 +79,9 @@ def _judged(
     if departure is None or not departure.is_significant:
         return estimate
     if estimate.valid and _is_explained(estimate, departure):
-        return estimate
+        return replace(
+            estimate, reason="; ".join(filter(None, [departure.likeness, estimate.reason]))
+        )
     if not estimate.valid and calibration.unit_mismatch(description):
         return estimate
     words = filter(None, [f"{departure}; no fault explains it", estimate.reason])
@@ -88,14 +91,15 @@ def _judged(
 def _is_explained(estimate: Estimate, departure: Departure) -> bool:
     """Return whether a fault or a cause was found that explains what departs.
 
-    A load that healthy windows had explains nothing.
+    A load that healthy windows had explains nothing, and no cause explains a state with a name.
     """
     away = np.abs(np.subtract(estimate.faults, healthy_faults()))
     far = away > _FAULT_EXPLAINS * np.asarray(estimate.sigma)
+    causes = () if departure.is_named else estimate.causes
     return bool(np.any(estimate.found & far)) or any(
         abs(one.value) > _CAUSE_EXPLAINS * one.sigma
         and not (departure.at_known_load and one.name == "load_torque")
-        for one in estimate.causes
+        for one in causes
     )
 
 

@@ -68,7 +68,7 @@ def warm_up() -> None:
             ("plot", bag, "--window", "0", "-o", Path(folder, "fit.png")),
             ("report", bag, "-o", Path(folder, "page.html")),
             ("import", "--help"),
-            ("normal", "--help"),
+            ("label", "--help"),
         ):
             main([str(word) for word in words], prog_name="ema", standalone_mode=False)
 

@@ -19,7 +19,7 @@ from ema_monitor.calibration.alignment import moved, shift_if_same
 from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
-from ema_monitor.normal.healthy_windows import HealthyWindows
+from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
@@ -134,7 +134,7 @@ class Calibration(StoredCalibration):
     travel_ratio: float = math.nan
     law_offset: float = math.nan
     acquisition: Acquisition = USUAL
-    normal: HealthyWindows = field(default=HealthyWindows(), repr=False)
+    normal: UnitNormal = field(default=UnitNormal(), repr=False)
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):

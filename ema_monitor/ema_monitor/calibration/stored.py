@@ -16,7 +16,7 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.normal.healthy_windows import HealthyWindows
+from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.windows.window import Window
 
 _HEAD_BYTES: Final = 200
@@ -37,7 +37,7 @@ class StoredCalibration(ABC):
     parameters: ActuatorParameters
     sample_period: float
     not_learned: Any
-    normal: HealthyWindows
+    normal: UnitNormal
 
     @cached_property
     def calibration_id(self) -> str:
@@ -108,7 +108,7 @@ class StoredCalibration(ABC):
         del entries["format"]
         try:
             if "normal" in entries:
-                entries["normal"] = HealthyWindows.of_mapping(entries["normal"])
+                entries["normal"] = UnitNormal.of_mapping(entries["normal"])
             loaded = cls._of_mapping(entries)
             found = loaded.calibration_id
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:

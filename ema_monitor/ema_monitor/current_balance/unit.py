@@ -13,7 +13,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.current_balance.balance import number_of_terms
-from ema_monitor.normal.healthy_windows import HealthyWindows
+from ema_monitor.normal.unit_normal import UnitNormal
 
 LEARNED: Final = 0.08
 """Relative standard deviation up to which the torque per ampere counts as known [-]."""
@@ -86,7 +86,7 @@ class UnknownDriveUnit(StoredCalibration):
     play: float
     play_sigma: float
     fastest: float
-    normal: HealthyWindows = field(default=HealthyWindows(), repr=False)
+    normal: UnitNormal = field(default=UnitNormal(), repr=False)
 
     def __post_init__(self) -> None:
         size = number_of_terms(self.parameters.P)

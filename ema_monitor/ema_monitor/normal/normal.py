@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,10 +12,17 @@ from ema_monitor.normal.features import FEATURES, FIGURE, LEVEL, RATIO, Feature
 FEWEST_TESTS: Final = 3
 """Healthy tests below which nothing can be said of their scatter."""
 
+HEALTHY: Final = "healthy"
+"""State of the tests that are the unit's normal."""
+
+NONE_OF_THESE: Final = "none of these"
+"""What a test is called that looks like no labelled one."""
+
 DEPARTED: Final = 1e-2
 """Probability below which a test departs."""
 
 _LEAST_SAID: Final = 1e-6
+_SAID: Final = 0.05
 _FLOOR: Final = {LEVEL: 0.01, RATIO: 0.07, FIGURE: 0.03}
 _FLOOR_OF_DAYS: Final = {LEVEL: 0.10, RATIO: 0.20, FIGURE: 0.10}
 _FLOOR_FREEDOM: Final = 20.0
@@ -63,23 +70,38 @@ class Departure:
     ``probability`` is that of a healthy test to depart so far in one of its figures; ``changes``
     are the figures that depart, the most significant first; ``remark`` says what was assumed.
     ``at_known_load`` says that healthy tests had several loads and this one has one of them.
+    ``states`` are the probabilities of states that the owner has named, and of none of them, the
+    largest first; empty where there are none to compare with.
     """
 
     probability: float
     changes: tuple[Change, ...]
     remark: str = ""
     at_known_load: bool = False
+    states: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_significant(self) -> bool:
         """Whether the test departs."""
         return self.probability < DEPARTED
 
+    @property
+    def is_named(self) -> bool:
+        """Whether it looks like a state that the owner has named, and not like a healthy unit."""
+        return next(iter(self.states), HEALTHY) not in (HEALTHY, NONE_OF_THESE)
+
+    @property
+    def likeness(self) -> str:
+        """Which states it looks like, in words."""
+        states = [f"{name} {share:.0%}" for name, share in self.states.items() if share >= _SAID]
+        return f"looks like: {', '.join(states)}" if states else ""
+
     def __str__(self) -> str:
         if not self.is_significant:
             return "as healthy tests are"
         named = "; ".join(str(one) for one in self.changes[:3])
-        return f"departed ({_in_words(self.probability)} for a healthy test): {named}"
+        words = f"departed ({_in_words(self.probability)} for a healthy test): {named}"
+        return "; ".join(filter(None, [words, self.likeness]))
 
 
 class Normal:

@@ -7,10 +7,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_monitor.normal.features import FEATURES, Feature
-from ema_monitor.normal.normal import FEWEST_TESTS, HealthyTest, Normal
-
-NONE_OF_THESE: Final = "none of these"
-"""What a test is called that looks like no labelled one."""
+from ema_monitor.normal.normal import FEWEST_TESTS, NONE_OF_THESE, HealthyTest, Normal
 
 _STRANGE: Final = 1e-3
 _SHRINKAGE: Final = 0.05

@@ -1,204 +1,180 @@
-"""The tests of a unit that its owner has named, in a file, and what they say of a later test."""
+"""Windows of a unit in a known state, healthy above all, by which later ones are judged (M47)."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Final, Self
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from typing import Any, Final, NamedTuple, Self
 
-import yaml
+import numpy as np
 
-from ema_core.files import complete_file
-from ema_core.yaml_file import load_yaml
-from ema_monitor.normal.features import FEATURES, TOLERANCE, Motion, Part, mean_of
-from ema_monitor.normal.normal import FEWEST_TESTS, Departure, HealthyTest, Normal
+from ema_core.telemetry import Telemetry
+from ema_monitor.normal.features import FEATURES, TOLERANCE, Motion, Part, mean_of, parts_of
+from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
 from ema_monitor.normal.states import LabelledTest, States, by_state
 
-HEALTHY: Final = "healthy"
-"""State of the tests that are the unit's normal."""
+_LIKE: Final = 0.5
+_SAME_LOAD: Final = 0.05
+_BOTH_WAYS: Final = ("current_forward", "current_backward")
 
-_FORMAT: Final = 1
+
+class KnownWindow(NamedTuple):
+    """Figures of a window, its state, when it began [ns], and the number of its test.
+
+    A healthy window is a test of its own; all of them have number 0.
+    """
+
+    state: str
+    stamp_ns: int
+    part: Part
+    test: int = 0
+
+    @property
+    def load(self) -> float:
+        """The current that does not follow the direction [A]."""
+        return _load(self.part.features)
 
 
 @dataclass(frozen=True)
-class NamedTest:
-    """A test of a unit, read from a source, and what its owner says of it.
+class UnitNormal:
+    """The windows of a unit whose state is known."""
 
-    The state is ``HEALTHY``, or what is wrong with the unit; the condition is what telemetry does
-    not tell and has to be alike, such as a load. The stamp is that of the first sample [ns].
+    windows: tuple[KnownWindow, ...] = ()
 
-    Raises
-    ------
-    ValueError
-        When it has no part, or a figure is unknown.
-    """
+    @classmethod
+    def of(cls, windows: Iterable[Telemetry]) -> Self:
+        """Return the figures of healthy windows that have a stroke in each direction."""
+        found = ((one.stamp_ns, part) for one in windows for part in figures_of(one))
+        return cls(tuple(KnownWindow(HEALTHY, *one) for one in found))
 
-    source: str
-    actuator_id: str
-    serial_number: str
-    stamp_ns: int
-    state: str
-    condition: str
-    parts: tuple[Part, ...]
+    def with_test(self, state: str, windows: Iterable[Telemetry]) -> Self:
+        """Return it with the windows of a test in a state; one that is known has its new state.
 
-    def __post_init__(self) -> None:
-        if not self.parts:
-            raise ValueError(f"{self.source}: expected a stretch of motion at least")
-        for part in self.parts:
-            if unknown := part.features.keys() - FEATURES.keys():
-                raise ValueError(f"{self.source}: unknown figures {', '.join(sorted(unknown))}")
+        Raises
+        ------
+        ValueError
+            When no window moves in both directions.
+        """
+        found = [(one.stamp_ns, part) for one in windows for part in figures_of(one)]
+        if not found:
+            raise ValueError("no window has a stroke in each direction")
+        new = [part for _, part in found]
+        kept = [one for one in self.windows if not one.test or one.part not in new]
+        number = 1 + max((one.test for one in self.windows), default=0)
+        return type(self)((*kept, *(KnownWindow(state, *one, number) for one in found)))
+
+    def tests(self) -> dict[str, int]:
+        """Return how many tests there are of each state."""
+        counts: dict[str, int] = {}
+        for one in self._tests(self.windows, 1):
+            counts[one.state] = counts.get(one.state, 0) + 1
+        return counts
 
     @property
-    def motion(self) -> Motion:
-        """What was commanded."""
-        return mean_of(self.parts)[0]
+    def loads(self) -> tuple[float, float]:
+        """The least and largest load of a healthy window, from their mean [A]."""
+        loads = [one.load for one in self.windows if one.state == HEALTHY] or [0.0]
+        mean = sum(loads) / len(loads)
+        return min(loads) - mean, max(loads) - mean
 
-    @property
-    def as_test(self) -> HealthyTest:
-        """Its time and the means of its figures."""
-        return HealthyTest(self.stamp_ns, mean_of(self.parts)[1])
+    def departure(self, stamp_ns: int, parts: Sequence[Part]) -> Departure | None:
+        """Return how unlikely a test is for the healthy unit, by its stretches.
+
+        It is compared with healthy windows of its load, or the nearest one: with the means of as
+        many in a row as it has stretches, so that like scatters are compared; of fewer, where there
+        would not be ``FEWEST_TESTS`` means. None where it is unknown: there is no stretch, or fewer
+        than half of the healthy windows have its motion, or than ``FEWEST_TESTS`` its load, too.
+        """
+        if not parts:
+            return None
+        motion, figures = mean_of(parts)
+        like = [one for one in self.windows if not one.part.motion.mismatch(motion, TOLERANCE)]
+        healthy = [one for one in like if one.state == HEALTHY]
+        all_healthy = sum(one.state == HEALTHY for one in self.windows)
+        if len(healthy) < max(FEWEST_TESTS, _LIKE * all_healthy):
+            return None
+        running = max(abs(mean_of([one.part for one in healthy])[1][name]) for name in _BOTH_WAYS)
+        loads = _by_load(healthy, _SAME_LOAD * running)
+        near = _nearest(loads, _load(figures))
+        healthy = loads[near]
+        if len(healthy) < FEWEST_TESTS:
+            return None
+        size = min(len(parts), len(healthy) // FEWEST_TESTS)
+        test = HealthyTest(stamp_ns, figures)
+        tests = list(self._tests(healthy, size))
+        found = Normal([one.test for one in tests]).departure(test)
+        is_known = len(loads) > 1 and _distance(healthy, _load(figures)) <= _SAME_LOAD * running
+        found = replace(found, at_known_load=is_known)
+        if not found.is_significant:
+            return found
+        # A test that was labelled is not judged by itself.
+        others = [one for one in like if one.test and one.part not in parts]
+        tests += self._tests([one for one in others if _nearest(loads, one.load) == near], size)
+        if sum(len(some) >= FEWEST_TESTS for some in by_state(tests).values()) < 2:
+            return found
+        return replace(found, states=States(tests).probabilities(test))
+
+    @staticmethod
+    def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
+        """Yield tests: so many healthy windows in a row, and all of a test in another state."""
+        healthy = [one for one in windows if one.state == HEALTHY]
+        rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
+        others: dict[int, list[KnownWindow]] = {}
+        for one in windows:
+            if one.test:
+                others.setdefault(one.test, []).append(one)
+        for row in (*rows, *others.values()):
+            parts = [one.part for one in row]
+            test = HealthyTest(row[0].stamp_ns, mean_of(parts)[1])
+            yield LabelledTest(row[0].state, test, [part.features for part in parts])
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values."""
-        parts = [
-            {"motion": asdict(one.motion), "samples": one.samples, "features": one.features}
-            for one in self.parts
+        """Return plain values: names, and a row a window; a figure that it lacks is NaN."""
+        rows = [
+            [one.state, one.test, one.stamp_ns, one.part.samples, *astuple(one.part.motion)]
+            + [one.part.features.get(name, math.nan) for name in FEATURES]
+            for one in self.windows
         ]
-        return {**{name: getattr(self, name) for name in _PLAIN}, "parts": parts}
+        return {"figures": list(FEATURES), "windows": rows}
 
     @classmethod
     def of_mapping(cls, content: dict[str, Any]) -> Self:
-        """Return what `as_mapping` gives."""
-        parts = tuple(
-            Part(Motion(**one["motion"]), dict(one["features"]), int(one["samples"]))
-            for one in content["parts"]
-        )
-        return cls(**{name: content[name] for name in _PLAIN}, parts=parts)
+        """Return what ``as_mapping`` gives."""
+        windows = []
+        for number, (state, test, stamp_ns, *row) in enumerate(content["windows"]):
+            samples, period, travel, speed, *values = map(float, row)
+            if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
+                raise ValueError(f"normal: window {number} has no motion: make it anew")
+            named = zip(content["figures"], values, strict=True)
+            figures = {name: value for name, value in named if math.isfinite(value)}
+            part = Part(Motion(period, travel, speed), figures, int(samples))
+            windows.append(KnownWindow(str(state), int(stamp_ns), part, int(test)))
+        return cls(tuple(windows))
 
 
-_PLAIN: Final = ("source", "actuator_id", "serial_number", "stamp_ns", "state", "condition")
+def figures_of(telemetry: Telemetry) -> list[Part]:
+    """Return the figures of a window; none where it has no current, or no stroke each way."""
+    try:
+        return parts_of([telemetry])
+    except ValueError:
+        return []
 
 
-@dataclass(frozen=True)
-class Checked:
-    """What is said of a test.
-
-    The departure is None where nothing like it is known, for this ``reason``. ``states`` are the
-    probabilities of each state that was named, and of none of them, the largest first; empty where
-    fewer than two states are known.
-    """
-
-    departure: Departure | None
-    states: dict[str, float]
-    reason: str = ""
-
-    @property
-    def departed(self) -> bool:
-        """Whether the test departs from the healthy ones."""
-        return self.departure is not None and self.departure.is_significant
-
-    def __str__(self) -> str:
-        if self.departure is None:
-            return f"refused: {self.reason}"
-        words = str(self.departure)
-        if self.departure.remark:
-            words += f" ({self.departure.remark})"
-        if self.states and self.departed:
-            words += "; named: " + ", ".join(
-                f"{name} {share:.0%}" for name, share in self.states.items() if share >= 0.05
-            )
-        return words
+def _load(figures: Mapping[str, float]) -> float:
+    forward, backward = (figures[name] for name in _BOTH_WAYS)
+    return 0.5 * (forward - backward)
 
 
-class UnitNormal:
-    """What is known of the normal of one unit, by its tests."""
-
-    def __init__(self, tests: Sequence[NamedTest] = ()) -> None:
-        self.tests: list[NamedTest] = []
-        for test in tests:
-            self.add(test)
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read a file.
-
-        Raises
-        ------
-        ValueError
-            When it is none of this format.
-        OSError
-            When it cannot be read.
-        """
-        content = load_yaml(path)
-        try:
-            if content["format"] != _FORMAT:
-                raise ValueError(f"format = {content['format']!r}: expected {_FORMAT}")
-            return cls([NamedTest.of_mapping(one) for one in content["tests"]])
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path} holds no tests of a unit's normal: {error}") from error
-
-    def save(self, path: Path) -> None:
-        """Write a file; an existing one is replaced once it is complete."""
-        content = {"format": _FORMAT, "tests": [one.as_mapping() for one in self.tests]}
-        with complete_file(path) as partial:
-            partial.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
-
-    def add(self, test: NamedTest) -> None:
-        """Add a test; one of the same time, state and condition takes the place of the earlier.
-
-        Raises
-        ------
-        ValueError
-            When it is of another unit.
-        """
-        self._check_unit(test)
-        self.tests = [one for one in self.tests if not _is_same(one, test)]
-        self.tests.append(test)
-
-    def check(self, test: NamedTest) -> Checked:
-        """Return what is said of a test; it is not counted among those that it is judged by.
-
-        Raises
-        ------
-        ValueError
-            When it is of another unit.
-        """
-        self._check_unit(test)
-        others = [one for one in self.tests if not _is_same(one, test)]
-        alike = [one for one in others if one.condition == test.condition]
-        near = [one for one in alike if not one.motion.mismatch(test.motion, TOLERANCE)]
-        healthy = [one.as_test for one in near if one.state == HEALTHY]
-        if len(healthy) < FEWEST_TESTS:
-            return Checked(None, {}, self._why_not(test, alike, len(healthy)))
-        departure = Normal(healthy).departure(test.as_test)
-        labelled = [
-            LabelledTest(one.state, one.as_test, [part.features for part in one.parts])
-            for one in near
-        ]
-        is_enough = [len(one) >= FEWEST_TESTS for one in by_state(labelled).values()]
-        states = States(labelled).probabilities(test.as_test) if sum(is_enough) > 1 else {}
-        return Checked(departure, states)
-
-    def _why_not(self, test: NamedTest, alike: Sequence[NamedTest], healthy: int) -> str:
-        if not alike:
-            known = sorted({one.condition or "none" for one in self.tests}) or ["none"]
-            return (
-                f"no test under the condition {test.condition or 'none'!r} is known; known: "
-                f"{', '.join(known)}"
-            )
-        differs = [one.motion.mismatch(test.motion, TOLERANCE) for one in alike]
-        if all(differs):
-            return f"outside the known motion: {min(differs, key=len)} the nearest test"
-        return (
-            f"{healthy} healthy tests of this motion and condition: expected {FEWEST_TESTS} or more"
-        )
-
-    def _check_unit(self, test: NamedTest) -> None:
-        if self.tests and self.tests[0].serial_number != test.serial_number:
-            raise ValueError(
-                f"{test.source} is of unit {test.serial_number!r}, the normal of "
-                f"{self.tests[0].serial_number!r}: a normal holds for one unit"
-            )
+def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindow]]:
+    """Return windows in groups between which the load [A] has a gap, each in their order."""
+    order = sorted(range(len(windows)), key=lambda at: windows[at].load)
+    steps = np.diff([windows[at].load for at in order])
+    groups = np.split(order, np.flatnonzero(steps > gap) + 1)
+    return [[windows[at] for at in sorted(group)] for group in groups]
 
 
-def _is_same(one: NamedTest, other: NamedTest) -> bool:
-    return (one.source, one.stamp_ns) == (other.source, other.stamp_ns)
+def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
+    return int(np.argmin([_distance(one, load) for one in groups]))
+
+
+def _distance(group: Sequence[KnownWindow], load: float) -> float:
+    return min(abs(one.load - load) for one in group)

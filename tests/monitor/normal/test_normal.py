@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from ema_monitor.normal.features import LEVEL, RATIO, Feature, Motion, Part
-from ema_monitor.normal.normal import HealthyTest, Normal
-from ema_monitor.normal.states import NONE_OF_THESE, LabelledTest, States, kinds
-from ema_monitor.normal.unit_normal import HEALTHY, NamedTest, UnitNormal
+from ema_monitor.normal.features import LEVEL, RATIO, Feature
+from ema_monitor.normal.normal import NONE_OF_THESE, HealthyTest, Normal
+from ema_monitor.normal.states import LabelledTest, States, kinds
 
 DAY_NS = 86_400_000_000_000
 KNOWN = {
@@ -115,51 +114,3 @@ def test_states_are_named_and_what_is_none_of_them():
         states.probabilities(HealthyTest(0, {"a": 1.0}))
     with pytest.raises(ValueError, match="expected two states"):
         States(clusters(rng, {"healthy": (0.0, 0.0)}), PLANE)
-
-
-def named(number, *, state=HEALTHY, shift=0.0, condition="20 kg", speed=1.0, serial="R1"):
-    rng = np.random.default_rng(number)
-    level = 1.0 + shift + 0.002 * rng.standard_normal()
-    features = {"friction_current": level, "error_scatter_forward": 0.01 * rng.standard_normal()}
-    part = Part(Motion(0.04, 2.0, speed), features, 100)
-    return NamedTest(f"bag {number}", "slide", serial, number, state, condition, (part,))
-
-
-def test_normal_of_a_unit_is_kept_in_a_file(tmp_path):
-    known = UnitNormal([named(number) for number in range(5)])
-    known.save(tmp_path / "normal.yaml")
-    known = UnitNormal.load(tmp_path / "normal.yaml")
-    assert known.check(named(9)).departed is False
-    found = known.check(named(9, shift=0.2))
-    assert found.departed
-    assert found.states == {}
-    for number in range(10, 13):
-        known.add(named(number, state="dry", shift=0.2))
-    assert next(iter(known.check(named(9, shift=0.2)).states)) == "dry"
-    # A test is not judged by itself.
-    assert not known.check(named(0)).departed
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"condition": "40 kg"}, "no test under the condition '40 kg' is known; known: 20 kg"),
-        ({"speed": 1.4}, "outside the known motion: speed 1.4 times"),
-    ],
-)
-def test_what_was_never_seen_is_refused(change, words):
-    known = UnitNormal([named(number) for number in range(5)])
-    found = known.check(named(9, **change))
-    assert found.departure is None
-    assert words in found.reason
-    assert "2 healthy tests" in UnitNormal([named(0), named(1)]).check(named(9)).reason
-
-
-def test_normal_holds_for_one_unit(tmp_path):
-    known = UnitNormal([named(0)])
-    for use in (known.add, known.check):
-        with pytest.raises(ValueError, match="is of unit 'R2', the normal of 'R1'"):
-            use(named(1, serial="R2"))
-    (tmp_path / "other.yaml").write_text("format: 7\n")
-    with pytest.raises(ValueError, match="format = 7: expected 1"):
-        UnitNormal.load(tmp_path / "other.yaml")

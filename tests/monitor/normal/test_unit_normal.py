@@ -1,18 +1,21 @@
 """The healthy windows of a calibration judge later ones of the same motion."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ema_monitor.normal.healthy_windows import HealthyWindows, figures_of
+from ema_core.telemetry import Telemetry
+from ema_monitor.normal.normal import NONE_OF_THESE
+from ema_monitor.normal.unit_normal import UnitNormal, figures_of
 
 from .test_features import slide
 
 
 @pytest.fixture(scope="module")
 def healthy():
-    return HealthyWindows.of(slide(noise=0.02, seed=seed) for seed in range(12))
+    return UnitNormal.of(slide(noise=0.02, seed=seed) for seed in range(12))
 
 
 def test_window_departs_where_its_figures_do(healthy):
@@ -25,7 +28,7 @@ def test_window_departs_where_its_figures_do(healthy):
 def test_stretches_are_compared_with_means_of_as_many_healthy_windows():
     """A load that swings from window to window hides a change of one, not of the mean of three."""
     loads = 0.1 + 0.03 * np.tile([-1.0, 0.0, 1.0], 5)
-    healthy = HealthyWindows.of(
+    healthy = UnitNormal.of(
         slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
     )
     changed = [
@@ -45,21 +48,21 @@ def test_other_motion_is_not_judged(healthy):
     faster = replace(window, command=1.2 * window.command)
     for parts in (figures_of(faster), []):
         assert healthy.departure(0, parts) is None
-    assert HealthyWindows.of([window] * 2).departure(0, figures_of(window)) is None
+    assert UnitNormal.of([window] * 2).departure(0, figures_of(window)) is None
 
 
 def test_file_holds_all_of_it(healthy):
     still = slide(noise=0.02)
     no_rest = replace(still, command=np.abs(np.arange(len(still)) % 100 - 49.5))
-    both = HealthyWindows((*healthy.windows, (5, figures_of(no_rest)[0])))
-    assert "rest_current" not in both.windows[-1][1].features
-    assert HealthyWindows.of_mapping(both.as_mapping()) == both
+    both = healthy.with_test("jammed", [no_rest])
+    assert "rest_current" not in both.windows[-1].part.features
+    assert UnitNormal.of_mapping(both.as_mapping()) == both
 
 
 def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
     """Without that, the loads would be the scatter, and a load would explain what departs."""
     loads = [0.1, 0.4] * 6
-    healthy = HealthyWindows.of(
+    healthy = UnitNormal.of(
         slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
     )
     assert healthy.loads == pytest.approx((-0.15, 0.15), abs=0.02)
@@ -72,5 +75,47 @@ def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
         assert (same.is_significant, same.at_known_load) == (not is_known, is_known)
         assert (dry.is_significant, dry.at_known_load) == (True, is_known)
     # Of a load that one window alone had nothing is known.
-    once = HealthyWindows((*healthy.windows, (0, figures_of(slide(load=0.8, noise=0.02))[0])))
+    once = UnitNormal((*healthy.windows, *UnitNormal.of([slide(load=0.8, noise=0.02)]).windows))
     assert once.departure(0, figures_of(slide(load=0.8, noise=0.02, seed=30))) is None
+
+
+def later(stamp_ns: int, *, state: str = "", **changes):
+    """A slide of another time, its friction and roughness by its state."""
+    changed = {"dry 1": {"friction": 0.66}, "dry 2": {"friction": 0.72}, "": {}}[state] | changes
+    return replace(slide(noise=0.02, seed=stamp_ns, **changed), stamp_ns=stamp_ns)
+
+
+def states_of(normal: UnitNormal, telemetry: Telemetry) -> Mapping[str, float]:
+    found = normal.departure(telemetry.stamp_ns, figures_of(telemetry))
+    assert found
+    return found.states
+
+
+def test_departure_looks_like_a_state_that_was_labelled(healthy):
+    known = healthy
+    assert states_of(known, later(50, state="dry 1")) == {}
+    for number in range(1, 4):
+        known = known.with_test("dry 1", [later(number, state="dry 1")])
+        known = known.with_test("dry 2", [later(10 + number, state="dry 2")])
+    assert known.tests() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
+    for state in ("dry 1", "dry 2"):
+        assert next(iter(states_of(known, later(50, state=state)))) == state
+        assert f"looks like: {state} " in str(
+            known.departure(50, figures_of(later(50, state=state)))
+        )
+    assert next(iter(states_of(known, later(50, friction=1.5)))) == NONE_OF_THESE
+    assert states_of(known, later(50)) == {}
+    # Labelled anew, and of another load, no state is known by three tests.
+    anew = known.with_test("dry 2", [later(3, state="dry 1")])
+    assert anew.tests() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
+    with_loads = UnitNormal(
+        (*known.windows, *UnitNormal.of(later(80 + n, load=0.5) for n in range(6)).windows)
+    )
+    assert states_of(with_loads, later(90, state="dry 1", load=0.5)) == {}
+    assert "dry 1" in states_of(with_loads, later(90, state="dry 1"))
+
+
+def test_test_without_a_stroke_is_not_labelled(healthy):
+    still = slide(noise=0.02)
+    with pytest.raises(ValueError, match="no window has a stroke"):
+        healthy.with_test("dry", [replace(still, command=0.0 * still.command)])

@@ -1,0 +1,72 @@
+"""``ema moves``: what figures of whole moves say, where a drive logs no samples."""
+
+import json
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from ema_cli.options import REFUSED
+from ema_core.wording import counted
+from ema_monitor.normal.moves import MoveSeries, MoveVerdict
+
+
+@click.command()
+@click.argument("table", type=click.Path(path_type=Path, dir_okay=False, exists=True))
+@click.option(
+    "--mapping",
+    "mapping_file",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="YAML file that names the columns (docs/inputs.md).",
+)
+@click.option("--limit", type=float, required=True, help="Ratio to healthy at which life ends.")
+@click.option(
+    "--reference", type=int, default=5, help="How many of the first tests are taken for healthy."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json: bool) -> None:
+    """Judge each test in TABLE, a CSV or Parquet file with one row a move, by those before it.
+
+    Exit code 3 where the last test of a unit departs or is beyond the limit.
+    """
+    from ema_bags.inputs.moves import load_moves_mapping, read_moves
+
+    units = read_moves(table, load_moves_mapping(mapping_file))
+    told = {}
+    for unit, series in units.items():
+        follow = MoveSeries(limit=limit, reference=reference)
+        told[unit] = [(one, follow.add(one)) for one in series]
+    if as_json:
+        rows = [
+            {
+                "unit": unit,
+                "stamp_ns": move.stamp_ns,
+                "ratio": one.ratio,
+                "level": one.level,
+                "probability": one.probability,
+                "life_days": None if one.life_days is None else list(one.life_days),
+                "reason": one.reason,
+            }
+            for unit, series in told.items()
+            for move, one in series
+        ]
+        click.echo(json.dumps(rows))
+    else:
+        for unit, series in told.items():
+            _show(unit, [(move.stamp_ns, verdict) for move, verdict in series])
+    if any(series[-1][1].level in ("WARN", "ERROR") for series in told.values() if series):
+        raise click.exceptions.Exit(REFUSED)
+
+
+def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
+    import pandas as pd
+
+    title = f"{unit or 'unit'}: {counted(len(series), 'test')}"
+    table = Table("time", "times healthy", "level", "life [d], 5 / 50 / 95 %", "why", title=title)
+    for stamp_ns, one in series:
+        life = " / ".join(f"{value:.1f}" for value in one.life_days or ())
+        time = f"{pd.Timestamp(stamp_ns):%Y-%m-%d %H:%M}"
+        table.add_row(time, f"{one.ratio:.2f}", one.level, life, one.reason)
+    Console().print(table)
