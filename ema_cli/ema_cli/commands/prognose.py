@@ -44,8 +44,7 @@ def prognose(
     that a monitor publishes after the last of these tests. Without --calibration, a file
     calibration.yaml beside the bags is used as the unit's.
 
-    Exit code 3: no test has a valid estimate, or the newest one shows a failure of drive or shaft,
-    or departs from the healthy windows and no fault explains it.
+    Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")

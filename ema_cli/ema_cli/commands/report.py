@@ -36,8 +36,7 @@ def report(
     All tests are of one unit, as for `ema prognose`. The page needs no other file and no network.
     Without a BAG, --fleet ARCHIVE names an archive of `ema archive`: the page shows its fleet.
 
-    Exit code 3: no test has a valid estimate, or the newest one shows a failure of drive or shaft,
-    or departs from the healthy windows and no fault explains it.
+    Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """
     archive = given.archive
     if (archive is None) == (not bags):
