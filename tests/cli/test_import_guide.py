@@ -65,6 +65,16 @@ def test_impossible_answer_is_told_and_asked_for_again(ema, tmp_path, command):
     }
 
 
+def test_answers_are_kept_where_the_data_are_refused(ema, tmp_path, command):
+    source = "position_error_mm - set_point_mm"
+    reversed_command = ASKED.replace("\nset_point_mm\n", f"\n{source}\n", 1)
+    result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=reversed_command)
+    assert (result.exit_code, (tmp_path / "guided.mcap").exists()) == (1, False)
+    assert "is not imported" in result.stderr
+    kept = yaml.safe_load((tmp_path / "guided.yaml").read_text())
+    assert kept["command"]["source"] == source
+
+
 def test_table_without_time_is_asked_for_its_rate(ema, tmp_path, command):
     answers = ASKED.replace("time_s\ns\n", "-\n25\n")
     result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=answers)

@@ -106,6 +106,10 @@ def import_(
             _preview(file, mapping, description)
         return
     assert mapping is not None
+    if written is not None:
+        # Before the data are judged: the answers are kept whatever is wrong with them.
+        written.write_text(mapping_text(mapping), encoding="utf-8")
+        click.echo(f"{written}: the mapping")
     found = [_read(file, mapping, description, accepts=accept_defects) for file in files]
     for file, one in zip(files, found, strict=True):
         if one.description != found[0].description:
@@ -118,11 +122,9 @@ def import_(
         click.echo(
             f"{counted(joined, 'file')} joined to the one before, whose motion goes on in it"
         )
-    if written is not None:
-        written.write_text(mapping_text(mapping), encoding="utf-8")
     if picture is not None:
         _draw(output, picture)
-        click.echo(f"{written}: the mapping; {picture}: compare it with your record")
+        click.echo(f"{picture}: compare it with your record")
     samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
     h = found[0].description.sample_period
     click.echo(
