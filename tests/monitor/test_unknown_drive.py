@@ -45,6 +45,7 @@ def closed_form(
     *,
     slow: bool = False,
     ways: tuple[float, ...] = (1.0, -1.0) * 4,
+    dwell: int = 3,
 ) -> Window:
     """Moves with trapezoidal speed, and the current that they take by M40 to the last digit."""
     h = 0.02 if slow else H
@@ -58,8 +59,8 @@ def closed_form(
         current += [
             way * (np.r_[ramp, np.zeros(round(steady / h)), -ramp] + friction),
         ]
-        speed.append(np.zeros(3))
-        current.append(np.zeros(3))
+        speed.append(np.zeros(dwell))
+        current.append(np.zeros(dwell))
     omega, amperes = np.concatenate(speed), np.concatenate(current) + load
     turned = np.concatenate([[0.0], np.cumsum(h * (omega[1:] + omega[:-1]) / 2.0)])
     shaft = followed(turned, play)
@@ -133,6 +134,13 @@ def test_plateaus_to_and_fro_tell_friction_from_load():
     [told] = re.findall(r"follows the direction ([\d.]+) .* A, \+([\d.]+) ± ", estimate.reason)
     assert float(told[0]) == pytest.approx(1.6 * FRICTION, rel=0.02)
     assert float(told[1]) == pytest.approx(60.0, abs=2.0)
+
+
+@pytest.mark.parametrize("dwell", [3, 100, 1000])
+def test_play_is_seen_across_a_dwell_however_long(dwell):
+    unit = unit_of([closed_form(dwell=dwell)] * 3, of_speed(measured=True))
+    assert unit.play == pytest.approx(PLAY, rel=0.01)
+    assert unit.terms[1] == pytest.approx(FRICTION, rel=0.01)
 
 
 def test_motion_one_way_does_not_tell_friction_from_load():

@@ -146,7 +146,8 @@ def _fit(
 ) -> Fit:
     """Fit the terms, without knowing anything of the unit."""
     size = balances[0].design.shape[1]
-    usual = float(np.median(np.concatenate([np.abs(one.current) for one in balances])))
+    moving = [np.abs(one.current[one.weight > 0.0]) for one in balances]
+    usual = float(np.median(np.concatenate(moving)))
     fastest = max(one.fastest for one in balances)
     accelerations = np.concatenate([np.abs(one.design[:, 0]) for one in balances])
     sigma = np.full(size, usual)
