@@ -1,6 +1,7 @@
 """Environment of all tests: ROS nodes of a test see no other nodes, and messages check fields."""
 
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -22,6 +23,9 @@ __all__ = [
     "pytest_testnodedown",
     "pytest_xdist_make_scheduler",
 ]
+
+# Started in the background by a shell, tests and the programs that they start would ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Both are kept until the process ends. Histories and calibrations of the user stay as they are.
 _domain = Domain()

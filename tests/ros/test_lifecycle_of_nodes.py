@@ -12,7 +12,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 
 from ema_cli.processes.bringup import NODES, node_class, program
 
-from ..waiting import DEADLINE_S, wait_for
+from ..waiting import DEADLINE_S, started, wait_for
 from .spinning import Spinning
 from .test_bridge_node import JOINT_STATE
 
@@ -22,7 +22,7 @@ SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 @pytest.mark.parametrize("name", [*NODES, "ema"])
 def test_program_that_is_interrupted_while_it_imports_ends_without_a_traceback(name: str):
     command = [program(name)] if name in NODES else [shutil.which("ema"), "estimate", SAMPLE]
-    with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE) as running:
+    with started([str(word) for word in command], stderr=subprocess.PIPE) as running:
         loaded = Path(f"/proc/{running.pid}/maps")
         wait_for(lambda: "/numpy/" in loaded.read_text(), "the imports")
         running.send_signal(signal.SIGINT)
