@@ -37,9 +37,10 @@ def test_progress_falls_to_the_estimate(windows_of, calibration, description, al
     assert estimate is not None
     # To the point of the plane of eccentricity and back: rounding.
     assert estimate.fitness == pytest.approx(generations[-1].fitness, rel=1e-6)
-    # The point, two difference windows for each component, what the estimate leaves there and at
-    # the healthy point, what six deviations of the unit do at both, and its lift.
-    left = 1 + 2 * 8 + 2 + 2 * (1 + 6) + 1
+    # The point, two difference windows for each component, one at a bound, what the estimate leaves
+    # there and at the healthy point, and what six deviations of the unit do at both.
+    at_bound = np.count_nonzero(np.array(estimate.faults)[:5] == 0.0)
+    left = 1 + 2 * 8 - at_bound + 2 + 2 * (1 + 6)
     assert estimate.evaluations == generations[-1].evaluations + left
     known = ~estimate.unobservable
     assert np.array(estimate.faults)[known] == pytest.approx(
@@ -89,9 +90,8 @@ def test_optimizer_is_told_a_good_cost_and_the_budget_less_what_the_estimate_nee
     next(iter(Identification(window, description, calibration, settings)))
     [hints] = told
     # The cost of the healthy point; three linearisations in eight faults and seven causes that
-    # change the motion; two points; six deviations of the unit there and at the healthy one;
-    # and its lift.
-    assert hints.budget == 400 - (1 + 3 * 35 + 2 + 2 * (1 + 6) + 1)
+    # change the motion; two points; six deviations of the unit there and at the healthy one.
+    assert hints.budget == 400 - (1 + 3 * 35 + 2 + 2 * (1 + 6))
     assert hints.good_cost > 0.0
 
 

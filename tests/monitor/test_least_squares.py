@@ -48,7 +48,7 @@ def search(function, start=None, *, seed=0, good_cost=0.0, fair_cost=0.0):
         return function(points)
 
     start = np.full(D, 0.5) if start is None else start
-    hints = Hints(good_cost, fair_cost)
+    hints = Hints(good_cost, lambda: fair_cost)
     optimizer = ScreenedLeastSquares(start, np.random.default_rng(seed), hints)
     progress = list(minimise(watched, optimizer, Patient()))
     assert optimizer.converged

@@ -75,7 +75,7 @@ class StoredCalibration(ABC):
         return reasons + [
             f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
             for name in used
-            if not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
+            if not abs(mine[name] - theirs[name]) <= 1e-9 * abs(theirs[name])
         ]
 
     def save(self, path: Path) -> None:

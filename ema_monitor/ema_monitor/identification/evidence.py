@@ -1,5 +1,6 @@
 """How explanations of a window compare: by what they leave, and by how usual they are (M27)."""
 
+import math
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Final
@@ -10,7 +11,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
+from ema_monitor.optimizers.bounded_quadratic import lowest_of
 
 ADDED_EVIDENCE: Final = 14.0
 """What an added cause must lower the evidence by."""
@@ -49,8 +50,9 @@ class Evidence:
     def __init__(self, objective: Objective, suspects: Sequence[int]) -> None:
         self._objective = objective
         self._suspects = suspects
-        # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
-        self._quadratic: tuple[Linearisation, Array, Array] | None
+        # Of the latest linearisation: cost, worth, gradient and normal matrix, cheap to minimise
+        # for many sets.
+        self._quadratic: tuple[Linearisation, float, float, Array, Array] | None
         self._quadratic = None
 
     def against(self, one: Linearisation, other: Linearisation) -> float:
@@ -59,27 +61,29 @@ class Evidence:
 
     def worse(self, at: Linearisation, shown: Components) -> float:
         """Return by how much the linear model's optimum with only some components is worse."""
-        return self._value(*self.predicted(at, shown)) - self._value(at.cost, at.point)
+        return self._value(*self.predicted(at, shown)) - self._expanded(at)[2]
 
-    def most_gain(self, at: Linearisation) -> float:
-        """Return by how much a set could be better at most: all components, none unusual."""
-        lowest, _ = self.predicted(at, np.ones(len(at.point), dtype=bool))
-        effective = self._objective.fitness.effective
-        return self._value(at.cost, at.point) - effective * float(np.log(lowest))
+    def most_gain(self, at: Linearisation, shown: Components) -> float:
+        """Return by how much a set of some components could be better at most: none is unusual."""
+        lowest, _ = self.predicted(at, shown)
+        return self._expanded(at)[2] - self._objective.fitness.effective * math.log(lowest)
 
     def predicted(self, at: Linearisation, shown: Components) -> tuple[float, Array]:
         """Return cost and point of the linear model's optimum with only some components."""
+        _, cost, _, gradient, normal = self._expanded(at)
+        start = np.where(shown, at.point, self._objective.healthy)
+        point = lowest_of(normal, gradient, at.point, start, shown)
+        move = point - at.point
+        lowest = cost + (2.0 * gradient + normal @ move) @ move
+        return max(float(lowest), 1e-12 * cost), point
+
+    def _expanded(self, at: Linearisation) -> tuple[Linearisation, float, float, Array, Array]:
         if self._quadratic is None or self._quadratic[0] is not at:
             normal = at.jacobian.T @ at.jacobian
             normal += ridge_of(normal) * np.eye(len(normal))
-            self._quadratic = at, at.jacobian.T @ at.residuals, normal
-        _, gradient, normal = self._quadratic
-        point = np.where(shown, at.point, self._objective.healthy)
-        slope = gradient + normal @ (point - at.point)
-        point[shown] = lowest_in_box(normal[np.ix_(shown, shown)], slope[shown], point[shown])
-        move = point - at.point
-        cost = at.cost + 2.0 * gradient @ move + move @ normal @ move
-        return max(float(cost), 1e-12 * at.cost), point
+            worth = self._value(at.cost, at.point)
+            self._quadratic = at, at.cost, worth, at.jacobian.T @ at.residuals, normal
+        return self._quadratic
 
     def alternatives(
         self, at: Linearisation, kept: Components, tried: Components
@@ -132,7 +136,7 @@ class Evidence:
         objective = self._objective
         surprise = objective.surprise(point)
         of_window = max(cost - objective.noise * surprise, 1e-12 * cost)
-        return objective.fitness.effective * float(np.log(of_window)) + surprise
+        return objective.fitness.effective * math.log(of_window) + surprise
 
     def named(self, group: list[int], other: list[int]) -> tuple[str, str]:
         """Return what is kept, and what could stand in for it, in words."""

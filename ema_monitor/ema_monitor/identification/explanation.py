@@ -308,12 +308,12 @@ class Explainer:
         trying as long as the window might not tell the two apart.
         """
         now = components(kept)
-        most = self._evidence.most_gain(at) if len(self._causes) else 0.0
         best, chosen, groups = 0.0, None, self._evidence.groups(kept)
         for cause in self._causes:
             if kept[cause] or not self._tried[cause]:
                 continue
             added = including(kept, [cause])
+            most = self._evidence.most_gain(at, added | self._always)
             # Faults that the cause has hidden may come back.
             trials = [(added | self._always, -ADDED_EVIDENCE)]
             for group in groups:

@@ -246,8 +246,7 @@ class Objective:
     def unit_evaluations(self) -> int:
         """Number of model evaluations that `unit_effects` takes."""
         steps = len(self.unit_steps)
-        bases = 2 if self._knows else 1
-        return (bases * (1 + steps) if steps else 0) + 1
+        return (2 if self._knows and steps else 1) * (1 + steps)
 
     @property
     def noise(self) -> float:
@@ -315,14 +314,13 @@ class Objective:
         """Return the calibrated response at points of the unit box, ``(m, d)``."""
         faults, play = self.decode(points)
         deviations, position = read(self._deviations(points), self._window)
-        # A sensor's error takes no run of the model of its own.
+        # A sensor's error takes no run of the model of its own, nor does a point asked for twice.
         of_sensors = deviations[:, -N_SENSOR:].copy()
         deviations[:, -N_SENSOR:] = 0.0
-        runs, run_of = np.arange(len(points)), np.arange(len(points))
-        if np.any(of_sensors):
-            moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
-            _, runs, run_of = np.unique(moving, axis=0, return_index=True, return_inverse=True)
-            run_of = run_of.reshape(-1)
+        moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
+        numbers: dict[bytes, int] = {}
+        run_of = [numbers.setdefault(row.tobytes(), len(numbers)) for row in moving]
+        _, runs = np.unique(run_of, return_index=True)
         self.evaluations += len(runs)
         response = self._model.respond(
             self._window,
@@ -332,9 +330,11 @@ class Objective:
             deviations[runs],
             position[runs],
         )
+        if len(runs) < len(points):
+            response = Response(response.current[run_of], response.speed[run_of])
         if not np.any(of_sensors):
             return response
-        rows = (response.current[run_of], response.speed[run_of])
+        rows = (response.current, response.speed)
         return Response(*sensed(rows, of_sensors, self._window.sample_period))
 
     def unit_effects(self, point: Array) -> Array:
@@ -345,54 +345,45 @@ class Objective:
         response, which is measured: its effect there is taken off. With six steps, three more
         columns are those of the idle phases' lift, not known once the phases differ.
         """
+        steps = self.unit_steps
+        bases = np.stack([point, self.healthy]) if self._knows and len(steps) else point[None]
+        faults, play = self.decode(bases)
+        deviations, position = read(self._deviations(point[None]), self._window)
+        varied = np.concatenate([np.zeros((1, N_DEVIATIONS)), steps])
+        m = len(varied)
+        response = self._model.respond(
+            self._window,
+            np.repeat(faults, m, axis=0),
+            np.repeat(play, m),
+            self._corrections,
+            np.concatenate([deviations + varied, varied][: len(bases)]),
+            position[0],
+        )
+        self.evaluations += m * len(bases)
+        rows = self.fitness.residuals(response).reshape(len(bases), m, -1)
+        effects = rows[0, 1:] - rows[0, 0]
+        if len(bases) > 1:
+            effects -= rows[1, 1:] - rows[1, 0]
         # A drive without idle phases has no lift.
-        has_lift = self._calibration.drive == "six_step"
-        effects = self._lift_effects(point)[:, : 3 if has_lift else 0]
-        if len(self.unit_steps):
-            effects = np.concatenate([self._deviation_effects(point), effects], axis=1)
-        effects = np.pad(effects, ((0, self.priors), (0, 0)))
+        if self._calibration.drive == "six_step":
+            at_point = Response(response.current[0], response.speed[0])
+            lifted = self._with_lift(faults[0], at_point)
+            effects = np.concatenate([effects, lifted - rows[0, 0]])
+        effects = np.pad(effects.T, ((0, self.priors), (0, 0)))
         if self.known is not None and self.known.shifts.size:
             # What is known already has been shifted by the same deviations of the unit.
             end = len(effects) - len(self._priors)
             effects[end - N_FAULTS : end] = -self._known_rows @ self.known.shifts
         return effects
 
-    def _lift_effects(self, point: Array) -> Array:
-        expected = self.expect(point[None])
-        faults, _ = self.decode(point[None])
+    def _with_lift(self, faults: Array, expected: Response) -> Array:
+        """Return the residuals with more lift of each idle phase than is expected, ``(3, r)``."""
         parameters = self._calibration.parameters
-        unlike = min(1.0, float(np.max(faults[0, SHORT_CIRCUITS])) / _UNLIKE_PHASES)
+        unlike = min(1.0, float(np.max(faults[SHORT_CIRCUITS])) / _UNLIKE_PHASES)
         sigma = unlike * _LIFT_UNCERTAINTY * parameters.h_b / 4.0
-        lifts = lifts_of_pairs(parameters, self._window.telemetry.position[1:], expected.current[0])
-        current = expected.current + sigma * np.concatenate(
-            [np.zeros((1, len(self._window))), lifts]
-        )
-        rows = self.fitness.residuals(Response(current, np.tile(expected.speed, (4, 1))))
-        return (rows[1:] - rows[0]).T
-
-    def _deviation_effects(self, point: Array) -> Array:
-        steps = self.unit_steps
-        knows = self._knows
-        bases = np.stack([point, self.healthy]) if knows else point[None]
-        faults, play = self.decode(bases)
-        deviations, position = read(self._deviations(point[None]), self._window)
-        effects = []
-        for k, place in zip(faults, play, strict=True):
-            m = 1 + len(steps)
-            varied = np.concatenate([np.zeros((1, N_DEVIATIONS)), steps])
-            rows = self.fitness.residuals(
-                self._model.respond(
-                    self._window,
-                    np.tile(k, (m, 1)),
-                    place,
-                    self._corrections,
-                    (deviations if not effects else 0.0) + varied,
-                    position[0],
-                )
-            )
-            self.evaluations += m
-            effects.append(rows[1:] - rows[0])
-        return (effects[0] - effects[1] if knows else effects[0]).T
+        lifts = lifts_of_pairs(parameters, self._window.telemetry.position[1:], expected.current)
+        current = expected.current + sigma * lifts
+        return self.fitness.residuals(Response(current, np.tile(expected.speed, (3, 1))))
 
     @cached_property
     def unit_steps(self) -> Array:
@@ -422,28 +413,28 @@ class Objective:
             rows.append(self._priors * (points[:, self.first_cause :] - 0.5))
         return np.concatenate(rows, axis=1)
 
-    def linearise(self, point: Array, free: Flags | None = None) -> Linearisation:
+    def linearise(
+        self, point: Array, free: Flags | None = None, residuals: Array | None = None
+    ) -> Linearisation:
         """Return residuals and their central differences at a point, ``(d,)``.
 
-        The derivatives of components that are not ``free``, ``(d,)``, are 0.
+        The derivatives of components that are not ``free``, ``(d,)``, are 0. The residuals at the
+        point may be known, ``(r,)``.
         """
-        steps = DIFFERENCE * np.eye(len(point))
-        steps = steps if free is None else steps[free]
+        free = np.ones(len(point), dtype=bool) if free is None else free
+        steps = DIFFERENCE * np.eye(len(point))[free]
         below, above = np.maximum(point - steps, 0.0), np.minimum(point + steps, 1.0)
-        rows = self.residuals(np.concatenate([point[None], below, above]))
-        at_point, at_below, at_above = np.split(rows, [1, 1 + len(steps)])
-        widths = np.sum(above - below, axis=1)
-        columns = (at_above - at_below).T / widths
-        if free is None:
-            return Linearisation(point, at_point[0], columns)
-        jacobian = np.zeros((len(columns), len(point)))
-        jacobian[:, free] = columns
-        return Linearisation(point, at_point[0], jacobian)
+        centre = point[None] if residuals is None else point[None][:0]
+        rows = self.residuals(np.concatenate([below, above, centre]))
+        at_below, at_above, at_point = np.split(rows, [len(steps), 2 * len(steps)])
+        jacobian = np.zeros((rows.shape[1], len(point)))
+        jacobian[:, free] = (at_above - at_below).T / np.sum(above - below, axis=1)
+        return Linearisation(point, at_point[0] if residuals is None else residuals, jacobian)
 
     def extended(self, at: Linearisation, known: Flags, free: Flags) -> Linearisation:
         """Return a linearisation with derivatives of the ``free``, of which some are ``known``."""
         missing = free & ~known
         if not np.any(missing):
             return at
-        more = self.linearise(at.point, missing)
+        more = self.linearise(at.point, missing, at.residuals)
         return more._replace(jacobian=np.where(free & known, at.jacobian, more.jacobian))

@@ -185,16 +185,14 @@ class ModelIdentification:
                     start[number] = self.load
         inference = Inference(window, calibration, settings, self.known)
         termination = Termination(settings.budget)
-        fair_cost, before = objective.fair_cost(), objective.evaluations
-        reserve = inference.most_evaluations + before
-        hints = Hints(objective.fitness.good_cost, fair_cost, termination.budget - reserve)
+        reserve = inference.most_evaluations + 1
+        good_cost = objective.fitness.good_cost
+        hints = Hints(good_cost, objective.fair_cost, termination.budget - reserve)
         optimizer = optimizer_class(start, np.random.default_rng(settings.seed), hints)
         progress = None
         for progress in minimise(objective.residuals, optimizer, termination, reserve=reserve):
             [faults], _ = objective.decode(progress.point[None])
-            yield Generation(
-                progress.generation, before + progress.evaluations, progress.cost, faults
-            )
+            yield Generation(progress.generation, objective.evaluations, progress.cost, faults)
         if progress is None or not np.isfinite(progress.cost):
             return self._refused("no fault vector gave a finite cost")
         if optimizer_class.uses_residuals and not optimizer.converged:
@@ -205,7 +203,7 @@ class ModelIdentification:
                 faults,
                 float(play),
                 progress.point[objective.first_cause :],
-                evaluations=before + progress.evaluations,
+                evaluations=objective.evaluations,
                 started=started,
                 warm_start=previous is not None,
                 contradicted=contradicted,

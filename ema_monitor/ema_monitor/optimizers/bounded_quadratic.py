@@ -62,17 +62,34 @@ def lowest_in_box(
 ) -> NDArray[np.float64]:
     """Minimise ``g (x - start) + (x - start) H (x - start) / 2`` over the unit box.
 
-    Primal active set: move towards the minimum over the free components up to the first bound, and
-    fix the component there. At a minimum, free the fixed component with the steepest descent.
     The Hessian, ``(d, d)``, is positive definite; the gradient, ``(d,)``, is taken at the start.
     """
+    return lowest_of(hessian, gradient, start, start, np.ones(len(start), dtype=np.bool_))
+
+
+@kernel(nogil=False)
+def lowest_of(
+    hessian: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+    at: NDArray[np.float64],
+    start: NDArray[np.float64],
+    free: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Minimise as `lowest_in_box` by the ``free`` components, the others being as at the start.
+
+    Primal active set: move towards the minimum over the free components up to the first bound, and
+    fix the component there. At a minimum, free the fixed component with the steepest descent.
+    The gradient is taken ``at`` a point that may be another than the start.
+    """
     d = len(start)
-    x, held, steepest_start = start.copy(), np.zeros(d, dtype=np.bool_), 0.0
+    x, held, steepest_start = start.copy(), ~free, 0.0
+    slope = slope_at(x, hessian, gradient, at)
     for i in range(d):
-        steepest_start = max(steepest_start, abs(gradient[i]))
+        if free[i]:
+            steepest_start = max(steepest_start, abs(slope[i]))
     # Each round settles a face of the box; far fewer are needed than this guard allows.
     for _ in range(10 * d):
-        move = step_of_free(hessian, slope_at(x, hessian, gradient, start), held)
+        move = step_of_free(hessian, slope, held)
         reach = 1.0
         for i in range(d):
             reach = min(reach, room(x[i], move[i]))
@@ -81,13 +98,13 @@ def lowest_in_box(
                 held[i], x[i] = True, 1.0 if move[i] > 0.0 else 0.0
             else:
                 x[i] = min(max(x[i] + reach * move[i], 0.0), 1.0)
+        slope = slope_at(x, hessian, gradient, at)
         if reach < 1.0:
             continue
-        slope = slope_at(x, hessian, gradient, start)
         most, steepest = 0.0, 0
         for i in range(d):
             descent = -slope[i] if x[i] == 0.0 else slope[i]
-            if held[i] and descent > most:
+            if held[i] and free[i] and descent > most:
                 most, steepest = descent, i
         if most <= 1e-14 * steepest_start:
             break

@@ -1,5 +1,6 @@
 """Interface of the optimizers: ask for points of the unit box, then tell their costs."""
 
+from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -14,13 +15,14 @@ class Hints(NamedTuple):
     good_cost
         Highest cost at which an optimum can be accepted as the global one.
     fair_cost
-        Highest cost at which it can be accepted once a second search has found nothing better.
+        Returns the highest cost at which it can be accepted once a second search has found nothing
+        better.
     budget
         Largest number of evaluations, over which a schedule extends. The driver ends the search.
     """
 
     good_cost: float = 0.0
-    fair_cost: float = 0.0
+    fair_cost: Callable[[], float] = float
     budget: int = 10_000
 
 

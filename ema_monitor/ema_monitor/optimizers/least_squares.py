@@ -111,8 +111,9 @@ class ScreenedLeastSquares:
                 descents.sort(key=lambda descent: descent.cost)
                 del descents[max(1, (len(descents) + 1) // 2) :]
             agrees = self._best_cost > (1.0 - _AGREEMENT) * before
-            enough = max(self._hints.good_cost, self._hints.fair_cost if agrees else 0.0)
-            if self._best_cost <= enough:
+            if self._best_cost <= self._hints.good_cost:
+                return
+            if agrees and self._best_cost <= self._hints.fair_cost():
                 return
 
     def _screen(self, size: int) -> NDArray[np.float64]:
