@@ -90,17 +90,19 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 
 
 @kernel()
-def next_speed_of_lanes(m: MechanicalConstants, omega, torque, breakaway, friction, dt):
+def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, friction, dt):
     """Motor speed after one step, as `next_speed`, with selections in place of branches (M7).
 
-    ``friction`` is that in motion [N.m]. Lanes cannot branch; the reference actuator, a single
-    float, is 6 % faster with branches.
+    ``friction`` is that in motion, ``load`` what opposes the ``torque`` of the motor [N.m]. Lanes
+    cannot branch; the reference actuator, a single float, is 6 % faster with branches. The torque
+    is the last to be known: all else is ready by then.
     """
-    net = torque - m.C * omega
-    rests = omega == 0.0
-    stepped = omega + dt / m.J * (net - math.copysign(friction, select(rests, net, omega)))
-    stops = (rests & (abs(net) <= breakaway)) | (stepped * omega < 0.0)
-    return select(stops, 0.0, stepped)
+    drag = load + m.C * omega + math.copysign(friction, omega)
+    moved = omega + dt / m.J * (torque - drag)
+    net = torque - load
+    started = select(abs(net) <= breakaway, 0.0, dt / m.J * (net - math.copysign(friction, net)))
+    stepped = select(omega > 0.0, max(moved, 0.0), min(moved, 0.0))
+    return select(omega == 0.0, started, stepped)
 
 
 @kernel()

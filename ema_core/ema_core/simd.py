@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from llvmlite import ir
+from llvmlite.binding import get_host_cpu_features
 from numba import TypingError, types
 from numba.core.typeconv.castgraph import Conversion
 from numba.extending import (
@@ -32,10 +33,9 @@ from numba.extending import (
 _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
-LANES: Final = 8
-"""Lanes of a vector: most calls of a search have at most 8, and several vectors share the cores.
-
-Full vectors of 16 take 13 % less time a lane, vectors of 4 as long as those of 8.
+LANES: Final = 16 if get_host_cpu_features().get("avx512f") else 8
+"""Lanes of a vector. The operations of a step wait for one another: 16 lanes take 1.3 times as long
+as 8 in registers of 512 bits, 1.7 times in those of 256.
 """
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)

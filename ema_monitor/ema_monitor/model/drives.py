@@ -157,15 +157,16 @@ def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Arr
 class DrivenPair(NamedTuple):
     """Constants of the fast form's driven pair, which hold for angles of the motor [rad].
 
-    They hold from ``lowest`` up to ``highest``. ``rise`` is what the supply lets the current rise
-    by in a step [A], ``band`` half the width of what the current then keeps within [A]; the others
-    are as in `FastDrive`.
+    They hold from ``lowest`` up to ``highest``. ``decay`` is ``slew R`` [-], ``rise`` what the
+    supply lets the current rise by in a step [A], ``band`` half the width of what the current then
+    keeps within [A]; the others are as in `FastDrive`.
     """
 
     lowest: Any
     highest: Any
     R: Any
     slew: Any
+    decay: Any
     K: Any
     K_cos: Any
     K_sin: Any
@@ -197,13 +198,14 @@ def pair_at(drive: FastDrive, theta_m):
     half_turns = drive.half_turns * theta_m
     position = pair_position(half_turns)
     start = half_turns - position + of_pair(position, (0.0, 1.0 / 3.0, 2.0 / 3.0))
-    slew = of_pair(position, drive.slew)
+    R, slew = of_pair(position, drive.R), of_pair(position, drive.slew)
     rise = slew * drive.V_max
     return DrivenPair(
         start / drive.half_turns,
         (start + 1.0 / 3.0) / drive.half_turns,
-        of_pair(position, drive.R),
+        R,
         slew,
+        slew * R,
         of_pair(position, drive.K),
         of_pair(position, drive.K_cos),
         of_pair(position, drive.K_sin),
@@ -232,8 +234,8 @@ def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
     delay of its loop. Resistance, inductance and torque constant are those of the driven pair
     (M10); ``cos`` and ``sin`` are those of theta_m.
     """
-    K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
-    fall = pair.slew * (pair.R * I + K * omega)
+    K = pair.K + pair.K_cos * cos + pair.K_sin * sin
+    fall = pair.decay * I + K * (pair.slew * omega)
     I = min(max(I_ref - drive.delay * fall, I - fall - pair.rise), I - fall + pair.rise)
     return I, clip(K * I, drive.T_max), K * pair.band
 

@@ -17,7 +17,7 @@ from ema_core.dynamics import (
     speed_error,
 )
 from ema_core.parameters import ControlConstants, MechanicalConstants
-from ema_core.simd import broadcast, load, select, store
+from ema_core.simd import any_lane, broadcast, load, select, store
 from ema_monitor.model.drives import (
     FastDrive,
     SourceDrive,
@@ -68,10 +68,11 @@ class ModelState(NamedTuple):
 @kernel()
 def rotate(cos, sin, angle):
     """Return cosine and sine of an angle increased by up to 0.02 rad: their series, to 1e-13."""
-    square = angle * angle
-    c = 1.0 - square * (0.5 - square * (1.0 / 24.0))
-    s = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)))
-    return c * cos - s * sin, c * sin + s * cos
+    square, of_cos, of_sin = angle * angle, angle * cos, angle * sin
+    c = square * (0.5 - square * (1.0 / 24.0))
+    s = square * (1.0 / 6.0 - square * (1.0 / 120.0))
+    # The next step waits for it: few operations follow one another.
+    return cos - of_sin - c * cos + s * of_sin, sin + of_cos - c * sin - s * of_cos
 
 
 @kernel()
@@ -81,7 +82,7 @@ def advance(
     mech: MechanicalConstants,
     x: ModelState,
     stage,
-    proportional,
+    speed_loop,
     command,
     opposing,
     friction,
@@ -91,24 +92,28 @@ def advance(
 
     ``stage`` is that of the commutation at the angle of the motor: the driven pair, or its place.
     ``opposing`` is the torque of the load against positive motion and ``friction`` the dry friction
-    in motion [N.m]. ``proportional`` computes the reference current of a speed loop whose other
-    gains are 0.
+    in motion [N.m]. ``speed_loop`` is None where all gains of the speed loop are 0 but the
+    proportional one: it needs no memory.
     """
     error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
-    if proportional:
+    integral = x.integral
+    if speed_loop is None:
         I_ref = clip(c.GAP / c.k_t * error, c.I_max)
     else:
-        I_ref = reference_current(c, error, x.integral, x.error, 0.0, dt)
+        I_ref = reference_current(c, error, integral, x.error, 0.0, dt)
+        integral += dt * error
     I, torque, ripple = drive_current(drive, stage, x.cos, x.sin, x.I, I_ref, x.omega)
     # The ripple of the PWM breaks the motor away below its static friction (M12).
     breakaway = max(mech.f_s - ripple, friction)
-    omega = next_speed_of_lanes(mech, x.omega, torque - opposing, breakaway, friction, dt)
-    theta_m = x.theta_m + dt * omega
-    omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
-    theta_m = clip(theta_m, mech.theta_stop)
-    cos, sin = rotate(x.cos, x.sin, drive.waves * (theta_m - x.theta_m))
+    omega = next_speed_of_lanes(mech, x.omega, torque, opposing, breakaway, friction, dt)
+    theta_m, angle = x.theta_m + dt * omega, drive.waves * dt * omega
+    if any_lane(abs(theta_m) > mech.theta_stop):
+        omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
+        theta_m = clip(theta_m, mech.theta_stop)
+        angle = drive.waves * (theta_m - x.theta_m)
+    cos, sin = rotate(x.cos, x.sin, angle)
     theta_b = follow_in_play(x.theta_b, theta_m, mech.half_backlash)
-    return ModelState(theta_m, cos, sin, omega, theta_b, I, x.integral + dt * error, error)
+    return ModelState(theta_m, cos, sin, omega, theta_b, I, integral, error)
 
 
 @kernel()
@@ -123,6 +128,7 @@ def run_lanes(
     position_0,
     speed_0,
     current_0,
+    speed_loop,
     steps,
     dt,
     lag,
@@ -139,9 +145,9 @@ def run_lanes(
     added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are the initial
     positions: ``play``, of the motor within the backlash in half-widths, and ``position_0`` [rad],
     of the user shaft. ``command`` is ``(n + 1,)``, its first value that at the start. The initial
-    state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A]. ``sampling`` makes the samples
-    of the current. With ``of_shaft``, the speed is the mean one of the fast shaft behind the play
-    over a sample, else that of the motor at its end.
+    state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A]. ``speed_loop`` is as of
+    `advance`, ``sampling`` makes the samples of the current. With ``of_shaft``, the speed is the
+    mean one of the fast shaft behind the play over a sample, else that of the motor at its end.
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     shaft = load(shaft_of_lanes, first)
@@ -162,7 +168,6 @@ def run_lanes(
     stage = first_stage(drive, theta_m)
     equivalent = equivalent_current(drive, stage, I)
     lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
-    proportional = c.GAI == 0.0 and c.GAD == 0.0
     sample = broadcast(current_0)
     for k in range(current.shape[1]):
         sample *= sampling.carry
@@ -176,7 +181,7 @@ def run_lanes(
             square = x.omega * x.omega + _RIPPLE_SPEED_SQUARE
             slowness = stribeck_square / (stribeck_square + square)
             friction = mech.f_d + (mech.f_s - mech.f_d) * slowness * slowness
-            x = advance(c, drive, mech, x, stage, proportional, delayed, opposing, friction, dt)
+            x = advance(c, drive, mech, x, stage, speed_loop, delayed, opposing, friction, dt)
             lag_1 += lag * (equivalent_current(drive, stage, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)

@@ -155,6 +155,7 @@ class MonitorModel:
             drive = field_oriented_constants(motor, self._loop, self.dt, d.loop_delay)
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
         sampling = current_sampling(self.acquisition, steps, self.dt)
+        speed_loop = True if self.parameters.GAI or self.parameters.GAD else None
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         first = float(window.telemetry.position[0]) if position is None else position
         first_of_lane = np.full(m, first, dtype=np.float64)[lane_of]
@@ -178,6 +179,7 @@ class MonitorModel:
                 first_of_lane,
                 window.initial_speed(self.parameters.tau),
                 window.initial_current,
+                speed_loop,
                 steps,
                 self.dt,
                 lag,
