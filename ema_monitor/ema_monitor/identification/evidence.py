@@ -1,6 +1,5 @@
 """How explanations of a window compare: by what they leave, and by how usual they are (M27)."""
 
-import math
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Final
@@ -11,7 +10,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
-from ema_monitor.optimizers.bounded_quadratic import lowest_of
+from ema_monitor.optimizers.bounded_quadratic import lowest_of_each
 
 ADDED_EVIDENCE: Final = 14.0
 """What an added cause must lower the evidence by."""
@@ -50,40 +49,37 @@ class Evidence:
     def __init__(self, objective: Objective, suspects: Sequence[int]) -> None:
         self._objective = objective
         self._suspects = suspects
-        # Of the latest linearisation: cost, worth, gradient and normal matrix, cheap to minimise
-        # for many sets.
-        self._quadratic: tuple[Linearisation, float, float, Array, Array] | None
+        # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
+        self._quadratic: tuple[Linearisation, Array, Array] | None
         self._quadratic = None
 
     def against(self, one: Linearisation, other: Linearisation) -> float:
         """Return by how much the first is worse."""
-        return self._value(one.cost, one.point) - self._value(other.cost, other.point)
+        return float(self._value(one.cost, one.point) - self._value(other.cost, other.point))
 
-    def worse(self, at: Linearisation, shown: Components) -> float:
-        """Return by how much the linear model's optimum with only some components is worse."""
-        return self._value(*self.predicted(at, shown)) - self._expanded(at)[2]
+    def worse(self, at: Linearisation, sets: Components) -> Array:
+        """Return by how much the linear model's optima with only some components are worse.
 
-    def most_gain(self, at: Linearisation, shown: Components) -> float:
-        """Return by how much a set of some components could be better at most: none is unusual."""
-        lowest, _ = self.predicted(at, shown)
-        return self._expanded(at)[2] - self._objective.fitness.effective * math.log(lowest)
+        The ``sets`` are ``(n, d)``, the result is ``(n,)``.
+        """
+        return self._value(*self._optima(at, sets)) - self._value(at.cost, at.point)
 
-    def predicted(self, at: Linearisation, shown: Components) -> tuple[float, Array]:
-        """Return cost and point of the linear model's optimum with only some components."""
-        _, cost, _, gradient, normal = self._expanded(at)
-        start = np.where(shown, at.point, self._objective.healthy)
-        point = lowest_of(normal, gradient, at.point, start, shown)
-        move = point - at.point
-        lowest = cost + (2.0 * gradient + normal @ move) @ move
-        return max(float(lowest), 1e-12 * cost), point
+    def predicted(self, at: Linearisation, shown: Components) -> Array:
+        """Return the linear model's optimum with only some components, ``(d,)``."""
+        return self._optima(at, shown[None])[1][0]
 
-    def _expanded(self, at: Linearisation) -> tuple[Linearisation, float, float, Array, Array]:
+    def _optima(self, at: Linearisation, sets: Components) -> tuple[Array, Array]:
+        """Return costs, ``(n,)``, and points, ``(n, d)``."""
         if self._quadratic is None or self._quadratic[0] is not at:
             normal = at.jacobian.T @ at.jacobian
             normal += ridge_of(normal) * np.eye(len(normal))
-            worth = self._value(at.cost, at.point)
-            self._quadratic = at, at.cost, worth, at.jacobian.T @ at.residuals, normal
-        return self._quadratic
+            self._quadratic = at, at.jacobian.T @ at.residuals, normal
+        _, gradient, normal = self._quadratic
+        starts = np.where(sets, at.point, self._objective.healthy)
+        points = lowest_of_each(normal, gradient, at.point, starts, sets)
+        moves = points - at.point
+        costs = at.cost + np.sum((2.0 * gradient + moves @ normal) * moves, axis=1)
+        return np.maximum(costs, 1e-12 * at.cost), points
 
     def alternatives(
         self, at: Linearisation, kept: Components, tried: Components
@@ -94,18 +90,20 @@ class Evidence:
         for group in self.groups(kept):
             without = excluding(kept, group)
             fewer = components(kept) - components(without)
+            others = self._stand_ins(group, kept, tried)
+            sets = np.array([without, *(including(without, other) for other in others)])
+            of_none, *differences = self.worse(at, sets).tolist()
             # What hardly shows is not worth an alternative.
             most = min(
                 AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1),
-                self.worse(at, without) - COMPONENT_EVIDENCE,
+                of_none - COMPONENT_EVIDENCE,
             )
-            for other in self._stand_ins(group, kept, tried):
-                trial = including(without, other)
-                if (difference := self.worse(at, trial)) < most:
+            for other, trial, difference in zip(others, sets[1:], differences, strict=True):
+                if difference < most:
                     found.append(self.named(group, other))
                     confused[other] = True
                     worse.append(difference - COMPONENT_EVIDENCE * (fewer - 1))
-                    steps.append(self.predicted(at, trial)[1] - at.point)
+                    steps.append(self.predicted(at, trial) - at.point)
         return confused, spread_of(worse, steps), found
 
     def groups(self, kept: Components) -> list[list[int]]:
@@ -132,11 +130,11 @@ class Evidence:
             others += [healthy] if len(healthy) > 1 else []
         return others
 
-    def _value(self, cost: float, point: Array) -> float:
+    def _value(self, cost: Array | float, point: Array) -> Array:
         objective = self._objective
         surprise = objective.surprise(point)
-        of_window = max(cost - objective.noise * surprise, 1e-12 * cost)
-        return objective.fitness.effective * math.log(of_window) + surprise
+        of_window = np.maximum(cost - objective.noise * surprise, 1e-12 * cost)
+        return objective.fitness.effective * np.log(of_window) + surprise
 
     def named(self, group: list[int], other: list[int]) -> tuple[str, str]:
         """Return what is kept, and what could stand in for it, in words."""

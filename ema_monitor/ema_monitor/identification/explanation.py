@@ -55,6 +55,8 @@ _MOST_SEEDS = 2
 _MOST_STEPS = 8
 _STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 _CONVERGED = 2e-3
+# Share of the cost that a further fit has to take off by the linear model.
+_SETTLED = 2e-4
 
 
 Fitted = tuple[Linearisation, Components]
@@ -125,10 +127,11 @@ class Explainer:
     def explain(self, point: Array) -> Explanation:
         """Return what explains the window, from the optimum of the faults alone, ``(d,)``."""
         fitted = self._always
-        at, kept = self._reduced(self._objective.linearise(point, fitted), fitted)
-        # So far with the columns of what is kept alone: setting to healthy needs no others.
+        at = self._objective.linearise(point, fitted)
+        # So far with the columns of faults alone: setting to healthy needs no others.
         self._tried = self._worth_trying(at)
-        at = self._objective.extended(at, kept, self._tried)
+        at, kept = self._reduced(at, fitted, self._tried)
+        at = self._objective.extended(at, self._tried)
         at, kept = self._with_causes(at, kept)
         if self._is_doubtful(at, kept):
             for start, trial in self._elsewhere(at, kept):
@@ -154,11 +157,11 @@ class Explainer:
         at, evidence = explanation.at, self._evidence
         for group, other, starts in self._weaker_motors(explanation):
             trial = including(excluding(explanation.kept | self._always, group), other)
-            if evidence.worse(at, trial) > FAR_EVIDENCE:
+            if evidence.worse(at, trial[None])[0] > FAR_EVIDENCE:
                 continue
             if not self._can_afford_more:
                 break
-            starts = np.vstack([evidence.predicted(at, trial)[1], starts])
+            starts = np.vstack([evidence.predicted(at, trial), starts])
             there = self._objective.linearise(self._descended(starts, trial), trial)
             if not np.all(np.isfinite(there.jacobian)):
                 continue
@@ -214,7 +217,7 @@ class Explainer:
             trial = self._promising(at, kept)
             if trial is None:
                 break
-            starts = [self._evidence.predicted(at, trial)[1]]
+            starts = [self._evidence.predicted(at, trial)]
             if np.all(trial[kept]):
                 starts.append(at.point)
             better = self._better(np.stack(starts), trial, at, kept)
@@ -281,7 +284,7 @@ class Explainer:
             both = one + other
             if np.all(kept[both]):
                 trial = excluding(kept | self._always, both)
-                starts = np.stack([self._evidence.predicted(at, trial)[1], at.point])
+                starts = np.stack([self._evidence.predicted(at, trial), at.point])
                 starts[:, both] = self._objective.healthy[both]
                 at, kept = self._better(starts, trial, at, kept) or (at, kept)
         return at, kept
@@ -294,12 +297,12 @@ class Explainer:
         there = self._objective.linearise(point, trial)
         if not np.all(np.isfinite(there.jacobian)):
             return None  # two phases without turns: the model has no finite response
-        found, shown = self._reduced(there, trial)
+        found, shown = self._reduced(there, trial, trial)
         more = components(shown) - components(kept)
         wanted = COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
         if self._evidence.against(found, at) >= -wanted:
             return None
-        return self._objective.extended(found, shown, self._tried), shown
+        return self._objective.extended(found, self._tried), shown
 
     def _promising(self, at: Linearisation, kept: Components) -> Components | None:
         """Return the components of the best explanation with another cause; None without any.
@@ -308,25 +311,25 @@ class Explainer:
         trying as long as the window might not tell the two apart.
         """
         now = components(kept)
-        best, chosen, groups = 0.0, None, self._evidence.groups(kept)
+        groups = self._evidence.groups(kept)
+        # The new cause takes the place of one of them.
+        fewer = [now - components(excluding(kept, group)) - 1 for group in groups]
+        trials, worths = [], []
         for cause in self._causes:
             if kept[cause] or not self._tried[cause]:
                 continue
             added = including(kept, [cause])
-            most = self._evidence.most_gain(at, added | self._always)
             # Faults that the cause has hidden may come back.
-            trials = [(added | self._always, -ADDED_EVIDENCE)]
-            for group in groups:
-                fewer = now - components(trial := excluding(added, group))
-                worth = COMPONENT_EVIDENCE * fewer + AMBIGUOUS_EVIDENCE
-                trials.append((trial, worth if fewer else 0.0))
-            for trial, worth in trials:
-                if worth + most <= best:
-                    continue
-                gain = worth - self._evidence.worse(at, trial)
-                if gain > best:
-                    best, chosen = gain, trial
-        return chosen
+            trials.append(added | self._always)
+            worths.append(-ADDED_EVIDENCE)
+            for group, less in zip(groups, fewer, strict=True):
+                trials.append(excluding(added, group))
+                worths.append(COMPONENT_EVIDENCE * less + AMBIGUOUS_EVIDENCE if less else 0.0)
+        if not trials:
+            return None
+        gains = np.array(worths) - self._evidence.worse(at, np.array(trials))
+        best = int(np.argmax(gains))
+        return trials[best] if gains[best] > 0.0 else None
 
     def _descended(self, starts: Array, free: Components) -> Array:
         """Return the optimum of some components, downhill from the lowest start, ``(m, d)``."""
@@ -346,8 +349,11 @@ class Explainer:
             trials = point + _STEPS[:, None] * (target - point)
         return point
 
-    def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
-        """Set components that are not significant to healthy and fit the others anew."""
+    def _reduced(self, at: Linearisation, fitted: Components, wanted: Components) -> Fitted:
+        """Set components that are not significant to healthy and fit the others anew.
+
+        What it returns mostly has the derivatives that are ``wanted``.
+        """
         objective = self._objective
         if not self._parsimonious:
             return at, fitted
@@ -358,7 +364,7 @@ class Explainer:
         )
         if np.all(kept == fitted):
             return at, kept
-        optimum, at = at, self._objective.linearise(point, kept)
+        optimum, at = at, self._objective.linearise(point, wanted)
         loss = math.log(MOST_LOSS) * objective.fitness.effective
         if np.any(fitted[self._suspects]):
             loss = max(loss, COMPONENT_EVIDENCE * (components(fitted) - components(kept)))
@@ -367,5 +373,8 @@ class Explainer:
         if self._evidence.against(at, optimum) > loss:
             return optimum, fitted
         point = refitted(at, objective.healthy, kept)
+        left = at.residuals + at.jacobian @ (point - at.point)
+        if left @ left > (1.0 - _SETTLED) * at.cost:
+            return at, kept
         again = self._objective.linearise(point, kept)
         return (again if again.cost < at.cost else at), kept

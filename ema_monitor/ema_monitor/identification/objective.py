@@ -278,21 +278,17 @@ class Objective:
         """Number of residuals, the last ones, that are priors."""
         return len(self.relations.values) + len(self._known_rows) + len(self._priors)
 
-    def surprise(self, point: Array) -> float:
-        """Return how unusual the hidden causes of a point, ``(d,)``, are.
+    def surprise(self, point: Array) -> Array:
+        """Return how unusual the hidden causes of points, ``(..., d)``, are, ``(...)``.
 
         It is what their priors, and the relations of the columns, have in the cost over ``noise``.
         """
-        away = self.cause_sigmas(point)
-        total = float(away @ away)
-        if len(self.relations.values):
-            left = self._related @ (point[self.first_cause :] - 0.5) + self._unrelated
-            total += float(left @ left)
-        return total
+        left = (point[..., self.first_cause :] - 0.5) @ self._related.T + self._unrelated
+        return np.sum(self.cause_sigmas(point) ** 2, axis=-1) + np.sum(left**2, axis=-1)
 
     def cause_sigmas(self, point: Array) -> Array:
-        """Return how many sigma hidden causes are from what is expected, ``(n_causes,)``."""
-        return self._sigmas * (point[self.first_cause :] - 0.5)
+        """Return how many sigma hidden causes are from what is expected, ``(..., n_causes)``."""
+        return self._sigmas * (point[..., self.first_cause :] - 0.5)
 
     @property
     def known_rows(self) -> slice:
@@ -332,10 +328,11 @@ class Objective:
         )
         if len(runs) < len(points):
             response = Response(response.current[run_of], response.speed[run_of])
-        if not np.any(of_sensors):
-            return response
-        rows = (response.current, response.speed)
-        return Response(*sensed(rows, of_sensors, self._window.sample_period))
+        current, speed = response
+        if len(seen := np.flatnonzero(np.any(of_sensors, axis=1))):
+            rows = current[seen], speed[seen]
+            current[seen], speed[seen] = sensed(rows, of_sensors[seen], self._window.sample_period)
+        return response
 
     def unit_effects(self, point: Array) -> Array:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
@@ -431,10 +428,10 @@ class Objective:
         jacobian[:, free] = (at_above - at_below).T / np.sum(above - below, axis=1)
         return Linearisation(point, at_point[0] if residuals is None else residuals, jacobian)
 
-    def extended(self, at: Linearisation, known: Flags, free: Flags) -> Linearisation:
-        """Return a linearisation with derivatives of the ``free``, of which some are ``known``."""
-        missing = free & ~known
+    def extended(self, at: Linearisation, free: Flags) -> Linearisation:
+        """Return a linearisation with derivatives of the ``free``, where they are missing."""
+        missing = free & ~np.any(at.jacobian, axis=0)
         if not np.any(missing):
             return at
         more = self.linearise(at.point, missing, at.residuals)
-        return more._replace(jacobian=np.where(free & known, at.jacobian, more.jacobian))
+        return more._replace(jacobian=np.where(missing, more.jacobian, at.jacobian))

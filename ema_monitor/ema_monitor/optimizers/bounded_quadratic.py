@@ -68,6 +68,21 @@ def lowest_in_box(
 
 
 @kernel(nogil=False)
+def lowest_of_each(
+    hessian: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+    at: NDArray[np.float64],
+    starts: NDArray[np.float64],
+    free: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Minimise as `lowest_of` from many starts, ``(n, d)``, each with its free components."""
+    found = starts.copy()
+    for i in range(len(starts)):
+        found[i] = lowest_of(hessian, gradient, at, starts[i], free[i])
+    return found
+
+
+@kernel(nogil=False)
 def lowest_of(
     hessian: NDArray[np.float64],
     gradient: NDArray[np.float64],

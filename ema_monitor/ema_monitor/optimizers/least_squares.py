@@ -1,7 +1,7 @@
 """Bounded least squares, from as many starts and as global a screen as a good fit needs."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -16,21 +16,33 @@ DIFFERENCE: Final = 5e-3
 # Points and starts; the first is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
 _DAMPINGS: Final = np.array([1e-6, 1e-3, 1e-1, 10.0])
+# The one under which the step is mostly the best.
+_USUAL: Final = 2
 _STEP_TOLERANCE: Final = 2e-4
 _GAIN_TOLERANCE: Final = 1e-4
 _AGREEMENT: Final = 0.02
 _ITERATIONS: Final = 25
 
 
+_UNKNOWN: Final = np.empty((0, 0))
+
+
 @dataclass
 class _Descent:
-    """One start on its way down."""
+    """One start on its way down; the derivatives where it stands may not be known."""
 
     point: NDArray[np.float64]
     cost: float
     residuals: NDArray[np.float64]
+    jacobian: NDArray[np.float64] = field(default_factory=lambda: _UNKNOWN)
     iterations: int = 0
     done: bool = False
+
+    def differentiate(self, points: NDArray[np.float64], residuals: NDArray[np.float64]) -> None:
+        """Take the derivatives from the residuals at the `_differences`."""
+        self.jacobian = (residuals - self.residuals).T / np.diag(points - self.point)
+        # Where there is no derivative, the component is left where it is.
+        self.jacobian[:, ~np.all(np.isfinite(self.jacobian), axis=0)] = 0.0
 
 
 class ScreenedLeastSquares:
@@ -39,8 +51,9 @@ class ScreenedLeastSquares:
     A screen is a Latin hypercube, half of it spread over the box, half of it drawn towards the
     start. Each iteration asks for the difference columns of all descents in one batch, then for
     their trial steps under several dampings in another. After each iteration the worse half of
-    the descents is given up, until one is left. A component at its bound is held there as long
-    as the step would leave the box.
+    the descents is given up, until one is left. That one asks for the next difference columns with
+    its trial steps, about the one that is mostly the best. A component at its bound is held there
+    as long as the step would leave the box.
 
     A descent from the start comes first. As long as what was found costs more than a good fit, a
     small screen with a few starts follows, then a large one with many. The large one is left out
@@ -96,17 +109,27 @@ class ScreenedLeastSquares:
         """Yield the points to evaluate next; the results are in ``_evaluated`` thereafter."""
         for size, starts in _SCREENS:
             before = self._best_cost
-            yield self._screen(size)
+            screen = self._screen(size)
+            yield np.concatenate([screen, _differences(screen[0])]) if size == 1 else screen
             points, costs, residuals = self._evaluated
             descents = [
                 _Descent(points[i], float(costs[i]), residuals[i])
-                for i in np.argsort(costs)[:starts]
+                for i in np.argsort(costs[:size])[:starts]
                 if np.isfinite(costs[i])
             ]
+            if size == 1 and descents:
+                descents[0].differentiate(points[1:], residuals[1:])
             while descents and not descents[0].done:
-                yield self._difference_points(descents)
-                jacobians = self._jacobians(descents)
-                yield self._trial_points(descents, jacobians)
+                if fresh := [one for one in descents if not one.jacobian.size]:
+                    yield np.concatenate([_differences(one.point) for one in fresh])
+                    points, _, residuals = self._evaluated
+                    for i, one in enumerate(fresh):
+                        rows = slice(i * len(one.point), (i + 1) * len(one.point))
+                        one.differentiate(points[rows], residuals[rows])
+                trials = [bounded_steps(d.point, d.residuals, d.jacobian) for d in descents]
+                if len(descents) == 1:
+                    trials.append(_differences(trials[0][_USUAL]))
+                yield np.concatenate(trials)
                 self._accept_best_trials(descents)
                 descents.sort(key=lambda descent: descent.cost)
                 del descents[max(1, (len(descents) + 1) // 2) :]
@@ -126,36 +149,6 @@ class ScreenedLeastSquares:
         points[0] = self._start
         return points
 
-    def _difference_points(self, descents: list[_Descent]) -> NDArray[np.float64]:
-        batch = []
-        for descent in descents:
-            forward = np.where(descent.point > 0.5, -DIFFERENCE, DIFFERENCE)
-            batch.append(descent.point + np.diag(forward))
-        return np.concatenate(batch)
-
-    def _jacobians(self, descents: list[_Descent]) -> list[NDArray[np.float64]]:
-        points, _, residuals = self._evaluated
-        d = len(self._start)
-        jacobians = []
-        for i, descent in enumerate(descents):
-            rows = slice(i * d, (i + 1) * d)
-            steps = np.diag(points[rows] - descent.point)
-            columns = (residuals[rows] - descent.residuals).T / steps
-            # Where there is no derivative, the component is left where it is.
-            columns[:, ~np.all(np.isfinite(columns), axis=0)] = 0.0
-            jacobians.append(columns)
-        return jacobians
-
-    def _trial_points(
-        self, descents: list[_Descent], jacobians: list[NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
-        return np.concatenate(
-            [
-                np.stack([bounded_step(d.point, d.residuals, J, damping) for damping in _DAMPINGS])
-                for d, J in zip(descents, jacobians, strict=True)
-            ]
-        )
-
     def _accept_best_trials(self, descents: list[_Descent]) -> None:
         points, costs, residuals = self._evaluated
         m = len(_DAMPINGS)
@@ -168,20 +161,27 @@ class ScreenedLeastSquares:
             descent.done = not gain > _GAIN_TOLERANCE * descent.cost or step < _STEP_TOLERANCE
             if gain > 0.0:
                 descent.point, descent.cost = points[best], costs[best]
-                descent.residuals = residuals[best]
+                descent.residuals, descent.jacobian = residuals[best], _UNKNOWN
+                if len(descents) == 1 and best == _USUAL:
+                    descent.differentiate(points[m:], residuals[m:])
             descent.done |= descent.iterations >= _ITERATIONS
 
 
-def bounded_step(
+def _differences(point: NDArray[np.float64]) -> NDArray[np.float64]:
+    return point + np.diag(np.where(point > 0.5, -DIFFERENCE, DIFFERENCE))
+
+
+def bounded_steps(
     point: NDArray[np.float64],
     residuals: NDArray[np.float64],
     jacobian: NDArray[np.float64],
-    damping: float,
+    dampings: NDArray[np.float64] = _DAMPINGS,
 ) -> NDArray[np.float64]:
-    """Return where a damped Gauss-Newton step from a point leads, ``(d,)``, within the unit box.
+    """Return where damped Gauss-Newton steps from a point lead, ``(m, d)``, within the unit box.
 
-    The damping is relative to the diagonal of the normal matrix [-].
+    The dampings, ``(m,)``, are relative to the diagonal of the normal matrix [-].
     """
-    normal = jacobian.T @ jacobian
+    normal, slope = jacobian.T @ jacobian, jacobian.T @ residuals
     scale = np.maximum(np.diag(normal), 1e-12 * max(np.max(np.diag(normal)), 1e-300))
-    return lowest_in_box(normal + damping * np.diag(scale), jacobian.T @ residuals, point)
+    normals = normal + dampings[:, None, None] * np.diag(scale)
+    return np.stack([lowest_in_box(one, slope, point) for one in normals])
