@@ -44,7 +44,6 @@ _INDEX: Final = ir.IntType(32)
 # A product and a sum may be rounded once, a division may become a product with the reciprocal.
 _FLAGS: Final = ("arcp", "contract")
 _FLOAT64_BYTES: Final = 8
-_REGISTER_LANES: Final = 4
 
 
 class Vector(types.Type):
@@ -191,16 +190,7 @@ def any_lane(typingctx, condition):
     """Return whether a condition is true in a lane, for a branch that all lanes take together."""
 
     def lower(context, builder, sig, args):
-        # By halves down to a register, whose signs the processor reads in one instruction.
-        found, lanes = args[0], LANES
-        while lanes > _REGISTER_LANES:
-            lanes //= 2
-            halves = (
-                ir.Constant(ir.VectorType(_INDEX, lanes), list(range(start, start + lanes)))
-                for start in (0, lanes)
-            )
-            found = builder.or_(*(builder.shuffle_vector(found, found, half) for half in halves))
-        bits = builder.bitcast(found, ir.IntType(lanes))
+        bits = builder.bitcast(args[0], ir.IntType(LANES))
         return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
     return types.boolean(MASK), lower

@@ -134,21 +134,21 @@ def run_lanes(
     lag,
     sampling: CurrentSampling,
     of_shaft,
-    current_correction,
-    speed_correction,
-    current,
-    speed,
+    corrections,
+    response,
 ):
     """Run `LANES` individuals from row ``first`` on and fill their rows of the response.
 
-    ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``; their corrections, ``(n,)``, are
-    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are the initial
-    positions: ``play``, of the motor within the backlash in half-widths, and ``position_0`` [rad],
-    of the user shaft. ``command`` is ``(n + 1,)``, its first value that at the start. The initial
-    state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A]. ``speed_loop`` is as of
-    `advance`, ``sampling`` makes the samples of the current. With ``of_shaft``, the speed is the
-    mean one of the fast shaft behind the play over a sample, else that of the motor at its end.
+    Of the ``response``, current [A] and speed [rad/s] are ``(n_lanes, n)``; their ``corrections``,
+    ``(n,)``, are added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are
+    the initial positions: ``play``, of the motor within the backlash in half-widths, and
+    ``position_0`` [rad], of the user shaft. ``command`` is ``(n + 1,)``, its first value that at
+    the start. The initial state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A].
+    ``speed_loop`` is as of `advance`, ``sampling`` makes the samples of the current. With
+    ``of_shaft``, the speed is the mean one of the fast shaft behind the play over a sample, else
+    that of the motor at its end.
     """
+    (of_current, of_speed), (current, speed) = corrections, response
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     shaft = load(shaft_of_lanes, first)
     stiffness = shaft.stiffness * mech.tau
@@ -186,6 +186,6 @@ def run_lanes(
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)
             sample = sampling.keep * sample + sampling.gain * lag_3
-        store(current, first, k, sample / sampling.divisor + current_correction[k])
+        store(current, first, k, sample / sampling.divisor + of_current[k])
         omega = (x.theta_b - before) / (steps * dt) if of_shaft else x.omega
-        store(speed, first, k, omega + speed_correction[k])
+        store(speed, first, k, omega + of_speed[k])

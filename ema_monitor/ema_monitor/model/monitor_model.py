@@ -159,13 +159,13 @@ class MonitorModel:
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         first = float(window.telemetry.position[0]) if position is None else position
         first_of_lane = np.full(m, first, dtype=np.float64)[lane_of]
-        current, speed = np.empty((2, len(lane_of), len(window)))
+        found = Response(*np.empty((2, len(lane_of), len(window))))
         of_sensors = own[:m, -N_SENSOR:]
         senses = bool(np.any(of_sensors))
         if corrections is None:
             corrections = Response(*np.zeros((2, len(window))))
         # They are of what the sensors show.
-        current_correction, speed_correction = np.zeros((2, len(window))) if senses else corrections
+        of_motion = Response(*np.zeros((2, len(window)))) if senses else corrections
 
         def run(group: int) -> None:
             run_lanes(
@@ -185,16 +185,14 @@ class MonitorModel:
                 lag,
                 sampling,
                 not self.acquisition.speed,
-                current_correction,
-                speed_correction,
-                current,
-                speed,
+                of_motion,
+                found,
             )
 
         run_in_threads(run, groups)
-        rows = (current[:m], speed[:m])
+        rows = Response(found.current[:m], found.speed[:m])
         if not senses:
-            return Response(*rows)
+            return rows
         seen = sensed(rows, of_sensors, window.sample_period)
         return Response(*(row + added for row, added in zip(seen, corrections, strict=True)))
 

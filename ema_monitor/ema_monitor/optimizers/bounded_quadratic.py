@@ -68,13 +68,7 @@ def lowest_in_box(
 
 
 @kernel(nogil=False)
-def lowest_of_each(
-    hessian: NDArray[np.float64],
-    gradient: NDArray[np.float64],
-    at: NDArray[np.float64],
-    starts: NDArray[np.float64],
-    free: NDArray[np.bool_],
-) -> NDArray[np.float64]:
+def lowest_of_each(hessian, gradient, at, starts, free):
     """Minimise as `lowest_of` from many starts, ``(n, d)``, each with its free components."""
     found = starts.copy()
     for i in range(len(starts)):
@@ -83,13 +77,7 @@ def lowest_of_each(
 
 
 @kernel(nogil=False)
-def lowest_of(
-    hessian: NDArray[np.float64],
-    gradient: NDArray[np.float64],
-    at: NDArray[np.float64],
-    start: NDArray[np.float64],
-    free: NDArray[np.bool_],
-) -> NDArray[np.float64]:
+def lowest_of(hessian, gradient, at, start, free):
     """Minimise as `lowest_in_box` by the ``free`` components, the others being as at the start.
 
     Primal active set: move towards the minimum over the free components up to the first bound, and
