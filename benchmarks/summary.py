@@ -3,10 +3,12 @@
     python benchmarks/summary.py
 
 Reads the JSON files that `make bench` writes beside this file, prints the table, writes it to
-summary.json, and fails when a target is missed.
+summary.json, adds it to history.csv with the commit, and fails when a target is missed.
 """
 
+import csv
 import json
+import subprocess
 from importlib import import_module
 from pathlib import Path
 from typing import Final
@@ -34,6 +36,10 @@ def main() -> None:
     Console(width=140).print(target_table("targets", rows, f"thesis, or\n{BESIDE}"))
     content = [row._asdict() | {"met": None if row.met is None else bool(row.met)} for row in rows]
     (HERE / "summary.json").write_text(json.dumps(content, indent=2))
+    words = ["git", "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(words, cwd=HERE, capture_output=True, text=True, check=True).stdout
+    with (HERE / "history.csv").open("a", newline="") as file:
+        csv.writer(file).writerows((commit.strip(), row.what, row.measured) for row in rows)
     missed = sum(row.met is False for row in rows)
     raise SystemExit(f"{missed} targets missed" if missed else 0)
 

@@ -400,38 +400,31 @@ class Objective:
 
     def residuals(self, points: Array) -> Array:
         """Return the residuals at points, ``(m, d)``: ``(m, r)`` [A.s^(1/2)]."""
-        rows = [self.fitness.residuals(self.expect(points))]
-        if len(self.relations.values):
-            of_causes = points[:, self.first_cause :] - 0.5
-            rows.append(math.sqrt(self.noise) * (of_causes @ self._related.T + self._unrelated))
+        of_causes = points[:, self.first_cause :] - 0.5
+        unrelated = math.sqrt(self.noise) * (of_causes @ self._related.T + self._unrelated)
+        rows = [self.fitness.residuals(self.expect(points)), unrelated]
         if self.known is not None:
             rows.append((points[:, :N_FAULTS] - self.known.point) @ self._known_rows.T)
-        if len(self._priors):
-            rows.append(self._priors * (points[:, self.first_cause :] - 0.5))
-        return np.concatenate(rows, axis=1)
+        return np.concatenate([*rows, self._priors * of_causes], axis=1)
 
-    def linearise(
-        self, point: Array, free: Flags | None = None, residuals: Array | None = None
-    ) -> Linearisation:
+    def linearise(self, point: Array, free: Flags | None = None) -> Linearisation:
         """Return residuals and their central differences at a point, ``(d,)``.
 
-        The derivatives of components that are not ``free``, ``(d,)``, are 0. The residuals at the
-        point may be known, ``(r,)``.
+        The derivatives of components that are not ``free``, ``(d,)``, are 0.
         """
         free = np.ones(len(point), dtype=bool) if free is None else free
         steps = DIFFERENCE * np.eye(len(point))[free]
         below, above = np.maximum(point - steps, 0.0), np.minimum(point + steps, 1.0)
-        centre = point[None] if residuals is None else point[None][:0]
-        rows = self.residuals(np.concatenate([below, above, centre]))
-        at_below, at_above, at_point = np.split(rows, [len(steps), 2 * len(steps)])
+        rows = self.residuals(np.concatenate([point[None], below, above]))
+        at_point, at_below, at_above = np.split(rows, [1, 1 + len(steps)])
         jacobian = np.zeros((rows.shape[1], len(point)))
         jacobian[:, free] = (at_above - at_below).T / np.sum(above - below, axis=1)
-        return Linearisation(point, at_point[0] if residuals is None else residuals, jacobian)
+        return Linearisation(point, at_point[0], jacobian)
 
     def extended(self, at: Linearisation, free: Flags) -> Linearisation:
         """Return a linearisation with derivatives of the ``free``, where they are missing."""
         missing = free & ~np.any(at.jacobian, axis=0)
         if not np.any(missing):
             return at
-        more = self.linearise(at.point, missing, at.residuals)
+        more = self.linearise(at.point, missing)
         return more._replace(jacobian=np.where(missing, more.jacobian, at.jacobian))

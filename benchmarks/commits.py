@@ -1,0 +1,73 @@
+"""A benchmark of another commit and of the working tree side by side, in turns.
+
+    python commits.py COMMIT SCRIPT [--turns 3] [ARGUMENTS OF THE SCRIPT]
+
+Each runs its own script, with the libraries and messages of this workspace. Prints all figures, and
+the medians of what the working tree has over what the commit has in the same turn.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import click
+from rich.console import Console
+from targets import grid
+
+ROOT: Final = Path(__file__).parents[1]
+
+
+def measured(root: Path, script: str, arguments: tuple[str, ...]) -> dict[str, float]:
+    """Return the figures by name that a script of a tree writes."""
+    packages = [*root.glob("ema_*"), *root.glob("ros2_ws/src/ema_*")]
+    path = os.pathsep.join([*map(str, packages), os.environ.get("PYTHONPATH", "")])
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "figures.json")
+        words = [sys.executable, f"{script}.py", *arguments, "--json", str(file)]
+        where = {"cwd": root / "benchmarks", "env": os.environ | {"PYTHONPATH": path}}
+        subprocess.run(words, check=True, stdout=subprocess.DEVNULL, **where)
+        return dict(numbers(json.loads(file.read_text())))
+
+
+def numbers(figures: dict[str, Any], name: str = "") -> Iterator[tuple[str, float]]:
+    """Yield all numbers, with the names that lead to them."""
+    for key, value in figures.items():
+        if isinstance(value, dict):
+            yield from numbers(value, f"{name}{key} ")
+        elif isinstance(value, int | float):
+            yield f"{name}{key}", float(value)
+
+
+@click.command(context_settings={"ignore_unknown_options": True}, help=__doc__)
+@click.argument("commit")
+@click.argument("script")
+@click.option("--turns", default=3, show_default=True)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def main(commit: str, script: str, turns: int, arguments: tuple[str, ...]) -> None:
+    """Print the figures of both."""
+    with tempfile.TemporaryDirectory() as folder:
+        other = Path(folder, "other")
+        worktree = ["git", "-C", str(ROOT), "worktree"]
+        subprocess.run([*worktree, "add", "--quiet", "--detach", other, commit], check=True)
+        try:
+            trees = [(other, ROOT)] * turns
+            found = [[measured(one, script, arguments) for one in both] for both in trees]
+        finally:
+            subprocess.run([*worktree, "remove", "--force", other], check=True)
+    rows = []
+    for name in found[0][0].keys() & found[0][1].keys():
+        before, now = zip(*([one[name] for one in both] for both in found), strict=True)
+        ratios = [b / a if a else float("nan") for a, b in zip(before, now, strict=True)]
+        rows.append((name, *map(statistics.median, (before, now, ratios))))
+    headings = ("what", commit, "now", "ratio")
+    Console(width=120).print(grid(f"{script}, {turns} turns", headings, sorted(rows), digits=3))
+
+
+if __name__ == "__main__":
+    main()
