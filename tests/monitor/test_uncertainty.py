@@ -20,6 +20,7 @@ from ema_monitor.identification.uncertainty import (
     uncertainty_of_faults,
     widening,
 )
+from ema_monitor.optimizers.bounded_quadratic import lowest_of
 
 from .bounded_minimum import bounded_minimum
 
@@ -296,6 +297,9 @@ def test_refit_is_constrained_least_squares(seed):
     residuals, jacobian = rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
     fitted = rng.random(d) < 0.6
     found = refitted(Linearisation(point, residuals, jacobian), healthy, fitted)
+    normal, start = jacobian.T @ jacobian, np.where(fitted, point, healthy)
+    of_fitted = lowest_of(normal, jacobian.T @ residuals, point, start, fitted)
+    assert of_fitted == pytest.approx(found, abs=1e-6)
     right = jacobian @ point - residuals - jacobian[:, ~fitted] @ healthy[~fitted]
     best = bounded_minimum(jacobian[:, fitted], right, found[fitted])
     assert np.array_equal(found[~fitted], healthy[~fitted])

@@ -363,8 +363,7 @@ class Objective:
             effects -= rows[1, 1:] - rows[1, 0]
         # A drive without idle phases has no lift.
         if self._calibration.drive == "six_step":
-            at_point = Response(response.current[0], response.speed[0])
-            lifted = self._with_lift(faults[0], at_point)
+            lifted = self._with_lift(faults[0], response.current[0], response.speed[0])
             effects = np.concatenate([effects, lifted - rows[0, 0]])
         effects = np.pad(effects.T, ((0, self.priors), (0, 0)))
         if self.known is not None and self.known.shifts.size:
@@ -373,14 +372,13 @@ class Objective:
             effects[end - N_FAULTS : end] = -self._known_rows @ self.known.shifts
         return effects
 
-    def _with_lift(self, faults: Array, expected: Response) -> Array:
+    def _with_lift(self, faults: Array, current: Array, speed: Array) -> Array:
         """Return the residuals with more lift of each idle phase than is expected, ``(3, r)``."""
         parameters = self._calibration.parameters
         unlike = min(1.0, float(np.max(faults[SHORT_CIRCUITS])) / _UNLIKE_PHASES)
         sigma = unlike * _LIFT_UNCERTAINTY * parameters.h_b / 4.0
-        lifts = lifts_of_pairs(parameters, self._window.telemetry.position[1:], expected.current)
-        current = expected.current + sigma * lifts
-        return self.fitness.residuals(Response(current, np.tile(expected.speed, (3, 1))))
+        lifts = lifts_of_pairs(parameters, self._window.telemetry.position[1:], current)
+        return self.fitness.residuals(Response(current + sigma * lifts, np.tile(speed, (3, 1))))
 
     @cached_property
     def unit_steps(self) -> Array:
