@@ -56,7 +56,7 @@ _MOST_STEPS = 8
 _STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 _CONVERGED = 2e-3
 # Share of the cost that a further fit has to take off by the linear model.
-_SETTLED = 2e-4
+_SETTLED = 1e-5
 
 
 Fitted = tuple[Linearisation, Components]
@@ -376,5 +376,5 @@ class Explainer:
         left = at.residuals + at.jacobian @ (point - at.point)
         if left @ left > (1.0 - _SETTLED) * at.cost:
             return at, kept
-        again = self._objective.linearise(point, kept)
+        again = self._objective.linearise(point, wanted)
         return (again if again.cost < at.cost else at), kept
