@@ -155,7 +155,6 @@ def test_speed_without_branches_is_that_with_them():
         for breakaway in (m.f_s, m.f_d):
             lanes = next_speed_of_lanes(m, omega, torque, 0.0, breakaway, m.f_d, 2e-5)
             expected = next_speed(m, omega, torque, breakaway, 2e-5)
-            # They round differently, but both stop.
             assert lanes == pytest.approx(expected, rel=1e-12, abs=1e-12)
             assert (lanes == 0.0) == (expected == 0.0)
 

@@ -350,10 +350,7 @@ class Explainer:
         return point
 
     def _reduced(self, at: Linearisation, fitted: Components, wanted: Components) -> Fitted:
-        """Set components that are not significant to healthy and fit the others anew.
-
-        What it returns mostly has the derivatives that are ``wanted``.
-        """
+        """Set what is not significant to healthy, and fit anew, with the ``wanted`` derivatives."""
         objective = self._objective
         if not self._parsimonious:
             return at, fitted
