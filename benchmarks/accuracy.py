@@ -22,7 +22,6 @@ from trials import (
     HEALTHY_WINDOWS,
     Trial,
     Variant,
-    Z,
     before,
     calibration_on,
     median,
@@ -125,6 +124,7 @@ def _off_nominal(pool: Workers, faulty: list[Case], count: int) -> Trial:
 def _covariance(trial: Trial) -> Figures:
     """Return how often intervals cover the truth, and how wide they are."""
     known, coverage = trial.known, trial.coverage_by_component()
+    half, wide = trial.coverage_by_component(0.5), trial.quantiles[4] - trial.quantiles[0]
     return {
         "intervals": int(np.sum(known)),
         "unobservable": int(np.sum(trial.judged & ~known)),
@@ -132,7 +132,8 @@ def _covariance(trial: Trial) -> Figures:
         "by_component": {
             name: {
                 "coverage": coverage[name],
-                "half_width_percent": 100.0 * Z * median(trial.sigma[known[:, n], n]),
+                "coverage_of_half": half[name],
+                "half_width_percent": 50.0 * median(wide[known[:, n], n]),
             }
             for n, name in enumerate(FAULT_NAMES)
         },
@@ -337,13 +338,19 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         f"{covariance['unobservable']} of {judged} components called unobservable.\n"
     )
     smallest = figures["detection"]["smallest_percent"]
-    headings = ("component", "90 % interval\ncovers %", "its median\nhalf-width %")
+    headings = ("component", "90 % interval\ncovers %", "50 %\none", "median half-\nwidth of 90 %")
     yield grid(
         "by component, noisy sensors",
         (*headings, f"smallest at\n{DETECTED_SIGMA:g} sigma %"),
         (
             # The direction of eccentricity is no fault by itself.
-            (name, percent(one["coverage"]), one["half_width_percent"], smallest.get(name, ""))
+            (
+                name,
+                percent(one["coverage"]),
+                percent(one["coverage_of_half"]),
+                one["half_width_percent"],
+                smallest.get(name, ""),
+            )
             for name, one in covariance["by_component"].items()
         ),
     )

@@ -23,6 +23,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import DEGRADED, REFUSED, VALID, Estimate
+from ema_monitor.identification.quantiles import LEVELS
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.window import Window
 
@@ -138,21 +139,32 @@ class Trial:
         """Judged components with an interval."""
         return self.judged & np.isfinite(self.sigma)
 
-    def coverage(self, z: float = Z, rows: Any = slice(None), columns: Any = slice(None)) -> float:
-        """Return how often intervals of z sigma cover the truth."""
-        part = (rows, columns)
-        return mean((self.away <= z * self.sigma)[part][self.known[part]])
+    @property
+    def quantiles(self) -> NDArray[np.float64]:
+        """Quantiles less the truth, ``(5, n, 8)``, those of the phase as near to it as it wraps."""
+        stated = np.array([one.quantiles for one in self.estimates]).reshape(-1, 5, N_FAULTS)
+        result = stated - self.truth[:, None]
+        turns = np.round(self.faults - self.truth)[:, ECCENTRICITY_PHASE]
+        result[..., ECCENTRICITY_PHASE] -= turns[:, None]
+        return np.moveaxis(result, 1, 0)
 
-    def coverage_by_component(self) -> dict[str, float]:
+    def coverage(self, columns: Any = slice(None), level: float = LEVEL) -> float:
+        """Return how often intervals of 90 or 50 % cover the truth."""
+        low, _, high = self.quantiles[[0, 2, 4] if level == LEVEL else [1, 2, 3]][..., columns]
+        return mean(((low <= 0.0) & (high >= 0.0))[self.known[:, columns]])
+
+    def coverage_by_component(self, level: float = LEVEL) -> dict[str, float]:
         """Return the coverage of each component."""
-        return {name: self.coverage(columns=n) for n, name in enumerate(FAULT_NAMES)}
+        return {name: self.coverage(n, level) for n, name in enumerate(FAULT_NAMES)}
 
     def crps_percent(self) -> float:
-        """Return the mean CRPS of known components, as normal distributions, in % of the range."""
-        normal, sigma = NormalDist(), self.sigma[self.known]
-        z = self.away[self.known] / sigma
-        cdf, pdf = (np.array([f(one) for one in z]) for f in (normal.cdf, normal.pdf))
-        return 100.0 * mean(sigma * (z * (2.0 * cdf - 1.0) + 2.0 * pdf - np.pi**-0.5))
+        """Return the mean CRPS of known components by their quantiles, in % of the range."""
+        levels = np.array(LEVELS)
+        away, known = self.quantiles, self.known
+        # Each level stands for the probabilities that are nearest to it.
+        edges = np.concatenate([[0.0], (levels[1:] + levels[:-1]) / 2.0, [1.0]])
+        shares = levels[:, None] - (away[:, known] > 0.0)
+        return 100.0 * mean(-2.0 * np.diff(edges) @ (shares * away[:, known]))
 
     def wrong_and_confident(self) -> int:
         """Return in how many of those in use a component is off by more than 3 sigma and 2 %."""

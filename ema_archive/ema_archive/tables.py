@@ -47,7 +47,7 @@ _ESTIMATES: Final = pa.schema(
         },
         **dict.fromkeys(FAULT_NAMES, _FLOAT),
         **{f"{name}_sigma": _FLOAT for name in FAULT_NAMES},
-        "covariance": pa.list_(_FLOAT),
+        **dict.fromkeys(("covariance", "quantiles", "probability"), pa.list_(_FLOAT)),
         **dict.fromkeys(("unobservable", "insignificant"), pa.list_(_TEXT)),
         **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
         "alternatives": pa.list_(pa.list_(_TEXT)),
@@ -161,14 +161,15 @@ def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
     row = estimate_values(one)
     row |= row.pop("faults")
     row |= {f"{name}_sigma": value for name, value in one.sigma._asdict().items()}
-    row["covariance"] = list(chain.from_iterable(row["covariance"]))
+    for name in ("covariance", "quantiles"):
+        row[name] = list(chain.from_iterable(row[name]))
     return row | {"tested": one.end_ns // 1000, "number": number}
 
 
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
     """Return the estimate that a row of `estimate_row` holds, to the bit."""
-    covariance = np.reshape(row["covariance"], (N_FAULTS, N_FAULTS))
-    return estimate_of({**row, "faults": row, "covariance": covariance})
+    matrices = {name: np.reshape(row[name], (-1, N_FAULTS)) for name in ("covariance", "quantiles")}
+    return estimate_of({**row, "faults": row, **matrices})
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from ema_core.commands import THESIS_CHIRP, Command
-from ema_core.faults import N_FAULTS
 from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.identification.verdict import resting_on_unit
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES
 from ema_monitor.model.measured import measured_causes, taken_for_known
 from ema_monitor.windows.window import Window
@@ -67,29 +65,6 @@ def test_calibration_says_what_its_windows_did_not_show():
     assert calibration.of_any_motion().not_learned == calibration.not_learned
     unfitted = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
     assert unfitted.not_learned == ()
-
-
-def test_fault_whose_uncertainty_is_that_of_the_unit_says_so():
-    """Half of the variance of the friction, and little of that of the backlash."""
-    steps = np.zeros((2, N_DEVIATIONS))
-    steps[0, NAMES.index("viscous_friction")] = 0.5
-    steps[1, NAMES.index("inertia")] = 0.1
-    shifts = np.zeros((N_FAULTS, 2))
-    shifts[0] = (0.015, 0.005)
-    shifts[1] = (0.005, 0.0)
-    sigma = np.full(N_FAULTS, 0.02)
-
-    def said(*not_learned: str) -> list[str]:
-        return resting_on_unit(sigma, shifts, steps, not_learned)
-
-    expected = (
-        "how well friction is known rests on the viscous friction of the unit, which its "
-        "calibration could not learn"
-    )
-    assert said("viscous_friction") == [expected]
-    assert said("inertia") == said() == []
-    # Where it is known well all the same, it does not matter.
-    assert resting_on_unit(0.1 * sigma, 0.1 * shifts, steps, ["viscous_friction"]) == []
 
 
 def test_a_dwell_is_where_the_command_rests_for_twenty_milliseconds():

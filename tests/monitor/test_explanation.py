@@ -83,6 +83,9 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
     off = np.abs(estimate.faults - fault_vector(faults))[SHORT_CIRCUITS]
     assert np.all(off < 3.0 * sigma)
     assert np.min(sigma) > 0.02
+    low, high = estimate.quantiles[[0, -1]][:, SHORT_CIRCUITS]
+    assert np.all((low <= fault_vector(faults)[SHORT_CIRCUITS]) & (high > 0.08))
+    assert np.all(np.abs(estimate.probability[SHORT_CIRCUITS] - 0.3) <= 0.2)
 
 
 @pytest.mark.slow

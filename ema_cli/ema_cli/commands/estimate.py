@@ -10,9 +10,6 @@ from textwrap import shorten
 from typing import Final
 
 import click
-import numpy as np
-from rich.console import Console
-from rich.table import Column, Table
 
 from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying, as_object
@@ -131,28 +128,16 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
     what = counted(one.stretches, "stretch") if one.stretches else f"window {number}"
     title = f"{what}, {start:.4f} s to {end:.4f} s"
+    click.echo(f"{title}\n{one}")
     if not one.valid:
-        click.echo(f"{title}: no valid estimate: {one.reason}")
         return
-    figures = (Column(heading, justify="right") for heading in ("estimate", "sigma"))
-    table = Table("fault", *figures, "which means", title=title, title_justify="left")
-    for fault, value, sigma, meaning in zip(
-        FAULTS, one.faults, one.sigma, one.meanings, strict=True
-    ):
-        known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
-        table.add_row(fault.label, f"{value:.4f}", known, meaning)
-    Console().print(table)
     found_faults = [
         f"{FAULTS[i].label} {one.faults[i]:.3f} ({FAULTS[i].physical(one.faults[i])})"
         for i in _significant(one)
     ]
     click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
-    if one.measured:
-        click.echo(f"measured: {'; '.join(map(str, one.measured))}")
-    goodness = f"{one.goodness_of_fit:.2f}" if np.isfinite(one.goodness_of_fit) else "unknown"
     click.echo(
-        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {goodness} "
-        f"(limit {one.goodness_limit:.2f}), {one.verdict}; command travels "
+        f"fitness {one.fitness:.5f} A^2.s; command travels "
         f"{1e3 * one.excitation:.1f} mrad (limit {1e3 * MIN_TRAVEL:g} mrad)"
     )
     click.echo(
@@ -160,5 +145,3 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         f"{counted(one.evaluations, 'evaluation')} in {one.computing_time_s:.2f} s; calibration of "
         f"{counted(one.calibration_windows, 'window')}"
     )
-    if one.reason:
-        click.echo(f"note: {one.reason}")

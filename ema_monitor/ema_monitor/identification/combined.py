@@ -18,12 +18,12 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.evidence import EQUAL_SHORTS
 from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
+from ema_monitor.identification.quantiles import within_range
 from ema_monitor.identification.uncertainty import PLANE, widening
 from ema_monitor.identification.verdict import (
     Misfit,
     assumed_goodness,
     contradicted_by,
-    correlated,
     judged,
 )
 
@@ -67,6 +67,8 @@ def combined_estimate(
         return None
     covariance[unknown, :] = np.nan
     covariance[:, unknown] = np.nan
+    grown = np.sqrt(np.diag(covariance) / np.diag(last.covariance))
+    quantiles = within_range(faults + grown * (last.quantiles - faults))
     hidden = [
         fault.label
         for fault, is_unknown in zip(FAULTS, unknown, strict=True)
@@ -77,8 +79,6 @@ def combined_estimate(
         f"the motion does not show {', '.join(hidden)}" if hidden else "",
         *_contradictions(parts),
         *_counted([part.caveats for part in parts]),
-        *correlated(covariance, kept),
-        *parts[-1].unlearned,
         *_in_words([one.causes for one in estimates]),
     ]
     verdict = judged(
@@ -96,6 +96,7 @@ def combined_estimate(
         stretches=len(parts),
         covariance=covariance,
         unobservable=unknown,
+        quantiles=quantiles,
         play=estimates[0].play,
         fitness=sum(one.fitness for one in estimates),
         goodness_of_fit=misfit.goodness,

@@ -3,8 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,27 +11,13 @@ from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector, healthy_faults
 from ema_core.wording import text_table
+from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 CURRENT_DRIVEN: Final = "current_driven"
 """Algorithm of the estimates of a unit whose drive is unknown."""
-
-
-class Calibrated(Protocol):
-    """A calibration of any drive."""
-
-    @cached_property
-    def calibration_id(self) -> str:
-        """Its identity."""
-        ...
-
-    @property
-    def windows(self) -> int:
-        """Number of windows it was made of."""
-        ...
-
 
 VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped", "departed")
 """Verdicts, in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
@@ -42,6 +27,11 @@ VALID, DEGRADED, REFUSED, FAILED, SKIPPED, DEPARTED = VERDICTS
 _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
+_SHAPES: Final = {
+    "covariance": (N_FAULTS, N_FAULTS),
+    "quantiles": (len(LEVELS), N_FAULTS),
+    "probability": (N_FAULTS,),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +54,12 @@ class Estimate:
         Its covariance, ``(8, 8)``; NaN in rows and columns of unobservable components.
     unobservable
         Components that the window does not determine, ``(8,)``.
+    quantiles
+        Quantiles of the faults at 5, 25, 50, 75 and 95 %, ``(5, 8)``; normal where none are given,
+        NaN where unobservable.
+    probability
+        Probability of the explanations that have a fault, ``(8,)``; of the only one where none is
+        given, NaN where unobservable.
     play
         Position of the motor in its play at the start [half-widths].
     fitness
@@ -119,6 +115,8 @@ class Estimate:
     faults: FaultVector = _UNKNOWN
     covariance: Array = field(default_factory=lambda: np.full((N_FAULTS, N_FAULTS), math.nan))
     unobservable: Flags = field(default_factory=lambda: np.ones(N_FAULTS, dtype=bool))
+    quantiles: Array = field(default_factory=lambda: np.full(_SHAPES["quantiles"], math.nan))
+    probability: Array = field(default_factory=lambda: np.full(N_FAULTS, math.nan))
     play: float = math.nan
     fitness: float = math.nan
     goodness_of_fit: float = math.nan
@@ -143,6 +141,14 @@ class Estimate:
         insignificant = self.insignificant.copy()
         insignificant[INDICES] |= is_within[INDICES]
         object.__setattr__(self, "insignificant", insignificant)
+        alone = {
+            "quantiles": quantiles_of(np.ones(1), np.array([self.faults]), np.array([self.sigma])),
+            "probability": ~insignificant,
+        }
+        for name, values in alone.items():
+            given = getattr(self, name)
+            known = np.where(np.isnan(given), values, given)
+            object.__setattr__(self, name, np.where(self.unobservable, math.nan, known))
 
     @property
     def sigma(self) -> FaultVector:
@@ -170,13 +176,9 @@ class Estimate:
 
     def as_row(self) -> dict[str, Any]:
         """Return the estimate as a row of a table, a plain value a column."""
-        row = {"start_ns": self.start_ns, "end_ns": self.end_ns, "valid": self.valid}
-        row |= self.faults._asdict()
-        row |= {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
-        names = ("verdict", "goodness_of_fit", "goodness_limit", "unexplained_share", "fitness")
-        names += ("stretches", "algorithm", "evaluations", "computing_time_s")
-        names += ("calibration_id", "reason")
-        return row | {name: getattr(self, name) for name in names}
+        row = {name: one for name, one in vars(self).items() if isinstance(one, int | float | str)}
+        sigmas = {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
+        return row | self.faults._asdict() | sigmas
 
     def __str__(self) -> str:
         if not self.valid:
@@ -185,14 +187,14 @@ class Estimate:
             (
                 fault.label,
                 f"{value:.4f}",
-                "unobservable" if np.isnan(sigma) else f"{sigma:.4f}",
+                "unobservable" if np.isnan(low) else f"{low:.4f} to {high:.4f}",
                 meaning,
             )
-            for fault, value, sigma, meaning in zip(
-                FAULTS, self.faults, self.sigma, self.meanings, strict=True
+            for fault, value, low, high, meaning in zip(
+                FAULTS, self.faults, *self.quantiles[[0, -1]], self.meanings, strict=True
             )
         ]
-        table = text_table(("fault", "estimate", "sigma", "which means"), rows)
+        table = text_table(("fault", "estimate", "90 % interval", "which means"), rows)
         fit = f"goodness of fit {self.goodness_of_fit:.2f} (limit {self.goodness_limit:.2f})"
         known = f"measured: {'; '.join(map(str, self.measured))}" if self.measured else ""
         return "\n".join(filter(None, (table, f"{self.verdict}, {fit}", known, self.reason)))
@@ -200,7 +202,7 @@ class Estimate:
 
 def refusal(
     window: Window | Refusal,
-    calibration: Calibrated | str,
+    calibration: Any,
     settings: SearchSettings,
     reason: str,
     *,
@@ -208,7 +210,8 @@ def refusal(
 ) -> Estimate:
     """Return the estimate of a window in which no faults can be identified.
 
-    It has failed where the reason is a failure of drive or shaft.
+    It has failed where the reason is a failure of drive or shaft; ``calibration`` is that of any
+    drive, or why there is none.
     """
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
@@ -235,7 +238,8 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
     """
     values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
     values["faults"] = estimate.faults._asdict()
-    values["covariance"] = estimate.covariance.tolist()
+    for name in _SHAPES:
+        values[name] = values[name].tolist()
     for name in _FLAGS:
         values[name] = [FAULT_NAMES[number] for number in np.flatnonzero(values[name])]
     for name in _CAUSES:
@@ -263,16 +267,18 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     ValueError, KeyError, TypeError
         When it is not the record of an estimate.
     """
-    values = {item.name: record[item.name] for item in fields(Estimate)}
+    # Versions before had no quantiles.
+    new = {"quantiles", "probability"} - record.keys()
+    values = {item.name: record[item.name] for item in fields(Estimate) if item.name not in new}
     for item in fields(Estimate):
         if item.type is float:
             values[item.name] = read_number(values[item.name])
     values["faults"] = FaultVector(*(read_number(record["faults"][name]) for name in FAULT_NAMES))
-    values["covariance"] = np.array(
-        [[read_number(value) for value in row] for row in record["covariance"]]
-    )
-    if values["covariance"].shape != (N_FAULTS, N_FAULTS):
-        raise ValueError(f"covariance has shape {values['covariance'].shape}")
+    for name in _SHAPES.keys() - new:
+        # None becomes NaN.
+        values[name] = np.array(record[name], dtype=np.float64)
+        if values[name].shape != _SHAPES[name]:
+            raise ValueError(f"{name} has shape {values[name].shape}")
     for name in _FLAGS:
         values[name] = np.isin(FAULT_NAMES, record[name])
     for name in _CAUSES:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,25 @@ EQUAL_SHORTS: Final = "equal short circuits of all phases"
 
 Components = Flags
 """A set of components, ``(d,)``."""
+
+
+class Explanations(NamedTuple):
+    """Explanations that a window does not separate; the first one is the estimate (M27)."""
+
+    worse: Array  # by how much the evidence against each is higher, (k,)
+    steps: Array  # from the estimate to each, in the unit box, (k, d)
+
+    @property
+    def weights(self) -> Array:
+        """Probability of each, ``(k,)``; the estimate, which the search chose, has half or more."""
+        odds = np.exp(-self.worse / 2.0)
+        odds[1:] /= max(1.0, float(np.sum(odds[1:])))
+        return odds / np.sum(odds)
+
+    @property
+    def spread(self) -> Array:
+        """Second moment about the estimate, ``(d, d)``."""
+        return (self.steps.T * self.weights) @ self.steps
 
 
 class Evidence:
@@ -83,8 +102,8 @@ class Evidence:
 
     def alternatives(
         self, at: Linearisation, kept: Components, tried: Components
-    ) -> tuple[Components, Array, list[tuple[str, str]]]:
-        """Return which of those ``tried`` could stand in for what is kept, their spread, pairs."""
+    ) -> tuple[Components, Explanations, list[tuple[str, str]]]:
+        """Return which of those ``tried`` could stand in for what is kept, with them, pairs."""
         confused = np.zeros_like(kept)
         found, worse, steps = [], [0.0], [np.zeros_like(at.point)]
         for group in self.groups(kept):
@@ -104,7 +123,7 @@ class Evidence:
                     confused[other] = True
                     worse.append(difference - COMPONENT_EVIDENCE * (fewer - 1))
                     steps.append(self.predicted(at, trial) - at.point)
-        return confused, spread_of(worse, steps), found
+        return confused, Explanations(np.array(worse), np.array(steps)), found
 
     def groups(self, kept: Components) -> list[list[int]]:
         """Return what may be replaced: each component kept, and short circuits together."""
@@ -149,15 +168,6 @@ class Evidence:
         if first < N_FAULTS:
             return FAULTS[first].label
         return self._objective.hidden_causes[first - self._objective.first_cause].cause.label
-
-
-def spread_of(worse: Sequence[float], steps: Sequence[Array]) -> Array:
-    """Return the second moment about the estimate, one of some explanations, ``(d, d)`` (M27).
-
-    Each is so much ``worse`` than the estimate, and so many ``steps``, ``(d,)``, away from it.
-    """
-    odds, away = np.exp(-np.array(worse) / 2.0), np.array(steps)
-    return (away.T * (odds / np.sum(odds))) @ away
 
 
 def including(kept: Components, group: list[int]) -> Components:

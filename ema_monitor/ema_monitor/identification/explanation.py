@@ -24,10 +24,10 @@ from ema_monitor.identification.evidence import (
     REPLACED_EVIDENCE,
     Components,
     Evidence,
+    Explanations,
     components,
     excluding,
     including,
-    spread_of,
 )
 from ema_monitor.identification.knowledge import FLOOR
 from ema_monitor.identification.objective import Objective
@@ -75,16 +75,16 @@ class Explanation:
         Components that differ from healthy, ``(d,)``.
     confused, alternatives
         Components that could stand in for what is kept, ``(d,)``, and pairs of both in words.
-    near, far
-        Second moments of explanations that the window does not separate, about the estimate,
-        ``(d, d)``: of those that the linear model predicts, and of one elsewhere.
+    open, far
+        Explanations that the window leaves open; and the second moment of the one of them that the
+        linear model does not predict, about the estimate, ``(d, d)``.
     """
 
     at: Linearisation
     kept: Components
     confused: Components
     alternatives: list[tuple[str, str]]
-    near: Array
+    open: Explanations
     far: Array
 
 
@@ -143,8 +143,9 @@ class Explainer:
             trial = kept | self._always
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
             at, kept = self._without_what_cancels(at, kept)
-        confused, near, alternatives = self._evidence.alternatives(at, kept, self._tried)
-        explanation = Explanation(at, kept, confused, alternatives, near, np.zeros_like(near))
+        confused, found, alternatives = self._evidence.alternatives(at, kept, self._tried)
+        far = np.zeros((len(kept), len(kept)))
+        explanation = Explanation(at, kept, confused, alternatives, found, far)
         return self._with_weaker_motors(explanation)
 
     def _with_weaker_motors(self, explanation: Explanation) -> Explanation:
@@ -167,11 +168,14 @@ class Explainer:
                 continue
             worse = evidence.against(there, at)
             if worse < AMBIGUOUS_EVIDENCE:
-                away = there.point - at.point
+                away, found = there.point - at.point, explanation.open
                 return replace(
                     explanation,
                     alternatives=[*explanation.alternatives, evidence.named(group, other)],
-                    far=spread_of([0.0, worse], [np.zeros_like(away), away]),
+                    open=Explanations(
+                        np.append(found.worse, worse), np.vstack([found.steps, away])
+                    ),
+                    far=Explanations(np.array([0.0, worse]), np.stack([0.0 * away, away])).spread,
                 )
         return explanation
 

@@ -22,27 +22,26 @@ from ema_monitor.identification.knowledge import (
     surprise,
 )
 from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.quantiles import quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import (
     GROUPS,
     MISMATCH_FACTOR,
-    MISMATCH_SIGMA,
+    PLANE,
     SIGNIFICANT_CAUSE,
     SPANS,
     Linearisation,
     shifts_of,
+    turn_of,
     uncertainty_of_faults,
     widening,
-    with_mismatch,
 )
 from ema_monitor.identification.verdict import (
     Misfit,
     assumed_goodness,
     contradicted_by,
-    correlated,
     goodness_limit,
     judged,
-    resting_on_unit,
 )
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import LEARNS_UNIT
@@ -68,8 +67,6 @@ class Finding:
         What was measured and not used, as the window contradicts it.
     caveats
         Further reservations about the search.
-    unlearned
-        Which faults are uncertain for what the calibration could not learn, in words.
     """
 
     estimate: Estimate
@@ -78,7 +75,6 @@ class Finding:
     surprise: float = 0.0
     contradicted: tuple[CauseEstimate, ...] = ()
     caveats: tuple[str, ...] = ()
-    unlearned: tuple[str, ...] = ()
 
 
 class Inference:
@@ -179,15 +175,20 @@ class Inference:
         [faults], [play] = objective.decode(at.point[None])
         misfit = self._misfit(at)
         widened = widening(assumed_goodness(faults, misfit.goodness))
-        covariance = np.outer(self._span, self._span) * self._uncertainty(explanation, widened)
+        spread = explanation.open.spread / MISMATCH_FACTOR**2
+        spans = np.outer(self._span, self._span)
+        alone = spans * self._uncertainty(explanation, widened)
+        covariance = alone + spans * spread
         knowledge, surprised = None, 0.0
         if self._known is not None:
             knowledge, gained = self._knowledge(explanation, self._known)
             surprised = surprise(self._known, knowledge, gained)
         known, unobservable = uncertainty_of_faults(faults, covariance)
+        least = spans * self._uncertainty(explanation, 1.0, of_unit=False)
+        variances = [np.diag(uncertainty_of_faults(faults, one)[0]) for one in (least, alone)]
+        quantiles, probability = self._distribution(explanation, faults, np.sqrt(variances))
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, covariance)
-        unlearned = self._unlearned(explanation, covariance)
         limit = goodness_limit(faults, settings.goodness_limit)
         subject = "window" if self._known is None else "stretch"
         verdict = judged(
@@ -199,8 +200,6 @@ class Inference:
             [
                 *contradicted_by(subject, contradicted),
                 *caveats,
-                *correlated(known, kept),
-                *unlearned,
                 *map(str, causes),
             ],
             self._calibration.windows,
@@ -214,6 +213,8 @@ class Inference:
             faults=FaultVector.of(np.where(phase_unknown, healthy_faults(), faults)),
             covariance=known,
             unobservable=unobservable,
+            quantiles=quantiles,
+            probability=probability,
             play=float(play),
             fitness=objective.window_cost(at.residuals),
             goodness_of_fit=misfit.goodness,
@@ -230,26 +231,40 @@ class Inference:
             measured=window.measured,
             **verdict,
         )
-        return Finding(
-            estimate, misfit, knowledge, surprised, contradicted, caveats, tuple(unlearned)
-        )
+        return Finding(estimate, misfit, knowledge, surprised, contradicted, caveats)
 
-    def _uncertainty(self, explanation: Explanation, widened: float) -> Array:
+    def _distribution(
+        self, explanation: Explanation, faults: Array, widths: Array
+    ) -> tuple[Array, Array]:
+        """Return quantiles, ``(5, 8)``, and the probability that each fault is present, ``(8,)``.
+
+        ``widths``, ``(m, 8)``, are standard deviations about each explanation (M18).
+        """
+        found, of_faults = explanation.open, slice(0, N_FAULTS)
+        steps = found.steps[:, of_faults]
+        away = explanation.at.point[of_faults] + steps - self._objective.healthy[of_faults]
+        present = ~np.isclose(away, 0.0)
+        present[:, PLANE] = np.any(present[:, PLANE], axis=1, keepdims=True)
+        means = faults + (self._span[of_faults] * steps) @ turn_of(faults).T
+        return quantiles_of(found.weights, means, widths), found.weights @ present
+
+    def _uncertainty(
+        self, explanation: Explanation, widened: float, *, of_unit: bool = True
+    ) -> Array:
         """Return the covariance of all components in the unit box, ``(d, d)``.
 
         Where causes take part, that of what is kept holds for the explanation as it is; that of
-        each other fault, for the explanation with it. What is not known of the unit, and other
-        explanations, are part of it (M18, M27); ``widened`` is what a poor fit makes of residuals.
+        each other fault, for the explanation with it. What is not known of the unit is part of it
+        if wanted (M18); ``widened`` is what a poor fit makes of residuals.
         """
         at, kept = explanation.at, explanation.kept
-        # Other explanations, and what is not known of the unit, do not follow the misfit.
+        # What is not known of the unit does not follow the misfit.
         at = at._replace(residuals=widened * at.residuals)
-        spread = (explanation.near + explanation.far) / MISMATCH_FACTOR**2
         always, is_cause = self._always, np.arange(len(kept)) >= self._objective.first_cause
         effects = np.zeros((len(at.residuals), 0))
         # At the healthy point under a calibrated command there is no effect: it was measured.
         departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
-        if departs or self._window.measured:
+        if of_unit and (departs or self._window.measured):
             effects = self._effects(at)
         if np.any(is_cause & always) or not np.any(kept & ~always):
             kept = kept | always
@@ -258,7 +273,7 @@ class Inference:
             if not kept[group[0]]:
                 wider = self._covariance(at, including(kept, group), effects)
                 result[np.ix_(group, group)] = wider[np.ix_(group, group)]
-        return result + spread
+        return result
 
     def _covariance(self, at: Linearisation, shown: Components, effects: Array) -> Array:
         """Return the covariance with only some components fitted, ``(d, d)``."""
@@ -328,20 +343,6 @@ class Inference:
         if self._known is not None and cause.name == NUISANCE:
             return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
         return True
-
-    def _unlearned(self, explanation: Explanation, covariance: Array) -> list[str]:
-        """Return in words which faults are uncertain for what the calibration could not learn."""
-        at, kept = explanation.at, explanation.kept
-        # At the healthy point it does not matter.
-        if not np.any(kept[:N_FAULTS]) or not self._calibration.not_learned:
-            return []
-        steps = self._objective.unit_steps
-        shown = kept | self._always
-        shifts = np.zeros((len(kept), len(steps)))
-        shifts[shown] = shifts_of(at.jacobian[:, shown], self._effects(at)[:, : len(steps)])
-        shifts = MISMATCH_FACTOR * self._span[:, None] * shifts
-        sigma = np.sqrt(np.diag(with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)))
-        return resting_on_unit(sigma, shifts[:N_FAULTS], steps, self._calibration.not_learned)
 
     def _misfit(self, at: Linearisation) -> Misfit:
         """Return what is missed at the estimate and at the healthy point."""

@@ -15,6 +15,7 @@ from ema_core.faults import (
     FAULTS,
     N_FAULTS,
     eccentricity_angle,
+    eccentricity_vector,
 )
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
@@ -167,24 +168,29 @@ def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
     ``covariance``, ``(8, 8)`` or larger, has ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places
     of eccentricity and phase.
     """
-    zeta = faults[ECCENTRICITY]
-    phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
-    cosine, sine = np.cos(phi), np.sin(phi)
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
     plane = covariance[np.ix_(PLANE, PLANE)]
-    offset = zeta * np.array([cosine, sine])
+    zeta, offset = faults[ECCENTRICITY], eccentricity_vector(faults)
     distance = float(offset @ np.linalg.solve(plane, offset))
     detected = distance > SIGNIFICANT_SIGMAS[ECCENTRICITY] ** 2 and zeta > SMALLEST_ECCENTRICITY
 
-    turn = np.eye(N_FAULTS)
-    around = 2.0 * np.pi * max(zeta, SMALLEST_ECCENTRICITY)
-    turn[np.ix_(PLANE, PLANE)] = [[cosine, sine], [-sine / around, cosine / around]]
+    turn = turn_of(faults)
     result = turn @ covariance @ turn.T
     unobservable = ~(np.sqrt(np.diag(result)) <= UNOBSERVABLE_SIGMA)
     unobservable[ECCENTRICITY_PHASE] |= not detected
     result[unobservable, :] = np.nan
     result[:, unobservable] = np.nan
     return Uncertainty(result, unobservable)
+
+
+def turn_of(faults: Array) -> Array:
+    """Return what small steps in Cartesian coordinates are in a fault vector, ``(8, 8)``."""
+    phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
+    cosine, sine = np.cos(phi), np.sin(phi)
+    around = 2.0 * np.pi * max(faults[ECCENTRICITY], SMALLEST_ECCENTRICITY)
+    turn = np.eye(N_FAULTS)
+    turn[np.ix_(PLANE, PLANE)] = [[cosine, sine], [-sine / around, cosine / around]]
+    return turn
 
 
 def significant_components(

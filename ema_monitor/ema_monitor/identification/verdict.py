@@ -2,18 +2,13 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import combinations
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ema_core.arrays import Array, Flags
-from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
-from ema_monitor.identification.uncertainty import STRONG_CORRELATION
-from ema_monitor.model.deviations import NAMES
-
-_NOTABLE_SIGMA: Final = 0.01
 
 
 class Misfit(NamedTuple):
@@ -135,47 +130,3 @@ def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[st
 def contradicted_by(subject: str, measured: Iterable[object]) -> list[str]:
     """Return in words what was measured and not used, a text for each."""
     return [f"not used, as the {subject} contradicts it: measured {one}" for one in measured]
-
-
-def resting_on_unit(
-    sigma: Array, shifts: Array, steps: Array, not_learned: Iterable[str]
-) -> list[str]:
-    """Return in words which faults are uncertain for what the calibration could not learn.
-
-    Parameters
-    ----------
-    sigma
-        Standard deviations of the faults, ``(8,)``.
-    shifts
-        What one standard deviation of the unit along each principal axis changes them by,
-        ``(8, k)``.
-    steps
-        These axes, ``(k, 25)``.
-    not_learned
-        Names of the deviations that the healthy windows did not show.
-    """
-    # Of what one unit of each deviation changes the faults by; an axis may have no length.
-    slopes = shifts @ np.linalg.pinv(steps).T
-    shares = slopes * (shifts @ steps)
-    found: dict[str, list[str]] = {}
-    for i, of_fault in enumerate(shares):
-        name = NAMES[int(np.argmax(of_fault))]
-        is_large = sigma[i] > _NOTABLE_SIGMA and 2.0 * np.sum(of_fault) > sigma[i] ** 2
-        if is_large and name in not_learned and FAULTS[i].limit is not None:
-            found.setdefault(name, []).append(FAULTS[i].label)
-    return [
-        f"how well {' and '.join(labels)} {'are' if len(labels) > 1 else 'is'} known rests on the "
-        f"{name.replace('_', ' ')} of the unit, which its calibration could not learn"
-        for name, labels in found.items()
-    ]
-
-
-def correlated(covariance: Array, kept: Flags) -> list[str]:
-    """Return in words which components that differ from healthy are strongly correlated."""
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sigma, sigma)
-    return [
-        f"{FAULTS[i].label} and {FAULTS[j].label} are strongly correlated ({correlation[i, j]:.2f})"
-        for i, j in combinations(range(N_FAULTS), 2)
-        if kept[i] and kept[j] and abs(correlation[i, j]) > STRONG_CORRELATION
-    ]

@@ -75,6 +75,8 @@ export interface FaultEstimate {
   stretches: number;
   faults: FaultVector;
   covariance: Float64Array;
+  quantiles: Float64Array;
+  probability: Float64Array;
   unobservable: number;
   insignificant: number;
   play_offset: number;
