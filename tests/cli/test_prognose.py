@@ -1,5 +1,6 @@
 import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -377,6 +378,13 @@ def test_calibration_beside_the_bags_is_that_of_the_unit(ema, written, tmp_path)
         told = ema("prognose", argument)
         assert (told.exit_code, told.stderr) == (0, "")
         assert str(path) in told.stdout
+    for same in ("estimate", "compare"):
+        told = ema(same, bag)
+        assert (told.exit_code, str(path) in told.stdout) == (0, True), told.output
+    copy = shutil.copy(bag, tmp_path / "copy.mcap")
+    told = ema("prognose", bag, copy)
+    assert told.exit_code == 0
+    assert told.stderr == f"{copy}: passed over, it is a copy of {bag}\n"
     # What is named on the command line holds before it.
     named = tmp_path / "named.yaml"
     Calibration.builtin().save(named)

@@ -217,7 +217,7 @@ def health_in(bag: Path) -> list[Any]:
     return [item.message for item in found.messages(["/ema/health"])]
 
 
-def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
+def test_nodes_run_under_one_command_until_ctrl_c(ema, tmp_path):
     bag = tmp_path / "bag"
     fleet = ("--actuators", "left,right", "--monitors", "2")
     nodes = ("actuator", "monitor", "recorder")
@@ -228,6 +228,8 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
             lambda: {item.actuator_id for item in health_in(bag)} == {"left", "right"},
             "health of both in the bag",
         )
+        second = ema("up", "--actuators", "left", "actuator")
+        assert (second.exit_code, "a node /ema/left/actuator runs" in second.stderr) == (1, True)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, said
@@ -239,6 +241,15 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
     assert math.isfinite(health_in(bag)[0].flight_hours)
     assert list((tmp_path / "ros_home").rglob("*.sqlite")) == []
     assert processes_with(bag) == []
+
+
+def test_missing_calibration_is_named_before_any_telemetry(tmp_path):
+    file = tmp_path / "none.yaml"
+    command = ["ema", "up", "monitor", "-p", f"calibration_file={file}"]
+    with started(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr
+        assert any(f"{file} is missing; calibrate" in line for line in process.stderr)
+        process.send_signal(signal.SIGINT)
 
 
 def test_failed_node_is_told_and_makes_exit_code_1(ema, capfd):

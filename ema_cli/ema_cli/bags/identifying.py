@@ -1,7 +1,7 @@
 """How the windows of a bag are identified: options, and the estimates that they give."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
@@ -13,7 +13,7 @@ from ema_cli.options import NameChoice
 from ema_cli.parameters import Command, Parameters
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibrations import AnyCalibration, load_calibration
+from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
@@ -54,7 +54,8 @@ class Identifying(Source):
             "--calibration",
             "calibration_file",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="File of `ema calibrate`; by default the shipped one.",
+            help="File of `ema calibrate`; by default calibration.yaml beside BAG, or else the "
+            "shipped one.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
@@ -78,6 +79,19 @@ class Identifying(Source):
             search=parameters.over(SearchSettings()),
             combining=parameters.over(CombinationSettings()),
         )
+
+    def with_calibration_beside(self, bags: Iterable[Path]) -> Self:
+        """Return these options; if they name no calibration, with the one that lies beside bags."""
+        if self.calibration_file is not None:
+            return self
+        folders = {bag.parent.resolve(): bag.parent for bag in bags}
+        paths = [folder / CALIBRATION_FILE for folder in folders.values()]
+        files = [path for path in paths if path.is_file()]
+        if len(files) > 1:
+            raise ValueError(
+                f"{files[0]} and {files[1]} both lie beside the bags: choose one with --calibration"
+            )
+        return replace(self, calibration_file=files[0] if files else None)
 
     def calibration(self) -> AnyCalibration:
         """Return the calibration; ValueError or OSError when its file is none."""

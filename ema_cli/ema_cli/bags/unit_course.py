@@ -1,5 +1,6 @@
 """From bags to the tests of one unit, and its health and life after each of them, and the truth."""
 
+import filecmp
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +22,7 @@ from ema_cli.bags.source import Source, read_windows, why_no_window
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, N_FAULTS
-from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.advice import Advice, advise
 from ema_monitor.prognosis.duty.damage import FlownDuty
@@ -108,6 +109,9 @@ def read_unit(
     counts: list[Count] = []
     remarks: list[str] = []
     for path in find_bags(paths):
+        if original := next((one for one, _ in read if _is_copy(path, one)), None):
+            remarks.append(f"{path}: passed over, it is a copy of {original}")
+            continue
         try:
             bag = Bag(path)
             present = described_actuators(bag)
@@ -158,15 +162,9 @@ def read_unit(
     )
 
 
-def _calibration_beside(bags: Iterable[Path]) -> Path | None:
-    """Return the calibration that lies beside bags; None where none does."""
-    folders = {bag.parent.resolve(): bag.parent for bag in bags}
-    files = [path for folder in folders.values() if (path := folder / CALIBRATION_FILE).is_file()]
-    if len(files) > 1:
-        raise ValueError(
-            f"{files[0]} and {files[1]} both lie beside the bags: choose one with --calibration"
-        )
-    return files[0] if files else None
+def _is_copy(path: Path, other: Path) -> bool:
+    files = path.is_file() and other.is_file()
+    return files and filecmp.cmp(path, other, shallow=False)
 
 
 def _bags_in(path: Path) -> list[Path]:
@@ -263,8 +261,7 @@ def diagnose_unit(
     if given.at_hours is not None:
         record = record.as_known_at(given.at_hours)
     # The bags first: those of two units are refused, whatever lies beside them.
-    if given.calibration_file is None:
-        given = replace(given, calibration_file=_calibration_beside(find_bags(paths)))
+    given = given.with_calibration_beside(find_bags(paths))
     calibration = given.calibration()
     for remark in record.remarks:
         click.echo(remark, err=True)

@@ -81,6 +81,7 @@ def compare(
     named = bag if bag.stem.strip(".") else bag.resolve()
     picture = output or named.with_name(f"{named.stem}-compare.png")
     require_drawable(picture)
+    given = given.with_calibration_beside([bag])
     calibration = given.calibration_of_model()
     found = identifiable_windows(bag, given)
     chosen = choose_window(found, number)

@@ -39,6 +39,7 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
     Exit code 3 means that a window is refused, or departs from the healthy ones of the calibration
     and no fault explains it.
     """
+    given = given.with_calibration_beside([bag])
     calibration = given.calibration()
     found = identifiable_windows(bag, given)
     estimates = given.estimate(found.windows, calibration)

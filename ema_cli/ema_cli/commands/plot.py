@@ -60,6 +60,7 @@ def plot(
     elif number is None:
         figure = draw_telemetry(found, outline)
     else:
+        given = given.with_calibration_beside([bag])
         figure = _draw_estimate(found, number, given)
     save_picture(figure, output)
     click.echo(f"{output}")

@@ -41,8 +41,7 @@ def prognose(
     """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
     All tests are of one unit; the stamps of their windows give their order. The figures are those
-    that a monitor publishes after the last of these tests. Without --calibration, a file
-    calibration.yaml beside the bags is used as the unit's.
+    that a monitor publishes after the last of these tests.
 
     Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """

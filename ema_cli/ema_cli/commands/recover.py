@@ -50,7 +50,9 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
         messages = damaged.raw_messages(names)
         for item in progress.track(messages, total=total, description="recovering"):
             if stop:
-                raise click.Abort
+                raise ValueError(
+                    f"stopped: {written} of {counted(total, 'message')} are in {output}"
+                )
             try:
                 message = checks[item.topic](item.message)
                 for name in ("log_time_ns", "publish_time_ns"):

@@ -98,7 +98,8 @@ def simulate(
             recording.begin_cycle(cycle.number, cycle.faults, cycle.hours)
             for block, torque in cycle.blocks:
                 if stop:
-                    raise click.Abort
+                    whole = f"{cycle.number} of {counted(cycles, 'cycle')}"
+                    raise ValueError(f"stopped: {whole} and a part of one are in {output}")
                 recording.write_block(block, torque)
                 progress.advance(task, len(block))
     if draws_faults:

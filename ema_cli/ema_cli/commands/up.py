@@ -16,9 +16,11 @@ from ema_cli.processes.bringup import (
     ros_arguments,
 )
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
+from ema_cli.processes.listener import refuse_running
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
+from ema_ros.topics import NAMESPACE
 
 
 @click.command()
@@ -61,8 +63,8 @@ def up(
     """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
 
     The dashboard prints its address. The others live on when one ends. Exit code 1 when one of them
-    failed. A simulated actuator is a new unit at each start: beside it the monitor keeps its
-    history in memory, unless history_folder says otherwise.
+    failed, or one of the same name runs already. A simulated actuator is a new unit at each start:
+    beside it the monitor keeps its history in memory, unless history_folder says otherwise.
     """
     with (
         deferred_signals(*ENDING) as stop,
@@ -85,6 +87,11 @@ def up(
                 commands |= actuator_commands(fleet, common)
             else:
                 commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
+        # `actuator left` is the node actuator of a namespace of its own.
+        place = f"/{(NAMESPACE if namespace is None else namespace).strip('/')}"
+        parts = (node.partition(" ") for node in commands)
+        full = ("/".join(filter(None, (place, own, name))) for name, _, own in parts)
+        refuse_running(full, "watch", stop)
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command)

@@ -20,6 +20,7 @@ from ema_archive.tables import estimate_from
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry
 from ema_bags.windows import RecordedWindow, find_recorded_windows
+from ema_cli.bags.identifying import Identifying
 from ema_cli.options import REFUSED
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
@@ -118,8 +119,8 @@ def _made_by(one: Any) -> tuple[str, SearchSettings, bool, int, bool]:
     "calibration_files",
     type=click.Path(path_type=Path),
     multiple=True,
-    help="A calibration that the monitor used; may be repeated; default: the shipped one. An "
-    "archive knows its own.",
+    help="A calibration that the monitor used; may be repeated; by default calibration.yaml "
+    "beside BAG. The shipped one and those of an archive are known.",
 )
 @click.option(
     "--bag",
@@ -139,8 +140,10 @@ def verify(
     altered. Exit code 3: an estimate is different, a history was altered, or nothing can be made
     again.
     """
-    known = [load_calibration(file) for file in calibration_files]
-    by_id = {one.calibration_id: one for one in known or [Calibration.builtin()]}
+    beside = Identifying().with_calibration_beside([recorded]).calibration_file
+    files = calibration_files or tuple(filter(None, [beside]))
+    known = [Calibration.builtin(), *map(load_calibration, files)]
+    by_id = {one.calibration_id: one for one in known}
     if (recorded / ARCHIVE_FILE).exists():
         found = _of_archive(recorded)
     elif recorded.suffix == ".sqlite":

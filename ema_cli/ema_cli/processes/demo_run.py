@@ -15,6 +15,7 @@ import numpy as np
 from ema_cli.bags.diagnoses import DiagnosedWindow, read_history
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
 from ema_cli.processes.domains import Domain
+from ema_cli.processes.listener import refuse_running
 from ema_cli.processes.observer import Observer
 from ema_cli.processes.reach import RANGE, set_reach
 from ema_cli.processes.stop_request import StopRequest
@@ -22,12 +23,12 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.yaml_file import load_yaml
+from ema_ros.topics import NAMESPACE
 
 SHOWN: Final = ("friction", "backlash", "short_circuit_a")
 """The faults that grow in the demo."""
 
 _NODES: Final = ("recorder", "dashboard", "monitor", "actuator")
-_DISCOVERY_S: Final = 1.0
 _START_S: Final = 180.0  # the first run ever compiles the kernels
 _LAST_CYCLE_S: Final = 10.0
 _LAST_WINDOW_S: Final = 8.0
@@ -45,7 +46,7 @@ def run_demo(
     commands = {
         node: [str(program(node)), *ros_arguments(node, parameter_files=files)] for node in _NODES
     }
-    _refuse_if_occupied(stop)
+    refuse_running([f"{NAMESPACE}/{node}" for node in _NODES], "demo", stop)
     if stop:
         return
     folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
@@ -84,18 +85,6 @@ def run_demo(
         click.echo(f"interrupted; bag {bag}" if bag.exists() else "interrupted")
         return
     _conclude(bag, picture, folder)
-
-
-def _refuse_if_occupied(stop: StopRequest) -> None:
-    with Observer("demo") as observer:
-        deadline = time.monotonic() + _DISCOVERY_S
-        while time.monotonic() < deadline and not stop:
-            if observer.sees("actuator"):
-                raise ValueError(
-                    f"a node /ema/actuator runs in domain {os.environ['ROS_DOMAIN_ID']} already: "
-                    "stop it, or set another ROS_DOMAIN_ID"
-                )
-            time.sleep(POLL_S)
 
 
 class Technician:

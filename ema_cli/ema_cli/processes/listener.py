@@ -1,9 +1,11 @@
 """A node that only listens, in a thread of its own."""
 
+import os
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import rclpy
 from rclpy.context import Context
@@ -13,7 +15,10 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from ema_bags.message_type import type_name
+from ema_cli.processes.stop_request import StopRequest
 from ema_ros.topics import NAMESPACE
+
+_DISCOVERY_S: Final = 1.0
 
 
 class Listener:
@@ -81,3 +86,19 @@ class Listener:
             except ExternalShutdownException:
                 return
         executor.shutdown()
+
+
+def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> None:
+    """Raise ValueError if one of these nodes, by full name, runs already; this takes a second."""
+    wanted = {tuple(node.rsplit("/", 1)) for node in nodes}
+    with Listener(enclave, {}, lambda *_: None) as listener:
+        deadline = time.monotonic() + _DISCOVERY_S
+        while time.monotonic() < deadline and not stop:
+            for place, name in sorted(wanted):
+                if listener.sees(name, place):
+                    raise ValueError(
+                        f"a node {place}/{name} runs in domain "
+                        f"{os.environ.get('ROS_DOMAIN_ID', '0')} already: "
+                        "stop it, or set another ROS_DOMAIN_ID"
+                    )
+            time.sleep(0.05)

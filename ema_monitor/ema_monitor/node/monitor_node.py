@@ -9,6 +9,7 @@ from typing import Any, Final
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
+from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.identification.settings import SearchSettings
@@ -74,6 +75,10 @@ class MonitorNode(ManagedNode):
         files = read(self, Files)
         self.store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
+        if "{" not in files.calibration_file:
+            reason = self.store.of(described or ActuatorDescription())
+            if isinstance(reason, str):
+                self.get_logger().warning(reason)
         fleet = Fleet.read(folder_of(files.fleet_file)) if files.fleet_file else None
         # Now, as no window waits for them yet.
         compile_monitor_kernels(self)

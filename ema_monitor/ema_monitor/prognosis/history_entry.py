@@ -262,8 +262,8 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
             if other.content != one.content:
                 bags = dict.fromkeys((one.bag, other.bag))
                 end_s = min(one.end_ns, other.end_ns) * 1e-9
-                what = f"{' and '.join(bags)}: different tests at {end_s:.4f} s"
-                reason = f"{what}, their stamps must show which came first"
+                what = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
+                reason = f"{what}: their stamps must show which came first"
                 reasons = dict.fromkeys(bags, reason) | reasons
         begun.append(other)
     return reasons
