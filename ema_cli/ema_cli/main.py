@@ -22,6 +22,7 @@ _COMMANDS: Final = {
     "label": "Add tests of a unit whose state is known, one in each of BAGS, to its CALIBRATION.",
     "moves": "Judge each test in TABLE, a CSV or Parquet file with one row a move, by those before "
     "it.",
+    "new-actuator": "Write the description of an actuator from the figures of its data sheet.",
     "certify": "Predict which faults a test will show, how well, and which it cannot separate.",
     "design": "Find the shortest test command that reaches wanted standard deviations within "
     "limits.",
@@ -66,7 +67,7 @@ class _CommandsOnDemand(click.Group):
 
             ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
         os.environ.update(one_thread())  # before numpy is imported
-        name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
+        name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
             return getattr(import_module(f"ema_cli.commands.{name}"), name)
 

@@ -43,7 +43,6 @@ NEW = "simulate -o new.mcap"
         (f"{NEW} --cause load_torque", 1, ["'load_torque'", "NAME=VALUE[@START[..END]]"]),
         (f"{NEW} --cause dead_time=1e-6@3..2", 1, ["dead_time", "3 s", "2 s"]),
         (f"{NEW} --cause jam=1 --cause jam=1@2", 1, ["jam", "more than once"]),
-        (f"{NEW} --random-faults --fault gain=0.1", 2, ["--random-faults", "--fault", "exclude"]),
         (f"{NEW} -p plant.R_s=-2", 1, ["plant.R_s", "-2", "ohm"]),
         (f"{NEW} -p plant.Rs=2", 1, ["'plant.Rs'", "plant.R_s"]),
         (f"{NEW} -p plant.rs=2", 1, ["did you mean 'plant.R_s'?"]),

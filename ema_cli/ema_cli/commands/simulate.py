@@ -1,12 +1,8 @@
 """``ema simulate``: a faulty actuator to a bag."""
 
 from pathlib import Path
-from typing import Final
 
 import click
-import numpy as np
-from rich.console import Console
-from rich.table import Column, Table
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.bench import COMMAND_OPTION, Bench
@@ -16,11 +12,9 @@ from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.cause_profiles import GRAMMAR
-from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
+from ema_core.faults import FAULT_NAMES
 from ema_core.wording import counted
 from ema_sim.bench import ActuatorBench
-
-_STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of the same seed
 
 
 @click.command()
@@ -37,12 +31,6 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help="A hidden cause, e.g. load_torque=0.01, current_offset=0.1@3.0 (from 3 s on) or "
     "winding_temperature=80@0..10 (a ramp); all are in docs/faults.md.",
 )
-@click.option(
-    "--random-faults",
-    "draws_faults",
-    is_flag=True,
-    help="Draw faults by the law of the thesis.",
-)
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
 @START_OPTION
 @settings_options(Bench, "actuator", more=[COMMAND_OPTION])
@@ -52,7 +40,6 @@ def simulate(
     given: Bench,
     faults: dict[str, float],
     causes: tuple[str, ...],
-    draws_faults: bool,
     cycles: int,
     start_ns: int,
     overwrite: bool,
@@ -62,9 +49,7 @@ def simulate(
 
     Each cycle: slow approach from below, command, return, rest.
     """
-    if draws_faults and faults:
-        raise click.UsageError("--random-faults and --fault exclude each other")
-    description, seed = given.description, given.settings.seed
+    description = given.description
     bench = ActuatorBench(
         description,
         given.settings,
@@ -73,11 +58,6 @@ def simulate(
         causes=causes,
     )
     bench.set_command(given.command)
-    if draws_faults:
-        # They have nothing to do with the noise.
-        stream = np.random.SeedSequence(seed, spawn_key=(_STREAM_OF_FAULTS,))
-        drawn = random_faults(np.random.default_rng(stream))
-        faults = dict(zip(FAULT_NAMES, drawn, strict=True))
     bench.set_faults(faults)
     with (
         deferred_signals() as stop,
@@ -102,14 +82,6 @@ def simulate(
                     raise ValueError(f"stopped: {whole} and a part of one are in {output}")
                 recording.write_block(block, torque)
                 progress.advance(task, len(block))
-    if draws_faults:
-        k = Column("k", justify="right")
-        title = f"true faults, drawn with seed {seed}"
-        table = Table("fault", k, "which means", title=title, title_justify="left")
-        for fault in FAULTS:
-            value = faults[fault.name]
-            table.add_row(fault.name, f"{value:.6f}", fault.physical(value))
-        Console().print(table)
     seconds = 1e-9 * (bench.end_ns - start_ns)
     click.echo(
         f"{output}: {counted(cycles, 'cycle')} of {description.actuator_id} "

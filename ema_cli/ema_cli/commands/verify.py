@@ -120,7 +120,7 @@ def _made_by(one: Any) -> tuple[str, SearchSettings, bool, int, bool]:
     type=click.Path(path_type=Path),
     multiple=True,
     help="A calibration that the monitor used; may be repeated; by default calibration.yaml "
-    "beside BAG. The shipped one and those of an archive are known.",
+    "beside BAG. The shipped one, and all of an archive, are known.",
 )
 @click.option(
     "--bag",

@@ -1,0 +1,50 @@
+"""``ema new-actuator``: a description from the figures of a data sheet."""
+
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import RPM
+from ema_ros.actuator_file import load_description
+
+# Of the spoiler of docs/your-actuator.md; - is what its data sheet does not have.
+FIGURES = {
+    "supply": "270", "kv": "28", "torque-constant": "0.34", "resistance": "1.6",
+    "inductance": "4.2", "pole-pairs": "4", "current": "15", "speed": "7000",
+    "inertia": "-", "gear": "800", "sample-rate": "2000",
+}  # fmt: skip
+OPTIONS = [
+    word
+    for name, value in FIGURES.items()
+    for word in (f"--{name}", value)
+    if value != "-" and name != "torque-constant"
+]
+
+
+def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_path):
+    asked, given = tmp_path / "asked.yaml", tmp_path / "given.yaml"
+    answers = "".join(f"{value}\n" for value in FIGURES.values())
+    result = ema("new-actuator", "--serial-number", "0815", "-o", asked, typed=answers)
+    assert result.exit_code == 0, result.output
+    said = ema("new-actuator", "--serial-number", "0815", *OPTIONS, "-o", given)
+    assert said.exit_code == 0, said.output
+    unknown = said.stdout.partition("still the example's: ")[2].strip().split(", ")
+    example = ActuatorDescription().parameters
+    for file, k_t in ((asked, 0.34), (given, 1.0 / (28.0 * RPM))):
+        found = load_description(file)
+        p = found.parameters
+        assert (found.serial_number, found.sample_period, p.V_max, p.P) == ("0815", 5e-4, 270.0, 4)
+        assert (p.k_t, p.k_e, p.G_M) == pytest.approx((k_t, k_t, k_t))
+        # The limit of the torque follows from figures that are given.
+        assert (p.T_max, p.tau, p.L_s) == pytest.approx((15.0 * k_t, 1.0 / 800.0, 4.2e-3))
+        assert p.J_m == example.J_m
+        assert "ohm, resistance 1.6 ohm: " in file.read_text()
+        assert "kg.m^2, example: inertia of the motor" in file.read_text()
+    assert {"J_m", "f_sm"} <= set(unknown)
+    assert "GAP / (J_m + J_u)" not in said.stderr
+
+
+def test_figures_that_contradict_each_other_are_refused(ema, tmp_path):
+    file = tmp_path / "wrong.yaml"
+    result = ema("new-actuator", "--kv", "28", "--torque-constant", "0.5", "-o", file)
+    assert (result.exit_code, file.exists()) == (1, False)
+    assert "kv 28 rpm/V gives 0.341" in result.stderr
