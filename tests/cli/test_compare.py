@@ -16,7 +16,7 @@ from ema_cli.commands import compare as command
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.figures.comparison import draw_comparison
 from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
+from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
@@ -45,7 +45,9 @@ def _blank_pictures():
 def bag(ema, tmp_path_factory):
     """Two cycles with faults."""
     path = tmp_path_factory.mktemp("compare") / "case.mcap"
-    faults = ",".join(f"{name}={value}" for name, value in DRAWN.items())
+    # A fault may be written as its label.
+    labels = [name.replace("_", " ").capitalize() for name in DRAWN]
+    faults = ",".join(f"{name}={value}" for name, value in zip(labels, DRAWN.values(), strict=True))
     assert ema("simulate", "--fault", faults, "--cycles", "2", "-o", path).exit_code == 0
     return path
 
@@ -156,24 +158,16 @@ def test_tables_show_all_figures_and_star_the_best(shown):
     assert "…" not in shown
 
 
-def test_bag_without_truth_tells_where_the_others_differ(ema, record, faulty_blocks, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "120")
+def test_bag_without_truth_has_no_errors(ema, record, faulty_blocks):
     path = record(faulty_blocks)
     answer = json.loads(ema("compare", path, *QUICK, "--json").stdout)
     assert answer["truth"] is None
     assert answer["fitness_at_truth"] is None
     assert [one["error_percent"] for one in answer["estimates"]] == [None, None]
     table = ema("compare", path, *QUICK).stdout
-    assert "differs most" in table
-    assert first_row(table, "least_squares")[-1] == "fittest"
     assert "\ntruth " not in table
     assert "at the true faults" not in table
-    faults = [list(one["faults"].values()) for one in answer["estimates"]]
-    difference = np.subtract(faults[1], faults[0])
-    difference[FAULT_NAMES.index("eccentricity_phase")] = 0.0
-    largest = int(np.argmax(np.abs(difference)))
-    words = f"{FAULTS[largest].label} {difference[largest]:+.4f}"
-    assert " ".join(first_row(table, "pso")).endswith(words)
+    assert "error" not in table
 
 
 def test_picture_is_beside_the_bag_or_where_it_is_asked_for(ema, bag, shown, tmp_path):
@@ -185,17 +179,14 @@ def test_picture_is_beside_the_bag_or_where_it_is_asked_for(ema, bag, shown, tmp
     assert asked_for.read_bytes().startswith(b"<?xml")
 
 
-def test_picture_shows_convergence_and_each_fault(quick):
+def test_picture_shows_convergence(quick):
     figure = draw_comparison(quick, "case")
-    convergence, *faults = figure.axes
+    [convergence] = figure.axes
     assert (convergence.get_xscale(), convergence.get_yscale()) == ("log", "log")
-    assert [axes.get_title() for axes in faults] == [fault.label for fault in FAULTS]
     [algorithms], marks = figure.legends, convergence.get_legend()
     assert [text.get_text() for text in algorithms.get_texts()] == ["least_squares", "pso"]
     assert marks is not None
-    assert {"truth", "healthy", "90 % interval of the estimate"} <= {
-        text.get_text() for text in marks.get_texts()
-    }
+    assert "truth" in {text.get_text() for text in marks.get_texts()}
     for run in quick.runs:
         assert np.all(np.diff(run.costs) <= 0.0)
         assert np.all(np.diff(run.evaluations) > 0)

@@ -20,7 +20,7 @@ from ema_cli.figures.comparison import draw_comparison
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.options import REFUSED, NameChoice
 from ema_cli.parameters import settings_options
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS
+from ema_core.faults import FAULTS
 from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
 
@@ -160,10 +160,6 @@ def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
     }
     if comparison.truth is not None:
         columns["error\n[%]"] = _starred(runs, comparison.error_percent, ".2f")
-    elif comparison.best is not None:
-        columns["differs most\nfrom fittest in"] = [
-            _largest_difference(run, comparison.best) for run in runs
-        ]
     return _table(title, columns, left=("algorithm", "valid"))
 
 
@@ -210,17 +206,3 @@ def _starred(
 
 def _figure(value: float, form: str) -> str:
     return format(value, form) if np.isfinite(value) else "-"
-
-
-def _largest_difference(run: ComparedRun, best: ComparedRun) -> str:
-    faults, others = (np.array(one.estimate.faults) for one in (run, best))
-    if run is best:
-        return "fittest"
-    if not np.all(np.isfinite(faults)):
-        return "-"
-    difference = faults - others
-    # The phase counts by the eccentricity, wrapped to half a turn, as in the error of an estimate.
-    turn = difference[ECCENTRICITY_PHASE]
-    difference[ECCENTRICITY_PHASE] = faults[ECCENTRICITY] * (turn - np.round(turn))
-    i = int(np.argmax(np.abs(difference)))
-    return f"{FAULTS[i].label} {difference[i]:+.4f}"

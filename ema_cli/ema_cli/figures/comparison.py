@@ -1,4 +1,4 @@
-"""Picture of a comparison of algorithms: how they converged, and what they found."""
+"""Picture of a comparison of algorithms: how they converged."""
 
 from itertools import cycle
 from typing import Any, Final
@@ -9,26 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ema_cli.comparison import AlgorithmComparison, ComparedRun
-from ema_core.faults import FAULTS
-from ema_monitor.plot.style import (
-    BLUE,
-    BROWN,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    draw_estimates,
-    tidy,
-)
+from ema_monitor.plot.style import BLUE, BROWN, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 
-_LEAST_SPAN: Final = 0.02
 _LEAST_RATIO: Final = 10.0
-_COLUMNS: Final = 4
 _TRUTH: Final[dict[str, Any]] = {"color": INK, "lw": 1.4}
-_HEALTHY: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": ":"}
 _CONCLUSION: Final[dict[str, Any]] = {"color": "0.3", "lw": 1.0, "ls": (0, (4, 2))}
 # Markers distinguish them without colour.
 _STYLES: Final = (
@@ -44,21 +28,17 @@ _STYLES: Final = (
 
 
 def draw_comparison(comparison: AlgorithmComparison, title: str) -> Figure:
-    """Return a figure of cost against evaluations and of each fault by algorithm."""
-    figure = Figure(figsize=(10.5, 9.0), layout="constrained")
-    rows = -(-len(FAULTS) // _COLUMNS)
-    grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[2.2, *[1.2] * rows])
+    """Return a figure of cost against evaluations by algorithm; the table has the faults."""
+    figure = Figure(figsize=(10.5, 5.0), layout="constrained")
     runs: dict[ComparedRun, dict[str, Any]] = {
         run: {"color": colour, "marker": marker, "ms": 6.0}
         | ({} if run.estimate.valid else {"mfc": "white"})
         for run, (colour, marker) in zip(comparison.runs, cycle(_STYLES), strict=False)
         if np.isfinite(run.estimate.fitness)
     }
-    convergence = figure.add_subplot(grid[0, :])
+    convergence = figure.add_subplot()
     _draw_convergence(convergence, comparison, runs)
     convergence.legend(handles=_marks(comparison, runs), loc="upper right", fontsize="small")
-    for i in range(len(FAULTS)):
-        _draw_fault(figure.add_subplot(grid[1 + i // _COLUMNS, i % _COLUMNS]), comparison, runs, i)
     figure.suptitle(title, ha="left", x=0.01)
     algorithms = [
         Line2D([], [], lw=1.3, label=run.estimate.algorithm, **style) for run, style in runs.items()
@@ -92,45 +72,13 @@ def _draw_convergence(
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _draw_fault(
-    axes: Axes, comparison: AlgorithmComparison, runs: dict[ComparedRun, dict[str, Any]], i: int
-) -> None:
-    if comparison.truth is not None:
-        axes.axhline(comparison.truth[i], **_TRUTH)
-    for place, (run, style) in enumerate(runs.items()):
-        draw_estimates(
-            axes,
-            place,
-            run.estimate.faults[i],
-            run.estimate.sigma[i],
-            elinewidth=1.0,
-            capsize=2.5,
-            zorder=3,
-            **style,
-        )
-    low, high = axes.get_ylim()
-    margin = max(0.0, _LEAST_SPAN - (high - low)) / 2.0
-    axes.set_ylim(low - margin, high + margin)
-    # Last, so that a fault far from healthy does not squeeze the differences.
-    axes.axhline(FAULTS[i].healthy, **_HEALTHY)
-    axes.set_xlim(-0.7, len(runs) - 0.3)
-    axes.set_xticks([])
-    axes.set_title(FAULTS[i].label, fontsize="medium")
-    axes.tick_params(axis="y", labelsize="small")
-    tidy(axes, "y")
-
-
 def _marks(
     comparison: AlgorithmComparison, runs: dict[ComparedRun, dict[str, Any]]
 ) -> list[Line2D]:
     """Return the marks that are the same for all algorithms."""
-    handles = [Line2D([], [], label="healthy", **_HEALTHY)]
+    handles = [Line2D([], [], label="end of search to estimate", **_CONCLUSION)]
     if comparison.truth is not None:
         handles.append(Line2D([], [], label="truth", **_TRUTH))
-    handles.append(Line2D([], [], label="end of search to estimate", **_CONCLUSION))
-    handles.append(
-        Line2D([], [], color="0.3", marker="|", ms=11, ls="", label="90 % interval of the estimate")
-    )
     if not all(run.estimate.valid for run in runs):
         handles.append(
             Line2D([], [], color="0.3", marker="o", mfc="white", ls="", label="hollow: not valid")
