@@ -18,7 +18,7 @@ from ema_bags.message_type import type_name
 from ema_cli.processes.stop_request import StopRequest
 from ema_ros.topics import NAMESPACE
 
-_DISCOVERY_S: Final = 1.0
+_DISCOVERY_S: Final = 2.0
 
 
 class Listener:
@@ -89,7 +89,7 @@ class Listener:
 
 
 def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> None:
-    """Raise ValueError if one of these nodes, by full name, runs already; this takes a second."""
+    """Raise ValueError if one of these nodes, by full name, runs already; this takes 2 s."""
     wanted = {tuple(node.rsplit("/", 1)) for node in nodes}
     with Listener(enclave, {}, lambda *_: None) as listener:
         deadline = time.monotonic() + _DISCOVERY_S
