@@ -18,7 +18,7 @@ from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, HIGHEST, KINDS, hea
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import constant_life
 from prognosis.estimates import error_model
-from prognosis.laws import DEVELOPMENT, HELD_OUT, Kind, Law, Seasonal
+from prognosis.laws import SETS, Kind, Law, Seasonal
 from prognosis.lives import LIMITS
 
 SEED: Final = 18_018
@@ -165,7 +165,7 @@ def _grown(
 
 def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
     """Return a life; None when another fault than that of its law would end it."""
-    kinds = DEVELOPMENT if case.kind in DEVELOPMENT else HELD_OUT
+    kinds = next(laws for laws in SETS.values() if case.kind in laws)
     faults = kinds[case.kind].faults
     # Each variation meets each fault.
     fault = faults[(case.number + case.number // len(VARIATIONS)) % len(faults)]

@@ -207,6 +207,98 @@ class Wandering(Law):
         return h / self.life * np.exp(states[0] - 0.5 * self.sigma**2)
 
 
+class Impacts(Law):
+    """Damage by few large shocks alone: a compound Poisson process of 15 to 40 shocks."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.shocks = life, rng.uniform(15.0, 40.0)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        return rng.standard_gamma(rng.poisson(self.shocks * h / self.life, y.size)) / self.shocks
+
+
+class Gamma(Law):
+    """Gamma process whose variance at the limit is that of 20 to 100 exponential jumps."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.jumps = life, rng.uniform(20.0, 100.0)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        return rng.standard_gamma(self.jumps * h / self.life, y.size) / self.jumps
+
+
+class Breakaway(Law):
+    """Slow wear, then exponential growth from an hour late in life on."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.at, self.slow = rng.uniform(0.55, 0.8) * life, rng.uniform(0.1, 0.4)
+        self.rate = self.slow / self.at
+        self.growth = -np.log(self.slow) / (life - self.at)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        return h * (self.growth * y if u > self.at else np.full_like(y, self.rate))
+
+
+class Fading(Law):
+    """y = log(1 + k u / T) / log(1 + k): wear that hardens its own surface."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.k = life, rng.uniform(1.0, 4.0)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        grown = np.log1p(self.k * h / (self.life + self.k * u)) / np.log1p(self.k)
+        return np.full_like(y, grown)
+
+
+class GrowingShocks(Law):
+    """Shocks that come more often the larger the damage is."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.size, self.factor = 1.0 / rng.uniform(25.0, 80.0), rng.uniform(1.0, 4.0)
+        self.rate = np.log1p(self.factor) / (self.factor * life)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        mean = self.rate * (1.0 + self.factor * y) * h
+        return self.size * rng.standard_gamma(rng.poisson(mean / self.size))
+
+
+class InverseGaussian(Law):
+    """Inverse Gaussian process: many small increments and few large ones."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.jumps = life, rng.uniform(15.0, 60.0)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        mean = h / self.life
+        return rng.wald(mean, self.jumps * mean**2, y.size)
+
+
+class Gompertz(Law):
+    """dy/du = a exp(u / c): growth that accelerates with age whatever the damage."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.c = life / rng.uniform(1.5, 5.0)
+        self.a = 1.0 / (self.c * np.expm1(life / self.c))
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        return np.full_like(y, self.a * self.c * np.exp(u / self.c) * np.expm1(h / self.c))
+
+
+class Idle(Law):
+    """Linear wear in hours of work, which pauses take turns with."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.rate, self.hours = 1.0 / (0.6 * life), rng.uniform(30.0, 100.0)
+
+    def states(self, n: int, rng: np.random.Generator) -> Array:
+        return (rng.random((1, n)) < 0.6).astype(float)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        drawn = (rng.random(y.size) < 0.6).astype(float)
+        states[0] = np.where(rng.random(y.size) < np.exp(-h / self.hours), states[0], drawn)
+        return self.rate * h * states[0]
+
+
 class Kind(NamedTuple):
     """A law, and the kinds of fault that it is drawn for."""
 
@@ -236,3 +328,22 @@ HELD_OUT: Final[Mapping[str, Kind]] = {
     "wandering": Kind(Wandering, _ALL),
 }
 """Laws that nothing was developed with."""
+
+SEEN: Final[Mapping[str, Kind]] = {
+    "impacts": Kind(Impacts, _ALL),
+    "gamma": Kind(Gamma, _ALL),
+    "breakaway": Kind(Breakaway, _ALL),
+    "fading": Kind(Fading, _ALL),
+}
+"""Laws, most of which jump or break away, that growth by jumps was developed with."""
+
+UNSEEN: Final[Mapping[str, Kind]] = {
+    "growing shocks": Kind(GrowingShocks, _ALL),
+    "inverse Gaussian": Kind(InverseGaussian, _ALL),
+    "gompertz": Kind(Gompertz, _ALL),
+    "idle": Kind(Idle, _ALL),
+}
+"""The same, for one run at its end."""
+
+SETS: Final = {"development": DEVELOPMENT, "held out": HELD_OUT, "seen": SEEN, "unseen": UNSEEN}
+"""All sets of laws by name."""

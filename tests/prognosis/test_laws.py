@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_core.growth_laws import hours_until, increment
-from ema_monitor.prognosis.growth.cells import BENDS, curves_of
+from ema_monitor.prognosis.growth.cells import BENDS, JUMPS, curves_of
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, KnownLawTexts, known_law
 
 
@@ -75,13 +75,17 @@ def test_each_law_has_the_same_bends():
     for laws in (("archard", "exponential"), ("self_heating",), ("power",)):
         found = sorted(bend(curve) for curve in curves if curve.law in laws)
         assert found == pytest.approx(BENDS, rel=1e-4)
-    assert [bend(curve) for curve in curves if curve.law == "linear"] == pytest.approx([1.0])
+    lines = [bend(curve) for curve in curves if curve.law == "linear"]
+    assert lines == pytest.approx([1.0] * (1 + len(JUMPS)))
 
 
 def test_every_curve_is_as_probable_as_any_other():
-    shares = [curve.share for curve in curves_of(LIMIT, None, two_sided=False)]
+    curves = curves_of(LIMIT, None, two_sided=False)
+    shares = [curve.share for curve in curves if not curve.jumps]
     assert len(shares) == 1 + 3 * len(BENDS)
-    assert shares == pytest.approx([1.0 / len(shares)] * len(shares))
+    assert shares == pytest.approx([shares[0]] * len(shares))
+    # Growth by jumps is as probable as a law with all its bends.
+    assert sum(shares) == pytest.approx(1.0 - len(BENDS) * shares[0])
 
 
 def test_drift_is_as_probable_as_a_law_with_all_its_bends():

@@ -22,7 +22,7 @@ from ema_monitor.prognosis.growth.filters import (
 )
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import REACH
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.settings import LIFE_HOURS, TrackerSettings
 from ema_monitor.prognosis.growth.wander import PACES, mix_paces
 
 _STANDSTILL = 1e-3
@@ -52,8 +52,9 @@ class Bank(Kept):
         self._is_constant = np.zeros(cells.prior.size, dtype=bool)
         self._is_constant[cells.slices["constant"]] = True
         self.kind = np.where(self._is_constant, 0, np.where(cells.wanders, 2, 1))
-        rates = np.arange(PACES.size * N_RATES).reshape(PACES.size, -1)
-        self._blocks = np.flatnonzero(cells.first)[:, None, None] + rates
+        self._blocks = np.flatnonzero(cells.wanders).reshape(-1, PACES.size, N_RATES)
+        jumps = np.flatnonzero(cells.jump).reshape(-1, 2, LIFE_HOURS[::2].size)
+        self._pairs = np.moveaxis(jumps, 1, 0).reshape(2, -1)
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
         arriving = cells.prior * np.where(self._is_constant, _STANDSTILL, 1.0)
@@ -96,11 +97,31 @@ class Bank(Kept):
         grown = (own > 0.0) & ~self._is_constant
         drifts = cells.slices["drift"]
         grown[drifts] = False
+        grown[self._pairs] = False
         self._slope = np.where(grown, spread / np.where(sd > 0.0, sd, 1.0), 1.0)
         self.mean = np.where(grown, cells.side * np.mean(x + step, axis=0), self.mean)
         self.variance = np.where(grown, spread**2 + noise, self.variance)
         self.mean[drifts] += (cells.side * cells.rate * own)[drifts]
         self.variance[drifts] += (cells.diffusion**2 * own)[drifts]
+        self._leap(weight, own)
+
+    def _leap(self, weight: Array, hours: Array) -> None:
+        """Let growth by jumps have none, or at least one, in the hours of each cell [h]."""
+        pairs, leaps = self._pairs, self._pairs[1]
+        w, mean, variance = weight[pairs], self.mean[pairs], self.variance[pairs]
+        total = w.sum(axis=0)
+        middle = np.sum(w / total * mean, axis=0)
+        spread = np.sum(w / total * (variance + (mean - middle) ** 2), axis=0)
+        self._before[0][pairs] = self.mean[pairs] = middle
+        self._before[1][pairs] = self.variance[pairs] = spread
+        jump = self.cells.jump[leaps]
+        count = hours[leaps] * self.cells.rate[leaps] / jump
+        some = -np.expm1(-count)
+        weight[pairs] = np.maximum(total * np.stack([1.0 - some, some]), LEAST_PROBABILITY)
+        # Moments of a sum of exponential jumps of which there is at least one.
+        grown = jump * np.divide(count, some, out=np.ones_like(count), where=some > 0.0)
+        self.mean[leaps] += self.cells.side[leaps] * grown
+        self.variance[leaps] += grown * (2.0 * jump + jump * count - grown)
 
     def change(self, weight: Array) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""

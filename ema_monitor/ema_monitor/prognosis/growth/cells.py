@@ -40,6 +40,9 @@ fifth to tenth of life. Neighbours are so close that where a fault's own bend li
 does not show in a prediction.
 """
 
+JUMPS: Final = (12.0, 35.0, 100.0)
+"""Jumps of a mean size from healthy to the limit, of growth by jumps [-]."""
+
 _MILD: Final = 4.0
 """Product of b and the limit up to which the curves that two laws share go by ``archard`` [-]."""
 
@@ -64,12 +67,17 @@ _SETTLING: Final = 0.7
 
 
 class Curve(NamedTuple):
-    """A law with its second figures: its shape, of ``drift`` its diffusion, and its prior."""
+    """A law with its second figures: its shape, of ``drift`` its diffusion, and its prior.
+
+    If ``jumps`` is above 0, it grows by so many exponential jumps of a mean size to the limit, in a
+    compound Poisson process (Lawless and Crowder, Lifetime Data Analysis 10(3), 2004).
+    """
 
     law: str
     shape: float
     diffusion: float
     share: float
+    jumps: float = 0.0
 
 
 def curves_of(limit: float, known: KnownLaw | None, *, two_sided: bool) -> list[Curve]:
@@ -97,8 +105,9 @@ def curves_of(limit: float, known: KnownLaw | None, *, two_sided: bool) -> list[
             curves.append(Curve("exponential", limit / worn, 0.0, 1.0))
         curves.append(Curve("self_heating", heated / limit, 0.0, 1.0))
         curves.append(Curve("power", bend, 0.0, 1.0))
+    # As probable as any other law with all its bends.
+    curves += [Curve("linear", 0.0, 0.0, len(BENDS) / len(JUMPS), jumps) for jumps in JUMPS]
     if two_sided:
-        # As probable as any other law with all its bends.
         share = len(BENDS) / len(_DIFFUSIONS)
         spreads = [multiple * limit / math.sqrt(1000.0) for multiple in _DIFFUSIONS]
         curves += [Curve("drift", 0.0, spread, share) for spread in spreads]
@@ -147,13 +156,13 @@ class Cells:
     rate: Array  # of the law now, its pace included
     shape: Array
     diffusion: Array  # of drift its s [1/sqrt(h)]; else 0
+    jump: Array  # mean size of a jump [-]; 0 where growth has none
     limit: Array  # distance from healthy at which life ends [-]
     prior: Array  # sums to 1 over the cells of a component
     base: Array  # the rate without its pace
     spacing: Array  # of neighbouring rates in the logarithm [-]
     wanders: Flags
     pace: Array  # its logarithm [-], 0 where the rate does not wander
-    first: Flags  # the first of a wandering curve; those of each pace follow in turn
     place: NDArray[np.intp]  # N_RATES times the number of the curve, plus that of the rate; or -1
 
 
@@ -170,7 +179,7 @@ class Owners:
         return sums.astype(np.float64, copy=False)
 
 
-_KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": np.bool_, "first": np.bool_}
+_KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": np.bool_}
 _ROW: Final = np.dtype(
     [(one.name, _KINDS.get(one.name, np.float64)) for one in fields(Cells) if one.name != "slices"]
 )
@@ -189,13 +198,17 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
         for curve in curves_of(limit, known, two_sided=two_sided):
             steady = 1.0 if known else 1.0 - WANDERING_PRIOR
             rows = _rows(curve, limit, LIFE_HOURS if known else LIFE_HOURS[::2], known, steady)
+            # Of growth by jumps there are cells without a jump since the latest test, and with one.
+            if curve.jumps:
+                rows["prior"] /= 2.0
+                rows = np.tile(rows, 2)
             blocks.append((curve.law, rows))
         for curve in [] if known else wandering_curves(limit):
             rows = np.tile(_rows(curve, limit, lives, None, WANDERING_PRIOR), PACES.size)
             rows["rate"] *= np.repeat(FACTORS, lives.size)
             rows["prior"] *= np.repeat(SHARES, lives.size)
             rows["pace"] = np.repeat(PACES, lives.size)
-            rows["wanders"], rows["first"][0] = True, True
+            rows["wanders"] = True
             blocks.append((curve.law, rows))
         for curve_number, (law, rows) in enumerate(blocks, -1):
             rows["component"], rows["limit"] = number, limit
@@ -226,6 +239,8 @@ def _rows(
     rate = lives / at_one if curve.law == "power" else at_one / lives
     rows["side"], rows["rate"], rows["base"] = 1.0, rate, rate
     rows["shape"], rows["diffusion"] = curve.shape, curve.diffusion
+    if curve.jumps:
+        rows["jump"] = limit / curve.jumps
     rows["spacing"] = math.log(lives[1] / lives[0])
     rows["prior"] = _rate_prior(rate, known) * share * (1.0 - CONSTANT_PRIOR) * curve.share
     rows["place"] = np.rint(np.log(lives / lives[0]) / RATE_SPACING)

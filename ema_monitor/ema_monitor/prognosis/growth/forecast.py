@@ -78,9 +78,14 @@ def lives(sample: Draw, rng: np.random.Generator) -> Array:
             scale[at] = ((limit - x) / cells.diffusion[own]) ** 2
         else:
             scale[at] = hours[at] ** 2 / max(sample.noise_hours, 1e-12)
+    jump = cells.jump[cell]
+    jumps = (jump > 0.0) & (hours > 0.0)
+    # As many exponential jumps as lie below the limit, and the one beyond it.
+    needed = 1 + rng.poisson(hours[jumps] * sample.rate[jumps] / jump[jumps])
+    hours[jumps] = rng.standard_gamma(needed) * jump[jumps] / sample.rate[jumps]
     # Growth that slows down may never get there.
     hours[np.isnan(hours)] = np.inf
-    passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
+    passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0) & ~jumps
     hours[passing] = rng.wald(hours[passing], scale[passing])
     wandering = cells.wanders[cell] & passing
     hours[wandering] = hours_of(hours[wandering], sample.pace[wandering], rng)
@@ -109,6 +114,11 @@ def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
     normal = rng.standard_normal((len(steps), int(wanders.sum())))
     paced = followed(sample.pace[wanders], np.ascontiguousarray(steps[:, wanders]), normal)
     own_time[:, wanders] = np.cumsum(paced, axis=0)
+    jumps = cells.jump[cell] > 0.0
+    between = cells.jump[cell[jumps]] / sample.rate[jumps]
+    own_time[:, jumps] = between * np.cumsum(
+        rng.standard_gamma(rng.poisson(steps[:, jumps] / between)), axis=0
+    )
     # Times of growth, with their noise, do not run backwards.
     own_time = np.maximum(own_time + np.sqrt(sample.noise_hours) * wiener, 0.0)
     own_time = np.maximum.accumulate(own_time, axis=0)

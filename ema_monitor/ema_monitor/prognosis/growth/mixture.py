@@ -8,8 +8,6 @@ steady law it is, and whether there is growth. Only a unit that grows steadily t
 narrower interval.
 """
 
-import math
-
 import numpy as np
 
 from ema_core.arrays import Array, Flags
@@ -61,6 +59,7 @@ class Mixture(Kept):
         # No growth, a law for life, a rate that wanders, a wave under growth: of each component.
         kind = np.concatenate([self.bank.kind, np.tile(np.where(waves.grows, _WAVE, 0), _N)])
         self._is_constant = kind == 0
+        self._is_random = np.append(cells.diffusion + cells.jump > 0.0, np.zeros(waves.prior.size))
         self._forgets = np.flatnonzero(kind >= _WANDERS)
         self._kind = kind * _N + self.component
         self._kinds_prior = self._of_kinds(self._prior)
@@ -85,26 +84,21 @@ class Mixture(Kept):
     def moments(self) -> tuple[Array, Array]:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
         bank, (mean, variance) = self.bank, self.waves.moments()
-        return self._moments_of(
-            np.concatenate([bank.mean, mean.ravel()]),
-            np.concatenate([bank.variance, variance.ravel()]),
-        )
+        values = np.append(bank.mean, mean)
+        return self._moments_of(values, np.append(bank.variance, variance))
 
     def trend(self) -> tuple[Array, Array]:
         """Return mean and variance of each component's signed growth [1/h], ``(7,)`` each."""
-        rates = np.concatenate([self.bank.rates(), self.waves.rates().ravel()])
+        rates = np.append(self.bank.rates(), self.waves.rates())
         return self._moments_of(rates, np.zeros_like(rates))
 
     def constant(self) -> Array:
         """Return the probability that each component does not grow, ``(7,)``."""
         return self._sums(self.weight * self._is_constant)
 
-    def diffusion(self, number: int) -> float:
-        """Return the root mean square diffusion of a component, if by a cell [1/sqrt(h)]."""
-        cells, (weight, _) = self.bank.cells, self._split(self.weight)
-        weight = weight * (cells.component == number)
-        squares = float(weight @ cells.diffusion**2)
-        return math.sqrt(squares / max(float(weight.sum()), LEAST_PROBABILITY))
+    def is_random(self) -> Array:
+        """Return the probability that each component grows by jumps or drift, ``(7,)``."""
+        return self._sums(self.weight * self._is_random)
 
     def change_rate(self, number: int, rate: float, sigma: float) -> None:
         """Forget how a component grew, but for its rate of now and that it grows [1/h]."""

@@ -69,7 +69,6 @@ class GrowthNoise(NamedTuple):
     correlation: float  # of the errors of successive tests [-]
     large: float  # standard deviation of an occasional error [-]
     hours: float  # variance of the effective time of growth per hour in service [h]
-    diffusion: float  # of its growth [1/sqrt(h)]
 
 
 class RegimeWatch(Kept):
@@ -156,8 +155,7 @@ def _whitener(hours: Array, value: Array, variance: Array, noise: GrowthNoise) -
     lasting = noise.correlation ** np.abs(order[:, None] - order)
     rate = (value[-1] - value[0]) / (hours[-1] - hours[0])
     since = hours - hours[0]
-    an_hour = rate**2 * noise.hours + noise.diffusion**2
-    growth = an_hour * np.minimum(since[:, None], since)
+    growth = rate**2 * noise.hours * np.minimum(since[:, None], since)
     return np.linalg.inv(np.linalg.cholesky(np.outer(sigma, sigma) * lasting + growth))
 
 

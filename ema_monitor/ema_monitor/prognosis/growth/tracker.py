@@ -53,6 +53,9 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
 
+MOST_RANDOM: Final = 0.5
+"""Probability of growth by jumps or drift from which a step, or another rate, is a part of it."""
+
 
 class Tracker(Kept):
     """Tracks one actuator from test to test.
@@ -139,7 +142,10 @@ class Tracker(Kept):
         odd, changed, held = self._outliers.judge(measurement, mean, variance, self._tests)
         for number in np.flatnonzero(changed):
             rose = abs(measurement.value[number]) > abs(mean[number])
-            self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
+            if rose and self._mixture.is_random()[number] > MOST_RANDOM:
+                changed[number] = False  # it is one of the jumps by which the fault grows
+            else:
+                self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
         if not held.all():
             odd += self._use(measurement, changed, held)
         else:
@@ -175,13 +181,10 @@ class Tracker(Kept):
         """Return the changes of growth that a test shows; what was known of it is forgotten."""
         mixture, events = self._mixture, list[Event]()
         self._regimes.add(measurement, mixture.errors.noise_of(measurement.noise), plain)
-        for number in np.flatnonzero(plain & self._growing).tolist():
-            moves = GrowthNoise(
-                mixture.errors.correlation,
-                self._settings.occasional_error,
-                self._settings.noise_hours,
-                mixture.diffusion(number),
-            )
+        steady, settings = mixture.is_random() < MOST_RANDOM, self._settings
+        correlation = mixture.errors.correlation
+        moves = GrowthNoise(correlation, settings.occasional_error, settings.noise_hours)
+        for number in np.flatnonzero(plain & self._growing & steady).tolist():
             change = self._regimes.judge(number, moves)
             if change is not None:
                 mixture.change_rate(number, change.after, change.sigma)
