@@ -69,8 +69,8 @@ _SETTLING: Final = 0.7
 class Curve(NamedTuple):
     """A law with its second figures: its shape, of ``drift`` its diffusion, and its prior.
 
-    If ``jumps`` is above 0, it grows by so many exponential jumps of a mean size to the limit, in a
-    compound Poisson process (Lawless and Crowder, Lifetime Data Analysis 10(3), 2004).
+    With ``jumps`` above 0 it is a compound Poisson process: so many jumps, of an exponential
+    distribution, take it to the limit on average (Lawless and Crowder 2004).
     """
 
     law: str
