@@ -67,10 +67,7 @@ def figures_of(cases: Sequence[ForeignCase], scores: Sequence[LifeScore]) -> Fig
 
 
 def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
-    """Score lives of each law, and constant lives.
-
-    With --laws "held out" the laws are those kept out of development, for one run.
-    """
+    """Score lives of each law of a set, and constant lives; "held out" is for one last run."""
     cases = lives_of(SETS[laws], lives)
     scores = pool.map("lives by foreign laws", scored, cases)
     told = pool.map("constant lives", reported, constant_lives(constant))
