@@ -316,4 +316,4 @@ SETS: Final[Mapping[str, Mapping[str, Kind]]] = {
         "idle": Kind(Idle, _ALL),
     },
 }
-"""All sets by name. Growth by jumps was developed with "seen"; "unseen" was run once, at its end."""
+"""All sets by name. "seen" is that of the development of growth by jumps, "unseen" its test."""
