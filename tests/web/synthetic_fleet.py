@@ -248,8 +248,10 @@ def _covariance(rng: np.random.Generator) -> np.ndarray:
     return covariance * np.outer(scale, scale)
 
 
-def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
-    """Return the estimate of the latest window of a unit; a reason makes it a refused one."""
+def estimate(
+    unit: Unit, stamp_ns: int, refused: str = "", verdict: int = FaultEstimate.REFUSED
+) -> FaultEstimate:
+    """Return the estimate of the latest window of a unit; a reason makes it an invalid one."""
     values = np.clip(unit.values(unit.tests) + SIGMA * unit.rng.normal(size=8), 0.0, 1.0)
     insignificant = sum(1 << k for k, f in enumerate(FAULTS) if abs(values[k] - f.healthy) < 0.02)
     causes = []
@@ -272,7 +274,7 @@ def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
         unexplained_share=0.031,
         hidden_causes=causes,
         confusions=["winding temperature or torque constant"] if causes else [],
-        verdict=FaultEstimate.REFUSED if refused else FaultEstimate.VALID,
+        verdict=verdict if refused else FaultEstimate.VALID,
         excitation=0.12,
         excitation_limit=0.02,
         algorithm="levenberg_marquardt",

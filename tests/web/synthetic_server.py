@@ -4,7 +4,8 @@ It is told what to do by a line of JSON each on its standard input, and answers 
 
     {"do": "start", "port": 0}            {"port": 40123}
     {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2, "costs": false}
-    {"do": "test", "actuator": "rudder"}  a further test; "refused": "reason" makes it a refused one
+    {"do": "test", "actuator": "rudder"}  a further test; "refused": "reason" makes it invalid, with
+                                          "verdict": 5 departed
     {"do": "move", "actuator": "rudder", "stretches": 7}   an estimate of ordinary motion
     {"do": "run", "period": 5.0, "telemetry": 1.0, "open": "rudder"}
     {"do": "messages", "actuator": "rudder"}
@@ -32,8 +33,10 @@ from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import known_topics
 from ema_dashboard.settings import bound_socket
 from ema_dashboard.web_server import WebServer
-from ema_interfaces.msg import PlaybackState
+from ema_interfaces.msg import FaultEstimate, PlaybackState
 from ema_ros.stamps import stamp_to_message
+
+REFUSED = FaultEstimate.REFUSED
 
 TEST_S = 0.7
 BAG_S = 600.0
@@ -68,9 +71,11 @@ class Server:
         self.tested_ns[unit.actuator_id] = now_ns
         self.judge(unit, now_ns)
 
-    def judge(self, unit: made.Unit, now_ns: int, refused: str = "") -> None:
+    def judge(
+        self, unit: made.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
+    ) -> None:
         """Publish what follows from a window of a unit."""
-        self.keep("fault_estimate", unit, made.estimate(unit, now_ns, refused))
+        self.keep("fault_estimate", unit, made.estimate(unit, now_ns, refused, verdict))
         if not refused:
             self.keep("health", unit, made.health(unit, now_ns))
             self.keep("health_forecast", unit, made.forecast(unit, now_ns))
@@ -185,15 +190,16 @@ class Server:
         estimate.stretches = stretches
         self.keep("fault_estimate", unit, estimate)
 
-    def test(self, unit: made.Unit, refused: str = "") -> None:
+    def test(self, unit: made.Unit, refused: str = "", verdict: int = REFUSED) -> None:
         unit.window += 1
         now_ns = time.time_ns()
         if not refused:
             unit.tests += 1
             self.tested_ns[unit.actuator_id] = now_ns
-        self.judge(unit, now_ns, refused)
+        self.judge(unit, now_ns, refused, verdict)
         if refused:
-            addition = made.addition(unit, now_ns, "calibration", refused)
+            kind = "calibration" if verdict == REFUSED else "fault"
+            addition = made.addition(unit, now_ns, kind, refused)
         else:
             addition = made.history(unit, now_ns, self.period_s, first=unit.tests)
             addition.is_addition, addition.events = True, []
@@ -214,7 +220,7 @@ class Server:
                 self.keep("health", unit, made.health(unit, time.time_ns()))
                 self.keep("advice", unit, made.advice(unit, time.time_ns()))
             case "test" if unit:
-                self.test(unit, order.get("refused", ""))
+                self.test(unit, order.get("refused", ""), order.get("verdict", REFUSED))
             case "move" if unit:
                 self.move(unit, order["stretches"])
             case "run":

@@ -9,6 +9,7 @@ import { load } from "./sources.mjs";
 const format = await load("format.ts");
 const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
 const WORN = "left_outboard_flap";
+const DEPARTED = 5; // of FaultEstimate.verdict
 const addressOf = (id, part = "faults") => `#/actuator/%2Fema/${id}/${part}`;
 
 let browser;
@@ -216,6 +217,20 @@ describe("a fleet of nine", () => {
       (await page.locator("ol.events").innerText()).includes(reason));
     await page.reload();
     await until("the event again", async () => (await page.locator("ol.events").count()) &&
+      (await page.locator("ol.events").innerText()).includes(reason));
+  });
+
+  test("a test that departs is a warning with the features that make it, and an event", async () => {
+    page = await open(stage, addressOf(WORN, "events"));
+    await page.waitForSelector(".why");
+    const reason = "current at rest +38 %, 6.1 sigma; no fault explains it";
+    await stage.source.order({ do: "test", actuator: WORN, refused: reason, verdict: DEPARTED });
+    const banner = page.locator(".head .banner.warn");
+    await banner.waitFor();
+    assert.match(await banner.innerText(), /differs from healthy ones/);
+    assert.ok((await banner.innerText()).includes(reason));
+    assert.equal(await page.locator(".head .banner.error").count(), 0);
+    await until("an event", async () =>
       (await page.locator("ol.events").innerText()).includes(reason));
   });
 

@@ -42,6 +42,12 @@ const STATES = [
       refused: "the calibration flap-2031 expired on 2031-04-02: calibrate the unit" });
     await page.waitForSelector(".head .banner.error");
   } },
+  { name: "departed", at: WORN, ready: async (page, stage) => {
+    await plots(page);
+    await stage.source.order({ do: "test", actuator: "left_outboard_flap", verdict: 5,
+      refused: "current at rest +38 %, 6.1 sigma; no fault explains it" });
+    await page.waitForSelector(".head .banner.warn");
+  } },
   { name: "old", at: "#/actuator/%2Fema/right_outboard_flap", ready: async (page, stage) => {
     await plots(page);
     await stage.source.order({ do: "set", actuator: "right_outboard_flap", level: 3 });
