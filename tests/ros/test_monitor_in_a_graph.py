@@ -131,7 +131,7 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     blocks = source.cycle()
     middle = in_window(blocks)
     session.feed(blocks[:middle])
-    session.until(lambda: session.node.units["flap"].finder.is_open)
+    session.until(lambda: session.node.units["flap"].finder.blocks == middle)
     changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
     changes |= {"limits.friction": 0.1, "costs.unit": "guineas"}
     assert all(r.successful for r in session.set_parameters(**changes))

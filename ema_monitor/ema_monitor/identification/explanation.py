@@ -97,8 +97,6 @@ class Explainer:
         Of the window, with hidden causes as components.
     always
         Components that need no evidence: all but hidden causes under suspicion, ``(d,)``.
-    parsimonious
-        Whether components that are not significant are set to healthy.
     most_evaluations
         Number of model evaluations after which no further cause is tried.
     seeds
@@ -110,13 +108,11 @@ class Explainer:
         objective: Objective,
         always: Components,
         *,
-        parsimonious: bool,
         most_evaluations: int,
         seeds: Mapping[str, Sequence[float]],
     ) -> None:
         self._objective = objective
         self._always = always
-        self._parsimonious = parsimonious
         self._most_evaluations = most_evaluations
         self._causes = range(objective.first_cause, objective.dimension)
         self._suspects = [cause for cause in self._causes if not always[cause]]
@@ -237,7 +233,7 @@ class Explainer:
 
     def _is_doubtful(self, at: Linearisation, kept: Components) -> bool:
         """Return whether a window is not explained, or only by a cause that is unusual."""
-        if not self._suspects or not self._parsimonious:
+        if not self._suspects:
             return False
         away = np.abs(self._objective.cause_sigmas(at.point))
         if np.any(away[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
@@ -356,8 +352,6 @@ class Explainer:
     def _reduced(self, at: Linearisation, fitted: Components, wanted: Components) -> Fitted:
         """Set what is not significant to healthy, and fit anew, with the ``wanted`` derivatives."""
         objective = self._objective
-        if not self._parsimonious:
-            return at, fitted
         floor = np.pad(FLOOR, (0, objective.dimension - N_FAULTS))
         groups = self._evidence.singles(fitted)
         kept, point = significant_components(

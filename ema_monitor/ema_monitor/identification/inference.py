@@ -99,11 +99,10 @@ class Inference:
         self._known = known
         fitted = needs_no_evidence(window, known)
         causes = expected_causes(calibration.parameters, window)
-        # The other measures of distance know no noise that priors could be weighed against; and
-        # what is never put back to healthy leaves nothing for causes to stand in for.
+        # The other measures of distance know no noise that priors could be weighed against.
         if settings.fitness != DEFAULT_FITNESS:
             causes = ()
-        elif calibration.form not in LEARNS_UNIT or not settings.parsimonious:
+        elif calibration.form not in LEARNS_UNIT:
             causes = tuple(one for one in causes if one.name in fitted)
         self._objective = objective = Objective(
             window, calibration, settings.fitness, causes=causes, known=known
@@ -163,7 +162,6 @@ class Inference:
         explainer = Explainer(
             objective,
             self._always,
-            parsimonious=settings.parsimonious,
             most_evaluations=left,
             seeds={} if self._known is not None else {"position_offset": (window.start_offset,)},
         )

@@ -19,12 +19,6 @@ MOST_UNEXPLAINED: Final = 0.4
 class SearchSettings(Checked):
     """How to search for the faults in a window.
 
-    Attributes
-    ----------
-    parsimonious
-        Whether components that do not differ significantly from healthy are set to healthy
-        and the rest is fitted anew.
-
     Raises
     ------
     ValueError
@@ -45,4 +39,3 @@ class SearchSettings(Checked):
     )
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
     warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")
-    parsimonious: bool = True

@@ -111,11 +111,6 @@ class WindowFinder:
         return self._trigger is not None and self._trigger.has_rested
 
     @property
-    def is_open(self) -> bool:
-        """Whether a window has begun and is not complete."""
-        return self._trigger is not None and self._trigger.is_open
-
-    @property
     def shortage(self) -> str:
         """Why so far no window could be complete, whatever the command; empty when one could."""
         if self._last is None:

@@ -130,11 +130,6 @@ class WindowTrigger:
         self._approach_travel = approach_travel(parameters)
         self._reset()
 
-    @property
-    def is_open(self) -> bool:
-        """Whether a window has begun and is not complete."""
-        return self._start is not None
-
     def _reset(self) -> None:
         self._blocks: list[Telemetry] = []
         self._start: int | None = None
