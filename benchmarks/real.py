@@ -35,7 +35,7 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.normal.features import Part, mean_of, parts_of
 from ema_monitor.normal.moves import Move, MoveSeries
 from ema_monitor.normal.normal import DEPARTED, HealthyTest
-from ema_monitor.normal.states import LabelledTest, States, kinds
+from ema_monitor.normal.states import LabelledTest, States
 from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
@@ -158,7 +158,7 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
                     found = states.probabilities(_test(parts))
                     named = next(iter(found))
                     right.append(named == state)
-                    kind.append(next(iter(kinds(found))) == state.rstrip("0123456789"))
+                    kind.append(named.rstrip("0123456789") == state.rstrip("0123456789"))
         shares[str(load)] = {
             "4": float(np.mean(kind)),
             "13": float(np.mean(right)),

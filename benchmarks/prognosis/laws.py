@@ -207,16 +207,6 @@ class Wandering(Law):
         return h / self.life * np.exp(states[0] - 0.5 * self.sigma**2)
 
 
-class Impacts(Law):
-    """Damage by few large shocks alone: a compound Poisson process of 15 to 40 shocks."""
-
-    def __init__(self, life: float, rng: np.random.Generator) -> None:
-        self.life, self.shocks = life, rng.uniform(15.0, 40.0)
-
-    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        return rng.standard_gamma(rng.poisson(self.shocks * h / self.life, y.size)) / self.shocks
-
-
 class Gamma(Law):
     """Gamma process whose variance at the limit is that of 20 to 100 exponential jumps."""
 
@@ -248,16 +238,6 @@ class GrowingShocks(Law):
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
         mean = self.rate * (1.0 + self.factor * y) * h
         return self.size * rng.standard_gamma(rng.poisson(mean / self.size))
-
-
-class InverseGaussian(Law):
-    """Inverse Gaussian process: many small increments and few large ones."""
-
-    def __init__(self, life: float, rng: np.random.Generator) -> None:
-        self.life, self.jumps = life, rng.uniform(15.0, 60.0)
-
-    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        return rng.wald(h / self.life, self.jumps * (h / self.life) ** 2, y.size)
 
 
 class Idle(Law):
@@ -305,14 +285,12 @@ HELD_OUT: Final[Mapping[str, Kind]] = {
 }
 """Laws that nothing was developed with."""
 
-_JUMPING: Final = {"impacts": Kind(Impacts, _ALL), "gamma": Kind(Gamma, _ALL)}
 SETS: Final[Mapping[str, Mapping[str, Kind]]] = {
     "development": DEVELOPMENT,
     "held out": HELD_OUT,
-    "seen": _JUMPING | {"breakaway": Kind(Breakaway, _ALL)},
+    "seen": {"gamma": Kind(Gamma, _ALL), "breakaway": Kind(Breakaway, _ALL)},
     "unseen": {
         "growing shocks": Kind(GrowingShocks, _ALL),
-        "inverse Gaussian": Kind(InverseGaussian, _ALL),
         "idle": Kind(Idle, _ALL),
     },
 }

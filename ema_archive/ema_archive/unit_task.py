@@ -189,7 +189,7 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     """Return rows of estimates, of a window that is in several bags the first that tells most.
 
     Valid tests of bags in which it is not known which test came first are refused; the second
-    list has them as rows. What failed or departed leads all the same.
+    list has them as rows. A failure or a departure stays one.
     """
     found: dict[int, Row] = {}
     rows = table.to_pylist()

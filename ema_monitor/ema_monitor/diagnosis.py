@@ -26,7 +26,7 @@ from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-_NOTHING: Final = "the motion shows no fault as well as wanted"
+_NOTHING: Final = "the stretches do not determine the faults as well as wanted"
 _FAULT_EXPLAINS: Final = 3.0
 _CAUSE_EXPLAINS: Final = 2.0
 """Standard deviations beyond which a fault, or a cause, explains what departs."""
@@ -70,14 +70,14 @@ def _judged(
 ) -> Estimate:
     """Return an estimate as departed where the motion does and nothing that was found explains it.
 
-    Which state it looks like is said all the same.
     A window that is refused is judged, too, unless it is of another unit.
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
     departure = calibration.normal.departure(estimate.start_ns, parts)
     if departure is None or not departure.is_significant:
-        return estimate
+        remark = departure.remark if departure else ""
+        return replace(estimate, reason="; ".join(filter(None, [remark, estimate.reason])))
     if estimate.valid and _is_explained(estimate, departure):
         return replace(
             estimate, reason="; ".join(filter(None, [departure.likeness, estimate.reason]))
@@ -91,14 +91,14 @@ def _judged(
 def _is_explained(estimate: Estimate, departure: Departure) -> bool:
     """Return whether a fault or a cause was found that explains what departs.
 
-    A load that healthy windows had explains nothing, and no cause explains a state with a name.
+    No cause explains a state with a name; a small load, or a known one, only what it can change.
     """
     away = np.abs(np.subtract(estimate.faults, healthy_faults()))
     far = away > _FAULT_EXPLAINS * np.asarray(estimate.sigma)
     causes = () if departure.is_named else estimate.causes
     return bool(np.any(estimate.found & far)) or any(
         abs(one.value) > _CAUSE_EXPLAINS * one.sigma
-        and not (departure.at_known_load and one.name == "load_torque")
+        and (departure.load_explains or one.name != "load_torque")
         for one in causes
     )
 
@@ -233,17 +233,12 @@ class Diagnosed(NamedTuple):
     estimate: Estimate
 
 
-class _Stretch(NamedTuple):
-    start_ns: int
-    end_ns: int
-    parts: list[Part]
-
-
 @dataclass
 class _Motion:
     """Ordinary motion of one unit.
 
-    ``since`` are its stretches since the last estimate, by number, as one may be looked at again;
+    ``since`` has stamps and figures of its stretches since the last estimate, by number, as one may
+    be looked at again;
     ``fruitless`` are the combinations that were known to have come to nothing.
     """
 
@@ -252,7 +247,7 @@ class _Motion:
     description: ActuatorDescription
     calibration: AnyCalibration | str
     search: SearchSettings
-    since: dict[int, _Stretch] = field(default_factory=dict)
+    since: dict[int, tuple[int, int, list[Part]]] = field(default_factory=dict)
     fruitless: int = 0
 
     def judged(self, estimate: Estimate) -> Estimate:
@@ -260,7 +255,7 @@ class _Motion:
 
         That counts which was refused, too: what departs may be what no model explains.
         """
-        parts = [part for one in self.since.values() for part in one.parts]
+        parts = [part for *_, some in self.since.values() for part in some]
         return _judged(estimate, parts, self.calibration, self.description)
 
 
@@ -370,7 +365,7 @@ class Diagnosis:
             self._motion = _Motion(new, key, description, calibration, search)
         motion, window = self._motion, found.window
         figures = _figures(window, calibration)
-        motion.since[found.number] = _Stretch(window.start_ns, window.end_ns, figures)
+        motion.since[found.number] = window.start_ns, window.end_ns, figures
         for old in list(motion.since)[: -combining.most_stretches]:
             del motion.since[old]
         for one in motion.combination.add(window):
@@ -390,7 +385,7 @@ class Diagnosis:
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):
             return []
-        whole = Refusal(stretches[0].start_ns, stretches[-1].end_ns, _NOTHING)
+        whole = Refusal(stretches[0][0], stretches[-1][1], _NOTHING)
         nothing = refusal(whole, motion.calibration, motion.search, _NOTHING)
         nothing = replace(nothing, stretches=len(stretches))
         if motion.judged(nothing).verdict == DEPARTED:

@@ -106,24 +106,6 @@ def test_load_that_is_new_hides_friction_at_one_speed(ema, tmp_path):
     assert "outside" not in told(ema, tmp_path / "dry.mcap", calibration)["reason"]
 
 
-def test_cycles_shorter_than_a_window_are_joined_where_the_motion_goes_on(ema, tmp_path):
-    given = ("--mapping", REAL / "mapping.yaml", "--actuator", REAL / "actuator.yaml")
-    files = [tmp_path / f"{number}.csv" for number in range(1, 4)]
-    for number, file in enumerate(files, 1):
-        pd.read_csv(REAL / f"healthy_{number}.csv")[:324].to_csv(file, index=False)
-    result = ema("import", *files, *given, "-o", tmp_path / "all.mcap")
-    assert "2 files joined to the one before" in result.output
-    result = ema("calibrate", tmp_path / "all.mcap", "--any-motion", "-o", tmp_path / "slide.yaml")
-    assert result.exit_code == 0, result.output
-    elsewhere = pd.read_csv(files[1])
-    elsewhere["set_point_mm"] += 30.0
-    elsewhere.to_csv(files[1], index=False)
-    result = ema("import", *files, *given, "-o", tmp_path / "apart.mcap")
-    assert "joined" not in result.output
-    result = ema("estimate", tmp_path / "apart.mcap", "--any-motion")
-    assert "gap of 1 sample" in result.output
-
-
 def test_state_that_was_labelled_is_named_by_estimate_and_report(ema, tmp_path, bags, healthy):
     calibration = tmp_path / "calibration.yaml"
     window = ("--any-motion", "-p", "window_s=6")

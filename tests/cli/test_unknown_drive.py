@@ -44,6 +44,7 @@ def test_what_has_no_model_is_refused_and_a_known_drive_does_not_serve(ema, fold
     drawn = ema("plot", case, *calibration, "--window", "0", "-o", folder / "fit.png")
     assert drawn.exit_code == 1
     assert "calibration of an unknown drive, which has no model" in drawn.stderr
+    (folder / "calibration.yaml").rename(folder / "elsewhere.yaml")
     refused = ema("estimate", case)
     assert refused.exit_code == 3
     assert "drive = unknown" in refused.stdout

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-import numpy as np
 
 from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
@@ -15,7 +14,6 @@ from ema_cli.bags.guide import mapping_of
 from ema_cli.bags.source import Source, read_windows
 from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, new_bag, output_option, require_free
 from ema_core.description import ActuatorDescription
-from ema_core.telemetry import Telemetry
 from ema_core.wording import counted
 from ema_ros.actuator_file import load_description
 
@@ -118,10 +116,7 @@ def import_(
                 f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
                 "mapping fixes it"
             )
-    if joined := _write(output, found, overwrite=overwrite):
-        click.echo(
-            f"{counted(joined, 'file')} joined to the one before, whose motion goes on in it"
-        )
+    _write(output, found, overwrite=overwrite)
     if picture is not None:
         _draw(output, picture)
         click.echo(f"{picture}: compare it with your record")
@@ -227,8 +222,8 @@ def _facts(imported: Imported) -> list[str]:
     return lines
 
 
-def _write(path: Path, found: list[Imported], *, overwrite: bool) -> int:
-    """Write description and telemetry, one file after the other; return how many were joined."""
+def _write(path: Path, found: list[Imported], *, overwrite: bool) -> None:
+    """Write description and telemetry, one file after the other."""
     from ema_ros import topics
     from ema_ros.messages import description_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
@@ -239,8 +234,7 @@ def _write(path: Path, found: list[Imported], *, overwrite: bool) -> int:
         for name, full in names.items():
             message_class, qos = topics.ACTUATOR_TOPICS[name]
             bag.add_topic(full, message_class, qos)
-        end_ns, index, joined = None, 0, 0
-        last: Telemetry | None = None
+        end_ns, index = None, 0
         for one in found:
             shift_ns, shift = 0, 0
             for block in one.blocks():
@@ -254,9 +248,6 @@ def _write(path: Path, found: list[Imported], *, overwrite: bool) -> int:
                     shift = index + 1
                     if block.stamp_ns <= end_ns:
                         shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
-                        if last and _goes_on(last, block, one):
-                            shift_ns = last.stamp_at(len(last)) - block.stamp_ns
-                            shift, joined = index + 1 - block.first_index, joined + 1
                 moved = replace(
                     block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
                 )
@@ -266,14 +257,3 @@ def _write(path: Path, found: list[Imported], *, overwrite: bool) -> int:
                 end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
                 index = max(index, moved.first_index + len(moved) - 1)
                 bag.write(names[topics.TELEMETRY], message, end_ns, stamp_ns)
-                last = moved
-    return joined
-
-
-def _goes_on(last: Telemetry, block: Telemetry, file: Imported) -> bool:
-    """Return whether a file begins where telemetry ended: no step is larger than in the file."""
-    return all(
-        abs(getattr(block, name)[0] - getattr(last, name)[-1])
-        <= np.max(np.abs(np.diff(file.columns[name])))
-        for name in ("command", "position")
-    )

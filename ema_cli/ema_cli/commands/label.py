@@ -10,7 +10,7 @@ from ema_cli.bags.source import Source, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.calibrations import load_calibration
-from ema_monitor.normal.normal import HEALTHY
+from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
 
 
 @click.command()
@@ -25,8 +25,12 @@ def label(calibration_file: Path, bags: tuple[Path, ...], given: Source, state: 
     probabilities, or like none of them. A state needs three tests. A test that was labelled before
     takes the new state.
     """
-    if state == HEALTHY:
-        raise ValueError(f"--state {HEALTHY}: `ema calibrate` takes all healthy bags together")
+    state = state.strip()
+    if not state or state.lower() in (HEALTHY, NONE_OF_THESE):
+        raise ValueError(
+            f"--state {state!r}: expected what is wrong; `ema calibrate` takes all healthy bags "
+            "together"
+        )
     calibration = load_calibration(calibration_file)
     normal = calibration.normal
     for bag in bags:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from ema_cli.options import REFUSED
@@ -19,7 +20,7 @@ from ema_monitor.normal.moves import MoveSeries, MoveVerdict
     "mapping_file",
     type=click.Path(path_type=Path),
     required=True,
-    help="YAML file that names the columns (docs/inputs.md).",
+    help="YAML file that names the columns (docs/real-data.md).",
 )
 @click.option("--limit", type=float, required=True, help="Ratio to healthy at which life ends.")
 @click.option(
@@ -63,10 +64,11 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
 def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
     import pandas as pd
 
-    title = f"{unit or 'unit'}: {counted(len(series), 'test')}"
-    table = Table("time", "times healthy", "level", "life [d], 5 / 50 / 95 %", "why", title=title)
+    title = f"{escape(unit) or 'unit'}: {counted(len(series), 'test')}"
+    columns = ("time", "times healthy", "level", "life in days, 5 / 50 / 95 %", "why")
+    table = Table(*columns, title=title)
     for stamp_ns, one in series:
         life = " / ".join(f"{value:.1f}" for value in one.life_days or ())
         time = f"{pd.Timestamp(stamp_ns):%Y-%m-%d %H:%M}"
-        table.add_row(time, f"{one.ratio:.2f}", one.level, life, one.reason)
+        table.add_row(time, f"{one.ratio:.2f}", one.level, life, escape(one.reason))
     Console().print(table)

@@ -13,7 +13,6 @@ from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.alignment import moved, shift_between, shift_if_same
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
-from ema_monitor.calibration.columns import column_defect
 from ema_monitor.model.deviations import (
     COLUMNS,
     N_DEVIATIONS,
@@ -38,6 +37,13 @@ _ALWAYS_FITTED = ("lift", "friction", "stribeck_speed", "inertia")
 _LEAST_NOISE = 1e-2
 _CHANGED = 1.5
 _MATTERS = 0.1
+_LOWEST_CORRELATION = 0.5
+_NEAR = 0.4
+_KNOWN_FACTORS = {
+    "position": {180.0 / math.pi: "degrees", 1e3: "mrad"},
+    "speed": {30.0 / math.pi: "rpm", 180.0 / math.pi: "degrees per second", 1e3: "mrad/s"},
+    "current": {1e3: "mA"},
+}
 
 
 class UnitFit(NamedTuple):
@@ -104,7 +110,7 @@ def calibrate_model(
     by_command = [_Group(windows, group) for group in groups]
     nominal = MonitorModel(parameters, form, dt, acquisition=acquisition)
     for group in by_command:
-        if reason := column_defect(group[0], _healthy_response(group[0], nominal)):
+        if reason := _column_defect(group[0], _healthy_response(group[0], nominal)):
             reason += _examples_that_matter(group[0], nominal)
             raise ValueError(f"the windows do not fit a healthy actuator as described: {reason}")
     unit = UnitFit(np.zeros(N_DEVIATIONS), np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
@@ -472,3 +478,38 @@ def _known(scatters: Array) -> tuple[float, float]:
     """Return two scatters, NaN for one so small that it is unknown."""
     current, speed = np.where(scatters > LEAST_SCATTER, scatters, np.nan).tolist()
     return current, speed
+
+
+def _column_defect(window: Window, expected: Response) -> str:
+    """Return which column of a window is wrong by the nominal response, if one is, and how."""
+    measured = window.telemetry
+    travel = window.command - window.command[0]
+    moves = window.moves
+    pairs = {"position": (measured.position - measured.position[0], travel)}
+    if len(measured.speed):
+        pairs["speed"] = (measured.speed[1:], expected.speed[0])
+    if len(measured.current):
+        pairs["current"] = (measured.current[1:] * moves, expected.current[0] * moves)
+    for name, (row, model) in pairs.items():
+        h = window.sample_period
+        factors = {1.0: ""} | _KNOWN_FACTORS[name]
+        if reason := _difference(band_limited(row, h), band_limited(model, h), factors):
+            return f"{name}: {reason}"
+    return ""
+
+
+def _difference(row: Array, model: Array, factors: dict[float, str]) -> str:
+    """Return how a row differs from what it should be about; empty when it does not."""
+    size = float(np.linalg.norm(row) * np.linalg.norm(model))
+    correlation = float(row @ model) / size if size > 0.0 else 0.0
+    if abs(correlation) < _LOWEST_CORRELATION:
+        return (
+            f"it has little to do with what the model expects (correlation {correlation:.2f}): "
+            "is it another column?"
+        )
+    ratio = float(row @ model) / float(model @ model)
+    sign = "the sign is reversed" if ratio < 0.0 else ""
+    for factor, unit in factors.items():
+        if abs(abs(ratio) / factor - 1.0) < _NEAR:
+            return " and ".join(filter(None, [sign, unit and f"it seems to be in {unit}"]))
+    return f"it is {ratio:.3g} times what the model expects: is its unit, or the gear ratio, right?"

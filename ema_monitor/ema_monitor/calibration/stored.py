@@ -5,6 +5,7 @@ import json
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
@@ -42,7 +43,8 @@ class StoredCalibration(ABC):
     @cached_property
     def calibration_id(self) -> str:
         """Identity of the content: the same figures give the same name."""
-        text = json.dumps(self._content(), sort_keys=True)
+        # A label changes no estimate: it names what departs.
+        text = json.dumps(self._content(with_labels=False), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
     @property
@@ -123,11 +125,13 @@ class StoredCalibration(ABC):
             )
         return loaded
 
-    def _content(self) -> dict[str, Any]:
+    def _content(self, *, with_labels: bool = True) -> dict[str, Any]:
         """Return the content of the file but for the identity, to the last bit."""
+        known = [one for one in self.normal.windows if with_labels or not one.test]
+        normal = replace(self.normal, windows=tuple(known))
         content = self._as_mapping()
         del content["normal"]
-        return content | ({"normal": self.normal.as_mapping()} if self.normal.windows else {})
+        return content | ({"normal": normal.as_mapping()} if normal.windows else {})
 
     @abstractmethod
     def _as_mapping(self) -> dict[str, Any]:

@@ -267,14 +267,12 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     ValueError, KeyError, TypeError
         When it is not the record of an estimate.
     """
-    # Versions before had no quantiles.
-    new = {"quantiles", "probability"} - record.keys()
-    values = {item.name: record[item.name] for item in fields(Estimate) if item.name not in new}
+    values = {item.name: record[item.name] for item in fields(Estimate)}
     for item in fields(Estimate):
         if item.type is float:
             values[item.name] = read_number(values[item.name])
     values["faults"] = FaultVector(*(read_number(record["faults"][name]) for name in FAULT_NAMES))
-    for name in _SHAPES.keys() - new:
+    for name in _SHAPES:
         # None becomes NaN.
         values[name] = np.array(record[name], dtype=np.float64)
         if values[name].shape != _SHAPES[name]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,9 +20,8 @@ RATIO: Final = "ratio"
 FIGURE: Final = "figure"
 """Kind of a figure of a move, compared by its logarithm."""
 
-TOLERANCE: Final = 0.05
-"""By how much travel, speed and sample period of like tests may differ [-]."""
-
+# By how much travel, speed and sample period of like tests may differ [-].
+_TOLERANCE: Final = 0.05
 _MOVING: Final = 0.5
 _RESTING: Final = 0.02
 _FASTEST: Final = 99.0
@@ -68,18 +67,10 @@ class Motion:
     travel: float
     speed: float
 
-    def mismatch(self, other: "Motion", tolerance: float) -> str:
-        """Return by how much another motion differs; empty where it does not."""
-        ratios = {
-            "sample period": other.sample_period / self.sample_period,
-            "travel": other.travel / max(self.travel, _TINY),
-            "speed": other.speed / max(self.speed, _TINY),
-        }
-        return ", ".join(
-            f"{name} {ratio:.3g} times"
-            for name, ratio in ratios.items()
-            if abs(math.log(max(ratio, _TINY))) > math.log1p(tolerance)
-        )
+    def is_like(self, other: "Motion") -> bool:
+        """Return whether it can be compared with another."""
+        ratios = np.divide(astuple(self), np.maximum(astuple(other), _TINY))
+        return bool(np.all(np.abs(np.log(np.maximum(ratios, _TINY))) <= math.log1p(_TOLERANCE)))
 
 
 class Part(NamedTuple):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +25,11 @@ _LEAST_SAID: Final = 1e-6
 _SAID: Final = 0.05
 _FLOOR: Final = {LEVEL: 0.01, RATIO: 0.07, FIGURE: 0.03}
 _FLOOR_OF_DAYS: Final = {LEVEL: 0.10, RATIO: 0.20, FIGURE: 0.10}
+_USUAL_BETWEEN_DAYS: Final = (
+    "it would depart on the day of the healthy windows; "
+    f"{_FLOOR_OF_DAYS[LEVEL]:.0%} of the current and {_FLOOR_OF_DAYS[RATIO]:.0%} of a scatter are "
+    "taken for usual between days"
+)
 _FLOOR_FREEDOM: Final = 20.0
 _NS_A_DAY: Final = 86_400_000_000_000
 
@@ -68,8 +73,8 @@ class Departure:
     """How unlikely a test is for the healthy unit.
 
     ``probability`` is that of a healthy test to depart so far in one of its figures; ``changes``
-    are the figures that depart, the most significant first; ``remark`` says what was assumed.
-    ``at_known_load`` says that healthy tests had several loads and this one has one of them.
+    are the figures that depart, the most significant first; ``remark`` says that they would, were
+    the test of the day of the healthy ones. ``load_explains`` says that a load may be what departs.
     ``states`` are the probabilities of states that the owner has named, and of none of them, the
     largest first; empty where there are none to compare with.
     """
@@ -77,7 +82,7 @@ class Departure:
     probability: float
     changes: tuple[Change, ...]
     remark: str = ""
-    at_known_load: bool = False
+    load_explains: bool = True
     states: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -149,13 +154,19 @@ class Normal:
         ValueError
             When it has none of the figures.
         """
+        if len(self.days) >= FEWEST_TESTS or test.day in self.days:
+            return self._departure(test, _FLOOR)
+        found = self._departure(test, _FLOOR_OF_DAYS)
+        if found.is_significant or not self._departure(test, _FLOOR).is_significant:
+            return found
+        return replace(found, remark=_USUAL_BETWEEN_DAYS)
+
+    def _departure(self, test: HealthyTest, floors: Mapping[str, float]) -> Departure:
         from scipy.special import stdtr  # 0.1 s, where there is no normal
 
         names = [name for name in self.names if name in test.features]
         if not names:
             raise ValueError(f"the test has none of the figures {', '.join(self.names)}")
-        is_of_one_day = len(self.days) < FEWEST_TESTS and test.day not in self.days
-        floors = _FLOOR_OF_DAYS if is_of_one_day else _FLOOR
         changes = []
         for name in names:
             at, feature = self.names.index(name), self._features[name]
@@ -175,13 +186,7 @@ class Normal:
         # Bonferroni: holds however the figures depend on each other.
         smallest = min(1.0, changes[0].probability * len(changes)) if changes else 1.0
         significant = [one for one in changes if one.probability * len(changes) < DEPARTED]
-        remark = ""
-        if is_of_one_day:
-            remark = (
-                f"the healthy tests are of {len(self.days)} days: {_FLOOR_OF_DAYS[LEVEL]:.0%} of "
-                "the current are taken for usual between days"
-            )
-        return Departure(smallest, tuple(significant), remark)
+        return Departure(smallest, tuple(significant))
 
 
 def _in_words(probability: float) -> str:

@@ -90,12 +90,3 @@ def by_state(tests: Iterable[LabelledTest]) -> dict[str, list[LabelledTest]]:
     for one in tests:
         found.setdefault(one.state, []).append(one)
     return found
-
-
-def kinds(probabilities: Mapping[str, float]) -> dict[str, float]:
-    """Return the probabilities of kinds: states that differ by a number at the end are one kind."""
-    found: dict[str, float] = {}
-    for state, share in probabilities.items():
-        kind = state.rstrip("0123456789 ") or state
-        found[kind] = found.get(kind, 0.0) + share
-    return dict(sorted(found.items(), key=lambda item: -item[1]))

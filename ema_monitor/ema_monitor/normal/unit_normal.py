@@ -1,19 +1,21 @@
 """Windows of a unit in a known state, healthy above all, by which later ones are judged (M47)."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.normal.features import FEATURES, TOLERANCE, Motion, Part, mean_of, parts_of
+from ema_monitor.normal.features import FEATURES, LEVEL, Motion, Part, mean_of, parts_of
 from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
 from ema_monitor.normal.states import LabelledTest, States, by_state
 
 _LIKE: Final = 0.5
 _SAME_LOAD: Final = 0.05
+_LARGE_LOAD: Final = 0.1
 _BOTH_WAYS: Final = ("current_forward", "current_backward")
 
 
@@ -27,11 +29,6 @@ class KnownWindow(NamedTuple):
     stamp_ns: int
     part: Part
     test: int = 0
-
-    @property
-    def load(self) -> float:
-        """The current that does not follow the direction [A]."""
-        return _load(self.part.features)
 
 
 @dataclass(frozen=True)
@@ -52,27 +49,26 @@ class UnitNormal:
         Raises
         ------
         ValueError
-            When no window moves in both directions.
+            When no window moves in both directions, or one of them is healthy by the calibration.
         """
         found = [(one.stamp_ns, part) for one in windows for part in figures_of(one)]
         if not found:
             raise ValueError("no window has a stroke in each direction")
         new = [part for _, part in found]
+        if any(not one.test and one.part in new for one in self.windows):
+            raise ValueError("it is one of the healthy tests of the calibration")
         kept = [one for one in self.windows if not one.test or one.part not in new]
         number = 1 + max((one.test for one in self.windows), default=0)
         return type(self)((*kept, *(KnownWindow(state, *one, number) for one in found)))
 
     def tests(self) -> dict[str, int]:
         """Return how many tests there are of each state."""
-        counts: dict[str, int] = {}
-        for one in self._tests(self.windows, 1):
-            counts[one.state] = counts.get(one.state, 0) + 1
-        return counts
+        return Counter(one.state for one in self._tests(self.windows, 1))
 
     @property
     def loads(self) -> tuple[float, float]:
         """The least and largest load of a healthy window, from their mean [A]."""
-        loads = [one.load for one in self.windows if one.state == HEALTHY] or [0.0]
+        loads = [_load(one.part) for one in self.windows if one.state == HEALTHY] or [0.0]
         mean = sum(loads) / len(loads)
         return min(loads) - mean, max(loads) - mean
 
@@ -87,14 +83,22 @@ class UnitNormal:
         if not parts:
             return None
         motion, figures = mean_of(parts)
-        like = [one for one in self.windows if not one.part.motion.mismatch(motion, TOLERANCE)]
+        like = [one for one in self.windows if one.part.motion.is_like(motion)]
         healthy = [one for one in like if one.state == HEALTHY]
         all_healthy = sum(one.state == HEALTHY for one in self.windows)
         if len(healthy) < max(FEWEST_TESTS, _LIKE * all_healthy):
             return None
         running = max(abs(mean_of([one.part for one in healthy])[1][name]) for name in _BOTH_WAYS)
         loads = _by_load(healthy, _SAME_LOAD * running)
-        near = _nearest(loads, _load(figures))
+        at = [_nearest(loads, _load(part)) for part in parts]
+        if len(set(at)) > 1:
+            # The load changed within the test: each part is judged by its own.
+            groups = [[part for part, one in zip(parts, at, strict=True) if one == n] for n in at]
+            some = [one for group in groups if (one := self.departure(stamp_ns, group))]
+            worst = min(some, key=lambda one: one.probability, default=None)
+            return worst and replace(worst, probability=len(set(at)) * worst.probability)
+        load = _load(Part(motion, figures, 0))
+        near = _nearest(loads, load)
         healthy = loads[near]
         if len(healthy) < FEWEST_TESTS:
             return None
@@ -102,16 +106,21 @@ class UnitNormal:
         test = HealthyTest(stamp_ns, figures)
         tests = list(self._tests(healthy, size))
         found = Normal([one.test for one in tests]).departure(test)
-        is_known = len(loads) > 1 and _distance(healthy, _load(figures)) <= _SAME_LOAD * running
-        found = replace(found, at_known_load=is_known)
+        far = _distance(healthy, load) / running
+        is_of_levels = all(one.feature.kind == LEVEL for one in found.changes)
+        explains = far > (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
+        found = replace(found, load_explains=explains)
         if not found.is_significant:
             return found
         # A test that was labelled is not judged by itself.
         others = [one for one in like if one.test and one.part not in parts]
-        tests += self._tests([one for one in others if _nearest(loads, one.load) == near], size)
+        tests += self._tests(
+            [one for one in others if _nearest(loads, _load(one.part)) == near], size
+        )
         if sum(len(some) >= FEWEST_TESTS for some in by_state(tests).values()) < 2:
             return found
-        return replace(found, states=States(tests).probabilities(test))
+        features = {name: FEATURES[name] for name in figures}
+        return replace(found, states=States(tests, features).probabilities(test))
 
     @staticmethod
     def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
@@ -159,15 +168,16 @@ def figures_of(telemetry: Telemetry) -> list[Part]:
         return []
 
 
-def _load(figures: Mapping[str, float]) -> float:
-    forward, backward = (figures[name] for name in _BOTH_WAYS)
+def _load(part: Part) -> float:
+    """Return the current that does not follow the direction [A]."""
+    forward, backward = (part.features[name] for name in _BOTH_WAYS)
     return 0.5 * (forward - backward)
 
 
 def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindow]]:
     """Return windows in groups between which the load [A] has a gap, each in their order."""
-    order = sorted(range(len(windows)), key=lambda at: windows[at].load)
-    steps = np.diff([windows[at].load for at in order])
+    order = sorted(range(len(windows)), key=lambda at: _load(windows[at].part))
+    steps = np.diff([_load(windows[at].part) for at in order])
     groups = np.split(order, np.flatnonzero(steps > gap) + 1)
     return [[windows[at] for at in sorted(group)] for group in groups]
 
@@ -177,4 +187,4 @@ def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
 
 
 def _distance(group: Sequence[KnownWindow], load: float) -> float:
-    return min(abs(one.load - load) for one in group)
+    return min(abs(_load(one.part) - load) for one in group)

@@ -17,11 +17,11 @@ from ema_monitor.health import (
     with_requirements,
     worst_of,
 )
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, RemainingLife, TrackedFault
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
-from ema_monitor.prognosis.outlook import Outlook, Removal, departure_of
+from ema_monitor.prognosis.outlook import Outlook, Removal
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -160,7 +160,7 @@ def outlook_of(
         ),
         tests_tell=tests_tell,
         calibrations={item.name: item.calibration for item in tracked},
-        departure=departure_of(entry.estimate),
+        departure=entry.estimate.reason if entry.verdict == DEPARTED else "",
     )
 
 

@@ -253,10 +253,5 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
         stamp_ns=estimate.end_ns,
         health=health,
         dominant=health.dominant_fault,
-        departure=departure_of(estimate),
+        departure=estimate.reason if estimate.verdict == DEPARTED else "",
     )
-
-
-def departure_of(estimate: Estimate) -> str:
-    """Return in what a test departs from healthy ones, in words; empty where it does not."""
-    return estimate.reason if estimate.verdict == DEPARTED else ""

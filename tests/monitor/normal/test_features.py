@@ -63,6 +63,6 @@ def test_what_has_no_figures_is_refused():
 
 def test_motion_differs_by_a_ratio():
     motion = Motion(0.04, 2.0, 1.0)
-    assert motion.mismatch(Motion(0.04, 2.05, 0.98), 0.05) == ""
-    assert motion.mismatch(Motion(0.04, 2.0, 1.4), 0.05) == "speed 1.4 times"
-    assert "travel 0.5 times" in motion.mismatch(Motion(0.04, 1.0, 1.0), 0.05)
+    assert motion.is_like(Motion(0.04, 2.05, 0.98))
+    assert not motion.is_like(Motion(0.04, 2.0, 1.4))
+    assert not motion.is_like(Motion(0.04, 1.0, 1.0))

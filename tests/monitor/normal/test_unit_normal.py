@@ -72,11 +72,39 @@ def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
         assert same
         assert dry
         is_known = load < 0.5
-        assert (same.is_significant, same.at_known_load) == (not is_known, is_known)
-        assert (dry.is_significant, dry.at_known_load) == (True, is_known)
+        assert (same.is_significant, same.load_explains) == (not is_known, not is_known)
+        assert (dry.is_significant, dry.load_explains) == (True, not is_known)
     # Of a load that one window alone had nothing is known.
     once = UnitNormal((*healthy.windows, *UnitNormal.of([slide(load=0.8, noise=0.02)]).windows))
     assert once.departure(0, figures_of(slide(load=0.8, noise=0.02, seed=30))) is None
+
+
+def test_small_load_explains_levels_alone(healthy):
+    for noise, explains in ((0.02, True), (0.06, False)):
+        found = healthy.departure(0, figures_of(slide(load=0.15, noise=noise, seed=30)))
+        assert found
+        assert (found.is_significant, found.load_explains) == (True, explains)
+
+
+def test_parts_of_a_test_are_judged_by_their_own_loads():
+    windows = [slide(load=load, noise=0.02, seed=n) for n, load in enumerate([0.1, 0.4] * 6)]
+    known = UnitNormal.of(windows)
+    for friction, departs in ((0.6, False), (0.68, True)):
+        some = [slide(load=0.1, noise=0.02, seed=30), slide(load=0.1, noise=0.02, seed=31)]
+        some.append(slide(load=0.4, friction=friction, noise=0.02, seed=32))
+        found = known.departure(0, [part for one in some for part in figures_of(one)])
+        assert found
+        assert found.is_significant == departs
+
+
+def test_day_that_may_be_what_differs_is_said(healthy):
+    dry = figures_of(slide(friction=0.63, noise=0.02, seed=30))
+    same, next_day = (healthy.departure(day * 86_400 * 10**9, dry) for day in (0, 1))
+    assert same
+    assert next_day
+    assert (same.is_significant, same.remark) == (True, "")
+    assert not next_day.is_significant
+    assert "10% of the current and 20% of a scatter are taken" in next_day.remark
 
 
 def later(stamp_ns: int, *, state: str = "", **changes):
@@ -105,6 +133,12 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
         )
     assert next(iter(states_of(known, later(50, friction=1.5)))) == NONE_OF_THESE
     assert states_of(known, later(50)) == {}
+    # A figure that the labelled tests have may be missing.
+    lacking = figures_of(later(50, state="dry 1"))
+    del lacking[0].features["rest_current"]
+    found = known.departure(50, lacking)
+    assert found
+    assert "dry 1" in found.states
     # Labelled anew, and of another load, no state is known by three tests.
     anew = known.with_test("dry 2", [later(3, state="dry 1")])
     assert anew.tests() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
