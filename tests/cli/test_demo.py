@@ -22,7 +22,7 @@ from ema_bags.telemetry import HEALTH_TYPE
 from ema_bags.windows import truth_at
 from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog, read_history
 from ema_cli.figures.history import draw_history
-from ema_cli.processes import demo_run
+from ema_cli.processes import demo_run, listener
 from ema_cli.processes.demo_run import SHOWN, Technician
 from ema_cli.processes.observer import Observer
 from ema_cli.show.live_table import LiveTable
@@ -203,6 +203,7 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
     ema, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(demo_run, "set_reach", lambda _: None)  # it is that of this process
+    monkeypatch.setattr(listener, "_DISCOVERY_S", DEADLINE_S)
     failed, well = FAILED, replace(FAILED, window=31, cycle=31, level=OK, cause="")
     technician = Technician()
     command = ["ema", "up", "actuator", "-p", "faults.friction=0.6", "-p", "rate=4.0"]
