@@ -75,17 +75,18 @@ def _judged(
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
     departure = calibration.normal.departure(estimate.start_ns, parts)
-    if departure is None or not departure.is_significant:
-        remark = departure.remark if departure else ""
-        return replace(estimate, reason="; ".join(filter(None, [remark, estimate.reason])))
-    if estimate.valid and _is_explained(estimate, departure):
-        return replace(
-            estimate, reason="; ".join(filter(None, [departure.likeness, estimate.reason]))
-        )
-    if not estimate.valid and calibration.unit_mismatch(description):
+    if departure is None:
         return estimate
-    words = filter(None, [f"{departure}; no fault explains it", estimate.reason])
-    return replace(estimate, verdict=DEPARTED, reason="; ".join(words))
+    if not departure.is_significant:
+        words = departure.remark
+    elif estimate.valid and _is_explained(estimate, departure):
+        words = departure.likeness
+    elif not estimate.valid and calibration.unit_mismatch(description):
+        return estimate
+    else:
+        words = f"{departure}; no fault explains it"
+        estimate = replace(estimate, verdict=DEPARTED)
+    return replace(estimate, reason="; ".join(filter(None, [words, estimate.reason])))
 
 
 def _is_explained(estimate: Estimate, departure: Departure) -> bool:
@@ -237,9 +238,8 @@ class Diagnosed(NamedTuple):
 class _Motion:
     """Ordinary motion of one unit.
 
-    ``since`` has stamps and figures of its stretches since the last estimate, by number, as one may
-    be looked at again;
-    ``fruitless`` are the combinations that were known to have come to nothing.
+    ``since`` has stamps and figures of the stretches since the last estimate, by number: one may be
+    looked at again. ``fruitless`` are the combinations known to have come to nothing.
     """
 
     combination: Combining

@@ -127,8 +127,7 @@ class StoredCalibration(ABC):
 
     def _content(self, *, with_labels: bool = True) -> dict[str, Any]:
         """Return the content of the file but for the identity, to the last bit."""
-        known = [one for one in self.normal.windows if with_labels or not one.test]
-        normal = replace(self.normal, windows=tuple(known))
+        normal = self.normal if with_labels else replace(self.normal, windows=self.normal.healthy)
         content = self._as_mapping()
         del content["normal"]
         return content | ({"normal": normal.as_mapping()} if normal.windows else {})

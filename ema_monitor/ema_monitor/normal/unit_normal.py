@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
+from itertools import groupby
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -51,15 +52,20 @@ class UnitNormal:
         ValueError
             When no window moves in both directions, or one of them is healthy by the calibration.
         """
-        found = [(one.stamp_ns, part) for one in windows for part in figures_of(one)]
+        found = self.of(windows).windows
         if not found:
             raise ValueError("no window has a stroke in each direction")
-        new = [part for _, part in found]
-        if any(not one.test and one.part in new for one in self.windows):
+        new = [one.part for one in found]
+        if any(one.part in new for one in self.healthy):
             raise ValueError("it is one of the healthy tests of the calibration")
         kept = [one for one in self.windows if not one.test or one.part not in new]
         number = 1 + max((one.test for one in self.windows), default=0)
-        return type(self)((*kept, *(KnownWindow(state, *one, number) for one in found)))
+        return type(self)((*kept, *(one._replace(state=state, test=number) for one in found)))
+
+    @property
+    def healthy(self) -> tuple[KnownWindow, ...]:
+        """The windows that are the unit's normal."""
+        return tuple(one for one in self.windows if not one.test)
 
     def tests(self) -> dict[str, int]:
         """Return how many tests there are of each state."""
@@ -68,7 +74,7 @@ class UnitNormal:
     @property
     def loads(self) -> tuple[float, float]:
         """The least and largest load of a healthy window, from their mean [A]."""
-        loads = [_load(one.part) for one in self.windows if one.state == HEALTHY] or [0.0]
+        loads = [_load(one.part) for one in self.healthy] or [0.0]
         mean = sum(loads) / len(loads)
         return min(loads) - mean, max(loads) - mean
 
@@ -84,19 +90,19 @@ class UnitNormal:
             return None
         motion, figures = mean_of(parts)
         like = [one for one in self.windows if one.part.motion.is_like(motion)]
-        healthy = [one for one in like if one.state == HEALTHY]
-        all_healthy = sum(one.state == HEALTHY for one in self.windows)
-        if len(healthy) < max(FEWEST_TESTS, _LIKE * all_healthy):
+        healthy = [one for one in like if not one.test]
+        if len(healthy) < max(FEWEST_TESTS, _LIKE * len(self.healthy)):
             return None
         running = max(abs(mean_of([one.part for one in healthy])[1][name]) for name in _BOTH_WAYS)
         loads = _by_load(healthy, _SAME_LOAD * running)
-        at = [_nearest(loads, _load(part)) for part in parts]
-        if len(set(at)) > 1:
+        under: dict[int, list[Part]] = {}
+        for part in parts:
+            under.setdefault(_nearest(loads, _load(part)), []).append(part)
+        if len(under) > 1:
             # The load changed within the test: each part is judged by its own.
-            groups = [[part for part, one in zip(parts, at, strict=True) if one == n] for n in at]
-            some = [one for group in groups if (one := self.departure(stamp_ns, group))]
+            some = [one for own in under.values() if (one := self.departure(stamp_ns, own))]
             worst = min(some, key=lambda one: one.probability, default=None)
-            return worst and replace(worst, probability=len(set(at)) * worst.probability)
+            return worst and replace(worst, probability=len(under) * worst.probability)
         load = _load(Part(motion, figures, 0))
         near = _nearest(loads, load)
         healthy = loads[near]
@@ -106,10 +112,9 @@ class UnitNormal:
         test = HealthyTest(stamp_ns, figures)
         tests = list(self._tests(healthy, size))
         found = Normal([one.test for one in tests]).departure(test)
-        far = _distance(healthy, load) / running
         is_of_levels = all(one.feature.kind == LEVEL for one in found.changes)
-        explains = far > (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
-        found = replace(found, load_explains=explains)
+        enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
+        found = replace(found, load_explains=_distance(healthy, load) > enough)
         if not found.is_significant:
             return found
         # A test that was labelled is not judged by itself.
@@ -125,13 +130,10 @@ class UnitNormal:
     @staticmethod
     def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
         """Yield tests: so many healthy windows in a row, and all of a test in another state."""
-        healthy = [one for one in windows if one.state == HEALTHY]
+        healthy = [one for one in windows if not one.test]
         rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
-        others: dict[int, list[KnownWindow]] = {}
-        for one in windows:
-            if one.test:
-                others.setdefault(one.test, []).append(one)
-        for row in (*rows, *others.values()):
+        others = groupby((one for one in windows if one.test), key=lambda one: one.test)
+        for row in (*rows, *(list(one) for _, one in others)):
             parts = [one.part for one in row]
             test = HealthyTest(row[0].stamp_ns, mean_of(parts)[1])
             yield LabelledTest(row[0].state, test, [part.features for part in parts])

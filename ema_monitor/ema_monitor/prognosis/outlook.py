@@ -133,8 +133,7 @@ class Outlook:
     failure
         Which failure of drive or shaft the newest test shows, in words; empty for none.
     departure
-        In what the newest test that tells departs from healthy ones, with no fault that explains
-        it, in words; empty where it does not.
+        In what the newest test departs from healthy ones, unexplained; empty where it does not.
     claim
         What gives its level its worth.
     last_level
