@@ -147,10 +147,10 @@ class Workers(AbstractContextManager["Workers", None]):
 
     def __exit__(self, kind: object, *_: object) -> None:
         is_failed = kind is not None
-        if is_failed and self._alive is not None:
-            self._alive.close()
+        # A pool whose workers end gives what is left an error: what was cancelled has to go first.
+        drop: Any = {"cancel_futures": is_failed} if self._client is None else {}
         with suppress(OSError, RuntimeError, TimeoutError):
-            self._executor.shutdown(wait=not is_failed or self._client is None)
+            self._executor.shutdown(wait=not is_failed, **drop)
         if self._alive is not None:
             self._alive.close()
         if self._client is not None:
