@@ -171,13 +171,16 @@ class Workers(AbstractContextManager["Workers", None]):
 
     def _submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
         try:
-            return self._executor.submit(function, item)
+            future = self._executor.submit(function, item)
         except BrokenProcessPool:
             self._executor.shutdown(wait=False)
             self._executor = self._open()
-            return self._executor.submit(function, item)
+            future = self._executor.submit(function, item)
         except (OSError, RuntimeError) as error:
             raise (self._lost() if self._client is not None else error) from error
+        # A pool that is collected first does not drop what waits in it.
+        vars(future)["pool"] = self._executor
+        return future
 
     def _workers(self) -> int:
         if self._client is None:

@@ -85,9 +85,14 @@ def test_error_of_a_task_is_its_outcome(work):
 @pytest.mark.slow
 def test_processes_that_are_interrupted_end_without_an_error_of_their_pool(work):
     """An exception in a thread is an error of this test."""
-    with pytest.raises(KeyboardInterrupt), Workers("processes", 2) as workers:
-        for _ in workers.run(work.square, range(1000)):
+
+    def interrupt():
+        with Workers("processes", 2) as workers:
+            next(workers.run(work.square, range(1000)))
             raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupt()
 
 
 def test_worker_that_is_killed_takes_no_task_along(work, tmp_path):
