@@ -35,7 +35,7 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.normal.features import Part, mean_of, parts_of
 from ema_monitor.normal.moves import Move, MoveSeries
 from ema_monitor.normal.normal import DEPARTED, HealthyTest
-from ema_monitor.normal.states import LabelledTest, States
+from ema_monitor.normal.states import LabelledTest, States, known_states
 from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
@@ -152,7 +152,7 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
                 for (state, _, number), parts in here.items()
                 if number != trial
             ]
-            states = States(known)
+            states = States(known_states(known))
             for (state, _, number), parts in here.items():
                 if number == trial:
                     found = states.probabilities(_test(parts))

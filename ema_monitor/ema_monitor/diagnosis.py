@@ -78,7 +78,7 @@ def _judged(
     if departure is None:
         return estimate
     if not departure.is_significant:
-        words = departure.remark
+        words = "; ".join(filter(None, [departure.remark, departure.likeness]))
     elif estimate.valid and _is_explained(estimate, departure):
         words = departure.likeness
     elif not estimate.valid and calibration.unit_mismatch(description):

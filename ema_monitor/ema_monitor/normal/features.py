@@ -67,6 +67,9 @@ class Motion:
     travel: float
     speed: float
 
+    def __str__(self) -> str:
+        return f"{self.travel:.3g} rad at {self.speed:.3g} rad/s, {1.0 / self.sample_period:g} Hz"
+
     def is_like(self, other: "Motion") -> bool:
         """Return whether it can be compared with another."""
         ratios = np.divide(astuple(self), np.maximum(astuple(other), _TINY))

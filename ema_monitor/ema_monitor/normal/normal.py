@@ -76,7 +76,7 @@ class Departure:
     are the figures that depart, the most significant first; ``remark`` says that they would, were
     the test of the day of the healthy ones. ``load_explains`` says that a load may be what departs.
     ``states`` are the probabilities of states that the owner has named, and of none of them, the
-    largest first; empty where there are none to compare with.
+    largest first; empty where there are none to compare with, and ``unnamed`` then says why.
     """
 
     probability: float
@@ -84,6 +84,7 @@ class Departure:
     remark: str = ""
     load_explains: bool = True
     states: Mapping[str, float] = field(default_factory=dict)
+    unnamed: str = ""
 
     @property
     def is_significant(self) -> bool:
@@ -97,9 +98,9 @@ class Departure:
 
     @property
     def likeness(self) -> str:
-        """Which states it looks like, in words."""
+        """Which states it looks like, in words, or why none is named."""
         states = [f"{name} {share:.0%}" for name, share in self.states.items() if share >= _SAID]
-        return f"looks like: {', '.join(states)}" if states else ""
+        return f"looks like: {', '.join(states)}" if states else self.unnamed
 
     def __str__(self) -> str:
         if not self.is_significant:

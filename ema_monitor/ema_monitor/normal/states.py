@@ -22,38 +22,33 @@ class LabelledTest(NamedTuple):
 
 
 class States:
-    """Tells labelled states apart by linear discriminants with shrinkage.
+    """Tells two or more states, as of `known_states`, apart by linear discriminants with shrinkage.
 
     A test that departs from all of them, each taken as a normal of its own, is none of these.
-    States with fewer than ``FEWEST_TESTS`` labelled tests are left out.
 
     Raises
     ------
     ValueError
-        When fewer than two states are left, or the tests share no figure.
+        When the tests share no figure.
     """
 
     def __init__(
-        self, tests: Sequence[LabelledTest], features: Mapping[str, Feature] = FEATURES
+        self,
+        known: Mapping[str, Sequence[LabelledTest]],
+        features: Mapping[str, Feature] = FEATURES,
     ) -> None:
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-        found = by_state(tests)
-        kept = {state: one for state, one in found.items() if len(one) >= FEWEST_TESTS}
-        if len(kept) < 2:
-            raise ValueError(
-                f"{len(tests)} labelled tests: expected two states with {FEWEST_TESTS} tests each"
-            )
-        self._normals = [Normal([one.test for one in found], features) for found in kept.values()]
-        parts = [part for found in kept.values() for one in found for part in one.parts]
+        self._normals = [Normal([one.test for one in found], features) for found in known.values()]
+        parts = [part for found in known.values() for one in found for part in one.parts]
         self.names = [name for name in features if all(name in part for part in parts)]
         values = self._values(parts)
         self._mean, spread = values.mean(axis=0), values.std(axis=0)
         self._spread = np.where(spread > 0.0, spread, 1.0)
-        labels = [state for state, found in kept.items() for one in found for _ in one.parts]
+        labels = [state for state, found in known.items() for one in found for _ in one.parts]
         # Equal priors: how often a state was labelled says nothing of how often it comes.
         self._model = LinearDiscriminantAnalysis(
-            solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(kept), 1.0 / len(kept))
+            solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(known), 1.0 / len(known))
         )
         self._model.fit(self._scaled(values), labels)
 
@@ -84,9 +79,9 @@ class States:
         return (values - self._mean) / self._spread
 
 
-def by_state(tests: Iterable[LabelledTest]) -> dict[str, list[LabelledTest]]:
-    """Return labelled tests by their state."""
+def known_states(tests: Iterable[LabelledTest]) -> dict[str, list[LabelledTest]]:
+    """Return tests by their state, if it has ``FEWEST_TESTS`` of them."""
     found: dict[str, list[LabelledTest]] = {}
     for one in tests:
         found.setdefault(one.state, []).append(one)
-    return found
+    return {state: some for state, some in found.items() if len(some) >= FEWEST_TESTS}

@@ -12,9 +12,8 @@ import numpy as np
 from ema_core.telemetry import Telemetry
 from ema_monitor.normal.features import FEATURES, LEVEL, Motion, Part, mean_of, parts_of
 from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
-from ema_monitor.normal.states import LabelledTest, States, by_state
+from ema_monitor.normal.states import LabelledTest, States, known_states
 
-_LIKE: Final = 0.5
 _SAME_LOAD: Final = 0.05
 _LARGE_LOAD: Final = 0.1
 _BOTH_WAYS: Final = ("current_forward", "current_backward")
@@ -69,7 +68,7 @@ class UnitNormal:
 
     def tests(self) -> dict[str, int]:
         """Return how many tests there are of each state."""
-        return Counter(one.state for one in self._tests(self.windows, 1))
+        return Counter(one.state for one in _tests(self.windows, 1))
 
     @property
     def loads(self) -> tuple[float, float]:
@@ -81,62 +80,37 @@ class UnitNormal:
     def departure(self, stamp_ns: int, parts: Sequence[Part]) -> Departure | None:
         """Return how unlikely a test is for the healthy unit, by its stretches.
 
-        It is compared with healthy windows of its load, or the nearest one: with the means of as
-        many in a row as it has stretches, so that like scatters are compared; of fewer, where there
-        would not be ``FEWEST_TESTS`` means. None where it is unknown: there is no stretch, or fewer
-        than half of the healthy windows have its motion, or than ``FEWEST_TESTS`` its load, too.
+        Stretches of each motion and load are compared with healthy windows of both, or of the
+        nearest load: with the means of as many in a row, so that like scatters are compared; of
+        fewer, where there would not be ``FEWEST_TESTS`` means. None where it is unknown and no
+        state is labelled: there is no stretch, or no motion or load has ``FEWEST_TESTS`` windows.
         """
-        if not parts:
-            return None
-        motion, figures = mean_of(parts)
-        like = [one for one in self.windows if one.part.motion.is_like(motion)]
-        healthy = [one for one in like if not one.test]
-        if len(healthy) < max(FEWEST_TESTS, _LIKE * len(self.healthy)):
-            return None
-        running = max(abs(mean_of([one.part for one in healthy])[1][name]) for name in _BOTH_WAYS)
-        loads = _by_load(healthy, _SAME_LOAD * running)
-        under: dict[int, list[Part]] = {}
-        for part in parts:
-            under.setdefault(_nearest(loads, _load(part)), []).append(part)
-        if len(under) > 1:
-            # The load changed within the test: each part is judged by its own.
-            some = [one for own in under.values() if (one := self.departure(stamp_ns, own))]
-            worst = min(some, key=lambda one: one.probability, default=None)
-            return worst and replace(worst, probability=len(under) * worst.probability)
-        load = _load(Part(motion, figures, 0))
-        near = _nearest(loads, load)
-        healthy = loads[near]
-        if len(healthy) < FEWEST_TESTS:
-            return None
-        size = min(len(parts), len(healthy) // FEWEST_TESTS)
-        test = HealthyTest(stamp_ns, figures)
-        tests = list(self._tests(healthy, size))
-        found = Normal([one.test for one in tests]).departure(test)
-        is_of_levels = all(one.feature.kind == LEVEL for one in found.changes)
-        enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
-        found = replace(found, load_explains=_distance(healthy, load) > enough)
-        if not found.is_significant:
-            return found
-        # A test that was labelled is not judged by itself.
-        others = [one for one in like if one.test and one.part not in parts]
-        tests += self._tests(
-            [one for one in others if _nearest(loads, _load(one.part)) == near], size
-        )
-        if sum(len(some) >= FEWEST_TESTS for some in by_state(tests).values()) < 2:
-            return found
-        features = {name: FEATURES[name] for name in figures}
-        return replace(found, states=States(tests, features).probabilities(test))
-
-    @staticmethod
-    def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
-        """Yield tests: so many healthy windows in a row, and all of a test in another state."""
-        healthy = [one for one in windows if not one.test]
-        rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
-        others = groupby((one for one in windows if one.test), key=lambda one: one.test)
-        for row in (*rows, *(list(one) for _, one in others)):
-            parts = [one.part for one in row]
-            test = HealthyTest(row[0].stamp_ns, mean_of(parts)[1])
-            yield LabelledTest(row[0].state, test, [part.features for part in parts])
+        found: list[Departure | str] = []
+        for own in _by_motion(parts):
+            like = [one for one in self.windows if one.part.motion.is_like(own[0].motion)]
+            healthy = [one for one in like if not one.test]
+            if len(healthy) < FEWEST_TESTS:
+                found.append(f"the motion, {own[0].motion}, is not that of the healthy windows")
+                continue
+            loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
+            under: dict[int, list[Part]] = {}
+            for part in own:
+                under.setdefault(_nearest(loads, _load(part)), []).append(part)
+            # A test that was labelled is not judged by itself.
+            labelled = [one for one in like if one.test and one.part not in parts]
+            for near, some in under.items():
+                beside = [one for one in labelled if _nearest(loads, _load(one.part)) == near]
+                found.append(_judged(stamp_ns, some, loads[near], beside, _running(healthy)))
+        has_labels = len(self.healthy) < len(self.windows)
+        judged = [one for one in found if isinstance(one, Departure)]
+        if not judged:
+            reasons = [f"no state is named: {one}" for one in found if has_labels]
+            return Departure(1.0, (), unnamed=reasons[0]) if reasons else None
+        worst = min(judged, key=lambda one: one.probability)
+        if has_labels and not (worst.states or worst.unnamed):
+            words = f"none has {FEWEST_TESTS} tests of this motion and load"
+            worst = replace(worst, unnamed=f"no state is named: {words}")
+        return replace(worst, probability=min(1.0, len(judged) * worst.probability))
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values: names, and a row a window; a figure that it lacks is NaN."""
@@ -168,6 +142,63 @@ def figures_of(telemetry: Telemetry) -> list[Part]:
         return parts_of([telemetry])
     except ValueError:
         return []
+
+
+def _judged(
+    stamp_ns: int,
+    parts: Sequence[Part],
+    healthy: Sequence[KnownWindow],
+    labelled: Sequence[KnownWindow],
+    running: float,
+) -> Departure | str:
+    """Return how unlikely stretches are for healthy windows like them, or why that is unknown."""
+    if len(healthy) < FEWEST_TESTS:
+        return f"the load has fewer than {FEWEST_TESTS} healthy windows"
+    motion, figures = mean_of(parts)
+    load = _load(Part(motion, figures, 0))
+    size = min(len(parts), len(healthy) // FEWEST_TESTS)
+    test = HealthyTest(stamp_ns, figures)
+    tests = list(_tests(healthy, size))
+    found = Normal([one.test for one in tests]).departure(test)
+    is_of_levels = all(one.feature.kind == LEVEL for one in found.changes)
+    enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
+    found = replace(found, load_explains=_distance(healthy, load) > enough)
+    known = known_states([*tests, *_tests(labelled, size)])
+    if len(known) < 2:
+        return found
+    if (away := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
+        words = f"the load is new, {away:.2g} A from that of the known windows"
+        return replace(found, unnamed=f"no state is named: {words}")
+    features = {name: FEATURES[name] for name in figures}
+    return replace(found, states=States(known, features).probabilities(test))
+
+
+def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
+    """Yield tests: so many healthy windows in a row, and all of a test in another state."""
+    healthy = [one for one in windows if not one.test]
+    rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
+    others = groupby((one for one in windows if one.test), key=lambda one: one.test)
+    for row in (*rows, *(list(one) for _, one in others)):
+        parts = [one.part for one in row]
+        test = HealthyTest(row[0].stamp_ns, mean_of(parts)[1])
+        yield LabelledTest(row[0].state, test, [part.features for part in parts])
+
+
+def _by_motion(parts: Iterable[Part]) -> list[list[Part]]:
+    """Return parts in groups of like motion."""
+    found: list[list[Part]] = []
+    for part in parts:
+        alike = next((one for one in found if one[0].motion.is_like(part.motion)), None)
+        if alike is None:
+            found.append(alike := [])
+        alike.append(part)
+    return found
+
+
+def _running(windows: Sequence[KnownWindow]) -> float:
+    """Return the larger mean current of both directions [A]."""
+    _, figures = mean_of([one.part for one in windows])
+    return max(abs(figures[name]) for name in _BOTH_WAYS)
 
 
 def _load(part: Part) -> float:

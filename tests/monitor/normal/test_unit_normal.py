@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.normal.normal import NONE_OF_THESE
+from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
 from ema_monitor.normal.unit_normal import UnitNormal, figures_of
 
 from .test_features import slide
@@ -48,6 +48,19 @@ def test_other_motion_is_not_judged(healthy):
     faster = replace(window, command=1.2 * window.command)
     for parts in (figures_of(faster), []):
         assert healthy.departure(0, parts) is None
+    # Each of several motions is judged by its own healthy windows.
+    scales = (1.0, 1.3, 1.6)
+    several = UnitNormal.of(
+        replace(one, command=scale * one.command)
+        for scale in scales
+        for one in (slide(noise=0.02, seed=seed) for seed in range(4))
+    )
+    for friction, departs in ((0.6, False), (0.68, True)):
+        dry = slide(friction=friction, noise=0.02, seed=22)
+        parts = figures_of(window) + figures_of(replace(dry, command=1.3 * dry.command))
+        found = several.departure(0, parts)
+        assert found
+        assert found.is_significant == departs
     assert UnitNormal.of([window] * 2).departure(0, figures_of(window)) is None
 
 
@@ -132,7 +145,15 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
             known.departure(50, figures_of(later(50, state=state)))
         )
     assert next(iter(states_of(known, later(50, friction=1.5)))) == NONE_OF_THESE
-    assert states_of(known, later(50)) == {}
+    assert next(iter(states_of(known, later(50)))) == HEALTHY
+    faster = later(50, state="dry 1")
+    for strange, words in (
+        (later(50, load=0.3), "no state is named: the load is new, 0.2 A from"),
+        (replace(faster, command=2.0 * faster.command), "the motion, 6 rad at 2 rad/s, 25 Hz, is"),
+    ):
+        found = known.departure(50, figures_of(strange))
+        assert found
+        assert (found.states, words in found.likeness) == ({}, True)
     # A figure that the labelled tests have may be missing.
     lacking = figures_of(later(50, state="dry 1"))
     del lacking[0].features["rest_current"]
