@@ -135,6 +135,36 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(ema, tmp_path, 
         result = ema("label", calibration, wrong, "--state", state, *window)
         assert result.exit_code == 1
         assert words in " ".join(result.stderr.split())
+    result = ema("calibrate", *healthy, *window, "--replace", "-o", calibration)
+    assert "labelled states kept: dry, worn screw" in result.stdout
+    result = ema("label", calibration, "--remove", "dry")
+    assert "10 tests healthy, 3 tests worn screw" in result.stdout
+
+
+def test_table_with_a_mapping_beside_it_is_read_as_a_bag_and_labels_by_its_columns(
+    ema, tmp_path, bags, healthy
+):
+    calibration = tmp_path / "calibration.yaml"
+    tables = [bag.with_suffix(".csv") for bag in healthy]
+    window = ("--any-motion", "-p", "window_s=6", "--actuator", tables[0].with_name("R1.yaml"))
+    assert ema("calibrate", *tables, *window, "-o", calibration).exit_code == 0
+    frames = []
+    for state, change in (("normal", {}), ("rough", {"current_noise": 0.03})):
+        for number in range(3):
+            made = bags(f"{state}{number}", seed=110 + number, **change).with_suffix(".csv")
+            frames.append(pd.read_csv(made).assign(condition=state, trial=number))
+    pd.concat(frames).to_csv(tmp_path / "all.csv", index=False)
+    columns = ("--state-column", "condition", "--test-column", "trial")
+    command = ("label", calibration, tmp_path / "all.csv", *window, *columns)
+    result = ema(*command)
+    assert "all.csv is a table without a mapping beside it" in result.stderr
+    (tmp_path / "mapping.yaml").write_text(MAPPING)
+    result = ema(*command)
+    assert "10 tests healthy, 3 tests rough" in result.stdout, result.output
+    assert ema("label", calibration).stdout == result.stdout
+    later = bags("rough later", seed=90, current_noise=0.03).with_suffix(".csv")
+    result = ema("estimate", later, *window, "--calibration", calibration)
+    assert "looks like: rough" in " ".join(result.output.split())
 
 
 def test_table_of_moves_is_followed_to_its_limit(ema, tmp_path):

@@ -1,7 +1,7 @@
 """Which windows of a bag to look at: options, and the windows that they choose."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
@@ -19,6 +19,8 @@ from ema_monitor.model.measured import GRAMMAR, measured_causes_of
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import MIN_TRAVEL
+
+_TABLES: Final = (".csv", ".parquet", ".pq")
 
 ACTUATOR_OPTION: Final = click.option(
     "--actuator",
@@ -93,6 +95,16 @@ MEASURED_OPTION: Final = click.option(
 """Of the commands that identify windows."""
 
 
+def open_bag(path: Path, source: Source) -> tuple[Bag, Source]:
+    """Return a bag and how to read it; a table is read by the mapping beside it."""
+    if path.suffix.lower() not in _TABLES:
+        return Bag(path), source
+    from ema_cli.bags.records import tables_as_bags  # pandas only where there is a table
+
+    [(_, bag)] = tables_as_bags(path, source.actuator_file)
+    return Bag(bag), replace(source, actuator_file=None)
+
+
 def read_windows(
     path: Path,
     source: Source,
@@ -113,7 +125,8 @@ def read_windows(
         Whether to measure the duty that was flown.
     """
     measured = measured_causes_of(source.measured)
-    bag = bag or Bag(path)
+    if bag is None:
+        bag, source = open_bag(path, source)
     recorded = read_telemetry(bag, source.topic, source.actuator_id)
     description, warning = None, ""
     if source.actuator_file is not None:

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.metadata import METADATA_FILE
-from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators
 from ema_bags.usage import read_counts
 from ema_bags.windows import BagWindows, RecordedWindow, truth_at
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.source import Source, read_windows, why_no_window
+from ema_cli.bags.source import Source, open_bag, read_windows, why_no_window
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, N_FAULTS
@@ -113,7 +112,7 @@ def read_unit(
             remarks.append(f"{path}: passed over, it is a copy of {original}")
             continue
         try:
-            bag = Bag(path)
+            bag, own = open_bag(path, source)
             present = described_actuators(bag)
         except (ValueError, OSError) as error:
             if not skips_unreadable or not path.exists():
@@ -125,7 +124,7 @@ def read_unit(
             others = ", ".join(sorted(present))
             remarks.append(f"{path}: passed over, it is of actuator {others}")
             continue
-        found = read_windows(path, source, bag=bag, with_duty=True)
+        found = read_windows(path, own, bag=bag, with_duty=True)
         read.append((path, found))
         damage = bag.damage
         for one in (*(item.description for item in found.windows), found.description):

@@ -1,6 +1,8 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
 import sys
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -13,6 +15,7 @@ from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor import calibrations
+from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
@@ -66,6 +69,7 @@ def calibrate(
     with progress_bar() as progress:
         progress.add_task("calibrating", total=None)
         calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
+    calibration = _with_labels(calibration, output)
     calibration.save(output)
     used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
     if known := taken_for_known(used):
@@ -78,3 +82,20 @@ def calibrate(
             err=True,
         )
     click.echo(f"{output}: {calibration}")
+
+
+def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
+    """Return a calibration with the labels of the one that it replaces, if of the same unit."""
+    with suppress(ValueError, OSError):
+        replaced = calibrations.load_calibration(output)
+        if replaced.serial_number == calibration.serial_number:
+            normal = calibration.normal.with_labels_of(replaced.normal)
+            labels = normal.tests().keys() - calibration.normal.tests().keys()
+            if lost := replaced.normal.tests().keys() - normal.tests().keys():
+                click.echo(
+                    f"warning: {', '.join(lost)}: no healthy window has the motion", err=True
+                )
+            if labels:
+                click.echo(f"labelled states kept: {', '.join(sorted(labels))}")
+            return replace(calibration, normal=normal)
+    return calibration

@@ -1,23 +1,20 @@
 """``ema import``: telemetry from files and bags of other makes."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 
-from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
-from ema_bags.inputs.importing import Imported, import_series
+from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_cli.bags.guide import mapping_of
+from ema_cli.bags.records import imported_by, read_record, write_records
 from ema_cli.bags.source import Source, read_windows
-from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, new_bag, output_option, require_free
+from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, output_option, require_free
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_ros.actuator_file import load_description
-
-_PAUSE_NS: Final = 1_000_000_000
 
 
 @click.command("import")
@@ -108,7 +105,10 @@ def import_(
         # Before the data are judged: the answers are kept whatever is wrong with them.
         written.write_text(mapping_text(mapping), encoding="utf-8")
         click.echo(f"{written}: the mapping")
-    found = [_read(file, mapping, description, accepts=accept_defects) for file in files]
+    found = [
+        read_record(InputFile(file, mapping), mapping, description, accepts=accept_defects)
+        for file in files
+    ]
     for file, one in zip(files, found, strict=True):
         if one.description != found[0].description:
             raise ValueError(
@@ -116,7 +116,7 @@ def import_(
                 f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
                 "mapping fixes it"
             )
-    _write(output, found, overwrite=overwrite)
+    write_records(output, found, overwrite=overwrite)
     if picture is not None:
         _draw(output, picture)
         click.echo(f"{picture}: compare it with your record")
@@ -143,36 +143,6 @@ def _draw(bag: Path, picture: Path) -> None:
     save_picture(draw_telemetry(read_windows(bag, Source(), outline.add), outline), picture)
 
 
-def _read(
-    file: Path, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
-) -> Imported:
-    """Return the telemetry of a file; what is wrong is printed, or refused."""
-    source = InputFile(file, mapping)
-    imported = _imported(source, mapping, description)
-    for remark in source.remarks:
-        click.echo(f"{file}: {remark}", err=True)
-    for defect in imported.defects:
-        click.echo(f"{file}: {defect}", err=True)
-    wrong = refused(imported.defects, mapping)
-    if wrong and not accepts:
-        names = ", ".join(item.name for item in wrong)
-        raise ValueError(
-            f"{file} is not imported: {names} (see above); correct the mapping, or accept with "
-            f"accept: [{names}] in it or --accept-defects"
-        )
-    return imported
-
-
-def _imported(source: InputFile, mapping: Mapping, description: ActuatorDescription) -> Imported:
-    try:
-        return import_series(source.series(mapping), mapping, description)
-    except ValueError as error:
-        words = str(error)
-        if str(source.path) in words:
-            raise
-        raise ValueError(f"{source.path}: {words}") from error
-
-
 def _preview(file: Path, mapping: Mapping | None, description: ActuatorDescription) -> None:
     """Print a mapping as YAML, and all else as its comments."""
     source = InputFile(file, mapping)
@@ -182,12 +152,12 @@ def _preview(file: Path, mapping: Mapping | None, description: ActuatorDescripti
             guess = source.guess(description)
             mapping = guess.mapping
             lines += [f"guess: {remark}" for remark in guess.remarks]
-        imported = _imported(source, mapping, description)
+        found = imported_by(source, mapping, description)
     except ValueError:
         _comment(lines)
         raise
-    lines += [*source.remarks, *_facts(imported)]
-    for defect in imported.defects:
+    lines += [*source.remarks, *_facts(found)]
+    for defect in found.defects:
         lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
     _comment(lines)
     click.echo(mapping_text(mapping), nl=False)
@@ -220,40 +190,3 @@ def _facts(imported: Imported) -> list[str]:
         )
         lines.append(f"{name}: {reach}")
     return lines
-
-
-def _write(path: Path, found: list[Imported], *, overwrite: bool) -> None:
-    """Write description and telemetry, one file after the other."""
-    from ema_ros import topics
-    from ema_ros.messages import description_to_message, telemetry_to_message
-    from ema_ros.stamps import stamp_from_message
-
-    description = found[0].description
-    names = {name: f"{topics.NAMESPACE}/{name}" for name in (topics.DESCRIPTION, topics.TELEMETRY)}
-    with new_bag(path, overwrite=overwrite) as bag:
-        for name, full in names.items():
-            message_class, qos = topics.ACTUATOR_TOPICS[name]
-            bag.add_topic(full, message_class, qos)
-        end_ns, index = None, 0
-        for one in found:
-            shift_ns, shift = 0, 0
-            for block in one.blocks():
-                if end_ns is None:
-                    stamp_ns = block.stamp_ns
-                    message = description_to_message(description, stamp_ns)
-                    bag.write(names[topics.DESCRIPTION], message, stamp_ns, stamp_ns)
-                    end_ns = stamp_ns
-                elif not shift and block.first_index <= index and one is not found[0]:
-                    # The next file: one sample at least is missing before it, and its time goes on.
-                    shift = index + 1
-                    if block.stamp_ns <= end_ns:
-                        shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
-                moved = replace(
-                    block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
-                )
-                message = telemetry_to_message(moved, description.actuator_id)
-                stamp_ns = stamp_from_message(message.header.stamp)
-                # What is received never goes back, whatever the stamps do.
-                end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
-                index = max(index, moved.first_index + len(moved) - 1)
-                bag.write(names[topics.TELEMETRY], message, end_ns, stamp_ns)

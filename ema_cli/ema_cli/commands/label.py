@@ -1,5 +1,6 @@
 """``ema label``: the state of a unit in tests, by its owner."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,40 +10,91 @@ from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.source import Source, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
-from ema_monitor.calibrations import load_calibration
+from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
+from ema_monitor.normal.unit_normal import UnitNormal
 
 
 @click.command()
 @click.argument("calibration_file", metavar="CALIBRATION", type=click.Path(path_type=Path))
-@click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--state", required=True, help='State of the unit in BAGS: "dry 1".')
+@click.argument("bags", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--state", help='State of the unit in BAGS: "dry 1".')
+@click.option(
+    "--state-column",
+    metavar="COLUMN",
+    help="BAGS are tables, and this column has the state; healthy rows are left out.",
+)
+@click.option(
+    "--test-column",
+    "test_columns",
+    metavar="COLUMN",
+    multiple=True,
+    help="With --state-column: a test ends where this column changes, too.",
+)
+@click.option("--remove", metavar="STATE", help="Remove the tests of a state.")
 @settings_options(Source)
-def label(calibration_file: Path, bags: tuple[Path, ...], given: Source, state: str) -> None:
+def label(
+    calibration_file: Path,
+    bags: tuple[Path, ...],
+    given: Source,
+    state: str | None,
+    state_column: str | None,
+    test_columns: tuple[str, ...],
+    remove: str | None,
+) -> None:
     """Add tests of a unit whose state is known, one in each of BAGS, to its CALIBRATION.
 
-    A later test that departs from the healthy windows is then said to look like a state, with
-    probabilities, or like none of them. A state needs three tests. A test that was labelled before
-    takes the new state.
+    A later test is then said to look like a state or like healthy ones, with probabilities, or
+    like none of them. A state needs three tests. A test that was labelled before takes the new
+    state. Without BAGS the states are listed.
     """
+    if bags and (state is None) == (state_column is None):
+        raise click.UsageError("give either --state or --state-column, for all BAGS")
+    calibration = load_calibration(calibration_file)
+    normal = calibration.normal
+    if remove is not None:
+        normal = normal.without(remove)
+    for bag in bags:
+        if state_column is None:
+            normal = _with_test(normal, calibration, state or "", bag, bag, given)
+            continue
+        for name, part in _tests_of(bag, [state_column, *test_columns], given):
+            own = replace(given, actuator_file=None)
+            normal = _with_test(normal, calibration, name, bag, part, own)
+    if normal is not calibration.normal:
+        replace(calibration, normal=normal).save(calibration_file)
+    tests = [f"{counted(count, 'test')} {name}" for name, count in normal.tests().items()]
+    click.echo(f"{calibration_file}: {', '.join(tests) or 'no healthy windows to compare with'}")
+
+
+def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[str, Path]]:
+    """Yield the state of each test in a table, and its bag; healthy ones are left out."""
+    from ema_cli.bags.records import tables_as_bags  # pandas only where there is a table
+
+    for (state, *_), bag in tables_as_bags(table, given.actuator_file, columns):
+        if state.strip().lower() not in (HEALTHY, "normal", "nan", "none", ""):
+            yield state, bag
+
+
+def _with_test(
+    normal: UnitNormal,
+    calibration: AnyCalibration,
+    state: str,
+    path: Path,
+    bag: Path,
+    given: Source,
+) -> UnitNormal:
+    """Return a normal with the test in a bag, which is of a path."""
     state = state.strip()
     if not state or state.lower() in (HEALTHY, NONE_OF_THESE):
         raise ValueError(
             f"--state {state!r}: expected what is wrong; `ema calibrate` takes all healthy bags "
             "together"
         )
-    calibration = load_calibration(calibration_file)
-    normal = calibration.normal
-    for bag in bags:
-        found = identifiable_windows(bag, given)
-        if mismatch := calibration.unit_mismatch(found.description):
-            raise ValueError(f"{bag}: {mismatch}")
-        try:
-            normal = normal.with_test(
-                state, (one.telemetry for one in WindowsOnDemand(found.windows))
-            )
-        except ValueError as error:
-            raise ValueError(f"{bag}: {error}") from error
-    replace(calibration, normal=normal).save(calibration_file)
-    tests = [f"{counted(count, 'test')} {name}" for name, count in normal.tests().items()]
-    click.echo(f"{calibration_file}: {', '.join(tests)}")
+    found = identifiable_windows(bag, given)
+    if mismatch := calibration.unit_mismatch(found.description):
+        raise ValueError(f"{path}: {mismatch}")
+    try:
+        return normal.with_test(state, (one.telemetry for one in WindowsOnDemand(found.windows)))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error

@@ -4,16 +4,19 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
 from ema_core.telemetry import Telemetry
+from ema_core.wording import unknown_name
 from ema_monitor.normal.features import FEATURES, LEVEL, Motion, Part, mean_of, parts_of
 from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
 from ema_monitor.normal.states import LabelledTest, States, known_states
 
+_REPEATED: Final = 0.5
 _SAME_LOAD: Final = 0.05
 _LARGE_LOAD: Final = 0.1
 _BOTH_WAYS: Final = ("current_forward", "current_backward")
@@ -49,17 +52,56 @@ class UnitNormal:
         Raises
         ------
         ValueError
-            When no window moves in both directions, or one of them is healthy by the calibration.
+            When no window moves in both directions, one of them is healthy by the calibration, or
+            no healthy window has its motion and load.
         """
         found = self.of(windows).windows
         if not found:
             raise ValueError("no window has a stroke in each direction")
+        self._require_known(found)
         new = [one.part for one in found]
         if any(one.part in new for one in self.healthy):
             raise ValueError("it is one of the healthy tests of the calibration")
         kept = [one for one in self.windows if not one.test or one.part not in new]
         number = 1 + max((one.test for one in self.windows), default=0)
         return type(self)((*kept, *(one._replace(state=state, test=number) for one in found)))
+
+    def _require_known(self, windows: Sequence[KnownWindow]) -> None:
+        for one in windows:
+            healthy = self._like(one.part.motion)
+            if not healthy:
+                raise ValueError("no healthy window has its motion: later tests are not judged")
+            away = _distance(healthy, _load(one.part))
+            if away > _LARGE_LOAD * _running(healthy):
+                raise ValueError(
+                    f"its load is {away:.2g} A away from those of the healthy windows: `ema "
+                    "calibrate` needs healthy bags of that load, too"
+                )
+
+    def with_labels_of(self, other: Self) -> Self:
+        """Return it with those labelled tests of another normal that have a motion of its own."""
+        mine = [one.part for one in self.healthy]
+        labelled = [one for one in other.windows if one.test and one.part not in mine]
+        kept = (one for one in labelled if self._like(one.part.motion))
+        return type(self)((*self.healthy, *kept))
+
+    def without(self, state: str) -> Self:
+        """Return it without the labelled tests of a state; ValueError when there are none."""
+        states = {one.state for one in self.windows if one.test}
+        if state not in states:
+            raise ValueError(unknown_name("state", state, states))
+        kept = (one for one in self.windows if not one.test or one.state != state)
+        return type(self)(tuple(kept))
+
+    def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
+        windows = (one for one in self.windows if bool(one.test) == labelled)
+        return [one for one in windows if one.part.motion.is_like(motion)]
+
+    @cached_property
+    def _repeats_motions(self) -> bool:
+        """Whether half of the healthy windows repeat a motion; by chance, only a few are alike."""
+        alike = [len(self._like(one.part.motion)) >= FEWEST_TESTS for one in self.healthy]
+        return sum(alike) >= _REPEATED * len(alike)
 
     @property
     def healthy(self) -> tuple[KnownWindow, ...]:
@@ -83,12 +125,14 @@ class UnitNormal:
         Stretches of each motion and load are compared with healthy windows of both, or of the
         nearest load: with the means of as many in a row, so that like scatters are compared; of
         fewer, where there would not be ``FEWEST_TESTS`` means. None where it is unknown and no
-        state is labelled: there is no stretch, or no motion or load has ``FEWEST_TESTS`` windows.
+        state is labelled: there is no stretch, no motion or load has ``FEWEST_TESTS`` windows, or
+        the healthy windows do not repeat motions.
         """
+        if not self._repeats_motions:
+            return None
         found: list[Departure | str] = []
         for own in _by_motion(parts):
-            like = [one for one in self.windows if one.part.motion.is_like(own[0].motion)]
-            healthy = [one for one in like if not one.test]
+            healthy = self._like(own[0].motion)
             if len(healthy) < FEWEST_TESTS:
                 found.append(f"the motion, {own[0].motion}, is not that of the healthy windows")
                 continue
@@ -97,7 +141,9 @@ class UnitNormal:
             for part in own:
                 under.setdefault(_nearest(loads, _load(part)), []).append(part)
             # A test that was labelled is not judged by itself.
-            labelled = [one for one in like if one.test and one.part not in parts]
+            labelled = [
+                one for one in self._like(own[0].motion, labelled=True) if one.part not in parts
+            ]
             for near, some in under.items():
                 beside = [one for one in labelled if _nearest(loads, _load(one.part)) == near]
                 found.append(_judged(stamp_ns, some, loads[near], beside, _running(healthy)))

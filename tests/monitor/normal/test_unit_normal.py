@@ -65,10 +65,8 @@ def test_other_motion_is_not_judged(healthy):
 
 
 def test_file_holds_all_of_it(healthy):
-    still = slide(noise=0.02)
-    no_rest = replace(still, command=np.abs(np.arange(len(still)) % 100 - 49.5))
-    both = healthy.with_test("jammed", [no_rest])
-    assert "rest_current" not in both.windows[-1].part.features
+    both = healthy.with_test("jammed", [slide(noise=0.02, seed=20)])
+    del both.windows[-1].part.features["rest_current"]
     assert UnitNormal.of_mapping(both.as_mapping()) == both
 
 
@@ -154,6 +152,8 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
         found = known.departure(50, figures_of(strange))
         assert found
         assert (found.states, words in found.likeness) == ({}, True)
+    assert list(known.without("dry 1").tests()) == [HEALTHY, "dry 2"]
+    assert healthy.with_labels_of(known) == known
     # A figure that the labelled tests have may be missing.
     lacking = figures_of(later(50, state="dry 1"))
     del lacking[0].features["rest_current"]
@@ -170,7 +170,26 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
     assert "dry 1" in states_of(with_loads, later(90, state="dry 1"))
 
 
-def test_test_without_a_stroke_is_not_labelled(healthy):
-    still = slide(noise=0.02)
-    with pytest.raises(ValueError, match="no window has a stroke"):
-        healthy.with_test("dry", [replace(still, command=0.0 * still.command)])
+@pytest.mark.parametrize(
+    ("times", "load", "message"),
+    [
+        (0.0, 0.0, "no window has a stroke"),
+        (1.2, 0.0, "no healthy window has its motion"),
+        (1.0, 0.5, "its load is 0.4 A away from those of the healthy windows"),
+    ],
+)
+def test_test_that_later_ones_cannot_be_compared_with_is_not_labelled(
+    healthy, times, load, message
+):
+    window = slide(noise=0.02, load=load)
+    with pytest.raises(ValueError, match=message):
+        healthy.with_test("dry", [replace(window, command=times * window.command)])
+
+
+def test_windows_that_are_alike_by_chance_judge_nothing():
+    windows = [slide(noise=0.02, seed=seed) for seed in range(12)]
+    varied = [
+        replace(one, command=1.2 ** max(0, number - 3) * one.command)
+        for number, one in enumerate(windows)
+    ]
+    assert UnitNormal.of(varied).departure(0, figures_of(slide(noise=0.06, seed=90))) is None

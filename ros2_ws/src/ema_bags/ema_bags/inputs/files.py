@@ -1,7 +1,10 @@
 """A file or bag of any make, with what it holds."""
 
+from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as ByTopic
+from copy import copy
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -72,6 +75,21 @@ class InputFile:
             )
         found, self._problem = bag_series(self._held, mapping)
         return found
+
+    def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
+        """Yield the rows of a table between which none of some columns changes, and their values.
+
+        Raises
+        ------
+        ValueError
+            When it is no table, or has no such column.
+        """
+        if not isinstance(self._held, TableColumns):
+            raise ValueError(f"{self.path} is a bag: a table has columns")
+        for values, rows in self._held.parts(columns):
+            part = copy(self)
+            part._held = rows
+            yield values, part
 
     def guess(self, description: ActuatorDescription) -> Guess:
         """Return a mapping guessed from what the file holds.

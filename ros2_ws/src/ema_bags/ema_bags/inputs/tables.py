@@ -2,11 +2,12 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 import pandas as pd
@@ -75,6 +76,26 @@ class TableColumns:
         if len(terms) == 1 or not all(term in self.values for _, term in terms):
             raise ValueError(f"{self.path}: {unknown_name('column', name, self.values)}")
         return np.sum([sign * self.values[term].astype(float) for sign, term in terms], axis=0)
+
+    def parts(self, names: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
+        """Yield the rows between which none of some columns changes, and these columns' values.
+
+        Raises
+        ------
+        ValueError
+            When there is none of a name.
+        """
+        everything = {**self.values, **self.texts}
+        if unknown := next((name for name in names if name not in everything), None):
+            raise ValueError(f"{self.path}: {unknown_name('column', unknown, everything)}")
+        given = pd.DataFrame({name: everything[name] for name in names}).astype(str)
+        starts = np.flatnonzero((given != given.shift()).any(axis=1))
+        for start, end in pairwise([*starts, len(given)]):
+            values, texts = (
+                {name: column[start:end] for name, column in some.items()}
+                for some in (self.values, self.texts)
+            )
+            yield list(given.iloc[start]), replace(self, values=values, texts=texts)
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:

@@ -1,0 +1,121 @@
+"""Records of other makes as bags: by a mapping, as a rule the one beside them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import click
+
+from ema_bags.inputs.defects import refused
+from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.importing import Imported, import_series
+from ema_bags.inputs.mapping import Mapping, load_mapping
+from ema_cli.output import new_bag
+from ema_core.description import ActuatorDescription
+from ema_ros.actuator_file import load_description
+
+_PAUSE_NS: Final = 1_000_000_000
+
+
+def tables_as_bags(
+    table: Path, actuator_file: Path | None, columns: Sequence[str] = ()
+) -> Iterator[tuple[list[str], Path]]:
+    """Yield a bag of a table, by the mapping beside it, until the command ends.
+
+    The mapping is ``mapping.yaml``, or has the name of the table. Where no description is given,
+    ``actuator.yaml`` beside the table holds, or the built-in one. With columns there is a bag for
+    the rows between which none of them changes, with their values.
+
+    Raises
+    ------
+    ValueError
+        When there is no mapping, or the table cannot be used.
+    """
+    names = table.with_suffix(".yaml"), table.with_name("mapping.yaml")
+    mapping_file = next((name for name in names if name.is_file()), None)
+    if mapping_file is None:
+        raise ValueError(
+            f"{table} is a table without a mapping beside it, {names[1].name}: `ema import {table} "
+            f"--preview > {names[1]}` guesses one to check"
+        )
+    beside = table.with_name("actuator.yaml")
+    actuator_file = actuator_file or (beside if beside.is_file() else None)
+    description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+    mapping = load_mapping(mapping_file)
+    source = InputFile(table, mapping)
+    folder = Path(click.get_current_context().with_resource(TemporaryDirectory(prefix="ema-")))
+    parts = source.parts(columns) if columns else [(list[str](), source)]
+    for number, (values, part) in enumerate(parts):
+        bag = folder / f"{table.stem}_{number}.mcap"
+        write_records(bag, [read_record(part, mapping, description, accepts=False)])
+        yield values, bag
+
+
+def read_record(
+    source: InputFile, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
+) -> Imported:
+    """Return the telemetry of a file; what is wrong is printed, or refused."""
+    file = source.path
+    found = imported_by(source, mapping, description)
+    for remark in source.remarks:
+        click.echo(f"{file}: {remark}", err=True)
+    for defect in found.defects:
+        click.echo(f"{file}: {defect}", err=True)
+    wrong = refused(found.defects, mapping)
+    if wrong and not accepts:
+        names = ", ".join(item.name for item in wrong)
+        raise ValueError(
+            f"{file} is not imported: {names} (see above); correct the mapping, or accept with "
+            f"accept: [{names}] in it or --accept-defects"
+        )
+    return found
+
+
+def imported_by(source: InputFile, mapping: Mapping, description: ActuatorDescription) -> Imported:
+    """Return the telemetry of a file; an error names it."""
+    try:
+        return import_series(source.series(mapping), mapping, description)
+    except ValueError as error:
+        words = str(error)
+        if str(source.path) in words:
+            raise
+        raise ValueError(f"{source.path}: {words}") from error
+
+
+def write_records(path: Path, found: list[Imported], *, overwrite: bool = False) -> None:
+    """Write description and telemetry, one file after the other."""
+    from ema_ros import topics
+    from ema_ros.messages import description_to_message, telemetry_to_message
+    from ema_ros.stamps import stamp_from_message
+
+    description = found[0].description
+    names = {name: f"{topics.NAMESPACE}/{name}" for name in (topics.DESCRIPTION, topics.TELEMETRY)}
+    with new_bag(path, overwrite=overwrite) as bag:
+        for name, full in names.items():
+            message_class, qos = topics.ACTUATOR_TOPICS[name]
+            bag.add_topic(full, message_class, qos)
+        end_ns, index = None, 0
+        for one in found:
+            shift_ns, shift = 0, 0
+            for block in one.blocks():
+                if end_ns is None:
+                    stamp_ns = block.stamp_ns
+                    message = description_to_message(description, stamp_ns)
+                    bag.write(names[topics.DESCRIPTION], message, stamp_ns, stamp_ns)
+                    end_ns = stamp_ns
+                elif not shift and block.first_index <= index and one is not found[0]:
+                    # The next file: one sample at least is missing before it, and its time goes on.
+                    shift = index + 1
+                    if block.stamp_ns <= end_ns:
+                        shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
+                moved = replace(
+                    block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
+                )
+                message = telemetry_to_message(moved, description.actuator_id)
+                stamp_ns = stamp_from_message(message.header.stamp)
+                # What is received never goes back, whatever the stamps do.
+                end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
+                index = max(index, moved.first_index + len(moved) - 1)
+                bag.write(names[topics.TELEMETRY], message, end_ns, stamp_ns)
