@@ -101,7 +101,6 @@ NEW = "simulate -o new.mcap"
         ("certify --require gain=1,gain=2", 2, ["gain", "more than once"]),
         ("certify --command square", 1, ["'square'", "chirp"]),
         ("certify -p resolution.torque=1", 1, ["'resolution.torque'", "resolution.current"]),
-        ("certify --calibration missing.yaml", 1, ["missing.yaml"]),
         ("certify --monte-carlo -1", 2, ["--monte-carlo", "-1"]),
         ("design -o new.yaml", 2, ["--travel"]),
         ("design --travel 5 -o new.yaml", 1, ["travel = 5 rad", "1.2 rad"]),
