@@ -54,7 +54,6 @@ NEW = "simulate -o new.mcap"
         (f"{NEW} --sample-rate 300", 1, ["--sample-rate 300 Hz"]),
         (f"{NEW} --command square", 1, ["'square'", "chirp"]),
         (f"{NEW} --command missing.csv", 1, ["missing.csv"]),
-        (f"{NEW} --set R_s=2", 2, ["'--set'", "-p plant.NAME=VALUE"]),
         (f"{NEW} --friction .3", 2, ["'--friction': give --fault friction=VALUE"]),
         (f"{NEW} --current_noise 1", 2, ["did you mean --current-noise?"]),
         (f"{NEW} --limits 1", 2, ["No such option '--limits'."]),
