@@ -17,17 +17,6 @@ Settings = TypeVar("Settings")
 Command = Callable[..., None]
 
 _SECTION: Final = "ros__parameters"
-_OF_OTHER_NODES: Final = (
-    *("max_bag_size", "max_bag_duration", "snapshot_duration", "max_cache_size"),
-    *("start_offset", "playback_duration", "start_paused"),
-)
-_RENAMED: Final = {
-    "command_set": "command",
-    "cost_unit": "costs.unit",
-    "quantise": "resolution",
-    "set": "plant",
-}
-"""Parameters in place of former options whose names they do not have."""
 
 
 @dataclass(frozen=True)
@@ -147,9 +136,6 @@ def _assigned(assignments: Iterable[str], known: Sequence[str]) -> dict[str, Any
 
 def instead_of(option: str, command: click.Command) -> str:
     """Return what a command has in place of an unknown option, for an error; empty for nothing."""
-    from ema_cli.bags.predicting import Predicting
-    from ema_cli.bench import Bench
-
     name = as_identifier(option.lstrip("-")).removeprefix("no_")
     has = {word for item in command.params for word in item.opts}
     if (same := f"--{name.replace('_', '-')}") in has:
@@ -158,9 +144,7 @@ def instead_of(option: str, command: click.Command) -> str:
         return ""
     if name in FAULT_NAMES and (own := {"--fault", "--limit"} & has):
         return f": give {min(own)} {name}=VALUE"
-    name = _RENAMED.get(name, name)
-    of_nodes = [*names_of((*Predicting.SECTIONS, *Bench.SECTIONS)), *_OF_OTHER_NODES]
-    known = vars(command.callback).get("parameters", of_nodes)
+    known = vars(command.callback).get("parameters", ())
     if any(one.startswith(f"{name}.") for one in known):
         found = [f"{name}.NAME"]
     else:

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from pathlib import Path
 
 import click
 
@@ -10,7 +9,7 @@ from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.options import REFUSED, assignments_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.rehearsal import CALIBRATION_OPTION, Rehearsal
+from ema_cli.rehearsal import Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_core.wording import unknown_name
@@ -20,7 +19,6 @@ from ema_monitor.design.certificate import certify as certify_test
 
 @click.command()
 @settings_options(Bench, "actuator", more=[COMMAND_OPTION])
-@CALIBRATION_OPTION
 @click.option(
     "--monte-carlo",
     "repetitions",
@@ -39,7 +37,6 @@ def certify(
     given: Bench,
     repetitions: int,
     wanted: dict[str, float],
-    calibration_file: Path | None,
     as_json: bool,
 ) -> None:
     """Predict which faults a test will show, how well, and which it cannot separate.
@@ -60,7 +57,7 @@ def certify(
                 raise click.Abort
             progress.advance(task)
 
-        record = Rehearsal(given, follow, calibration_file)
+        record = Rehearsal(given, follow)
         certificate = certify_test(
             record, given.command, given.description, repetitions=repetitions
         )

@@ -12,7 +12,7 @@ from ema_cli.options import REFUSED, Assignments, assignments_option
 from ema_cli.output import REPLACE_OPTION, output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.rehearsal import CALIBRATION_OPTION, Rehearsal
+from ema_cli.rehearsal import Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_monitor.design.certificate import certificate_of
@@ -53,7 +53,6 @@ class WantedSigmas(Assignments):
     "without it what the thesis's chirp reaches.",
     WantedSigmas(),
 )
-@CALIBRATION_OPTION
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @REPLACE_OPTION
 @output_option(
@@ -67,7 +66,6 @@ def design(
     speed: float | None,
     longest: float,
     wanted: dict[str, float],
-    calibration_file: Path | None,
     as_json: bool,
     overwrite: bool,
     output: Path,
@@ -101,7 +99,7 @@ def design(
             follow()
             progress.update(task, state=words)
 
-        record = Rehearsal(given, follow, calibration_file)
+        record = Rehearsal(given, follow)
         found = design_command(record, description, limits, wanted or None, on_progress=say)
         say("judging hidden causes")
         certificate = certificate_of(found.rehearsed, record, found.command, description)

@@ -41,7 +41,6 @@ _LAST_FRACTIONS: Final = (0.1, 1.0)
 _START: Final = np.array([0.8, 0.9, 0.8, 0.5, 0.8])
 _LEAST_CORRECTED: Final = 0.3
 _NOT_SHOWN: Final = 10.0
-_FLOOR: Final = 0.8
 # A whole number of half periods moves the frequency.
 _TOLERANCE: Final = 1.1
 # Above what any duration or ratio of standard deviations costs.
@@ -64,9 +63,8 @@ class Design:
         Its rehearsal, by which it is judged.
     reference_s
         Duration of the thesis's chirp where its standard deviations were wanted [s]; else None.
-    predicted, least
-        Standard deviations by fault that the model predicts, and what would be left of them without
-        noise: the mismatch of the model, and what is not known of the unit [-].
+    predicted
+        Standard deviations by fault that the model predicts [-].
     """
 
     command: Command
@@ -76,7 +74,6 @@ class Design:
     rehearsed: Rehearsed
     reference_s: float | None
     predicted: Mapping[str, float]
-    least: Mapping[str, float]
 
     @property
     def sigma(self) -> dict[str, float]:
@@ -122,11 +119,6 @@ class Design:
         label, best = FAULTS[FAULT_NAMES.index(name)].label, self.sigma[name]
         reached = f"at best {best:.4f}" if math.isfinite(best) else "not shown at all"
         words = f"{label}: sigma {self.wanted[name]:g} is not reached, {reached}"
-        if self.least[name] >= _FLOOR * best:
-            return (
-                f"{words}; {self.least[name]:.4f} of it are the mismatch of the model and what is "
-                "not known of the unit, whatever the noise and the length of the test"
-            )
         bounds = [f"{name} {getattr(self.limits, name):g} {UNITS[name]}" for name in self.binding]
         if not bounds:
             return f"{words}; none of the limits is exhausted: swings reach no more"
@@ -203,14 +195,9 @@ def design_command(
         rehearsed = rehearse(record, command, description)
         information = Information(rehearsed.calibration)
         windows = information.windows(command)
-        predicted, least = (
-            dict(zip(FAULT_NAMES, information.sigma(windows, noise=noise).tolist(), strict=True))
-            for noise in (1.0, 0.0)
-        )
+        predicted = dict(zip(FAULT_NAMES, information.sigma(windows).tolist(), strict=True))
         demands = information.demands(windows)
-        found.append(
-            Design(command, wanted, limits, demands, rehearsed, reference_s, predicted, least)
-        )
+        found.append(Design(command, wanted, limits, demands, rehearsed, reference_s, predicted))
         name, ratio = found[-1].worst
         on_progress(f"round {number + 1}: {name} has {ratio:.2f} of the sigma that is wanted")
         if number and not found[-1].reached and not is_feasible:

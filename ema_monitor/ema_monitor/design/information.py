@@ -76,12 +76,8 @@ class Information:
             longest=first.sample_period * len(first),
         )
 
-    def sigma(self, windows: list[Window], *, noise: float = 1.0) -> Array:
-        """Return the standard deviation of each fault, the largest over actuators, ``(8,)``.
-
-        ``noise`` is the share of the healthy scatter that counts; without any, what is left is the
-        mismatch of the model and what is not known of the unit.
-        """
+    def sigma(self, windows: list[Window]) -> Array:
+        """Return the standard deviation of each fault, the largest over actuators, ``(8,)``."""
         first = windows[0]
         still = np.zeros(len(first))
         # As after a calibration under this command.
@@ -96,7 +92,7 @@ class Information:
             objective = Objective(window, calibration)
             at = objective.linearise(objective.encode(faults, _PLAY))
             effects = objective.unit_effects(at.point) / MISMATCH_FACTOR
-            white = np.full(len(at.residuals), noise * np.sqrt(objective.noise))
+            white = np.full(len(at.residuals), np.sqrt(objective.noise))
             known = sandwich_covariance(at.jacobian, white, lags=0)
             shifts = shifts_of(at.jacobian, effects)
             known += shifts @ shifts.T

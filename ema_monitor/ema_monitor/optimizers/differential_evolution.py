@@ -1,14 +1,10 @@
 """Differential evolution about the best individual, as it is known and as the thesis has it."""
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.population import Population
-
-_FEWEST_INDIVIDUALS: Final = 3
 
 
 class DifferentialEvolution(Population):
@@ -22,19 +18,12 @@ class DifferentialEvolution(Population):
 
     Parameters
     ----------
-    start, rng, hints
+    start, rng, hints, population
         As of `Population`.
-    population
-        Number of individuals, at least 3: a target and two partners.
     F
         Weight of the difference, above 0 [-].
     CR
         Crossover ratio, from 0 to 1 [-].
-
-    Raises
-    ------
-    ValueError
-        When there are too few individuals.
 
     References
     ----------
@@ -43,6 +32,9 @@ class DifferentialEvolution(Population):
     Price, Storn and Lampinen (2005), "Differential Evolution", Springer; bounce-back: section
     4.3.1.
     """
+
+    # A target and two partners.
+    FEWEST = 3
 
     def __init__(
         self,
@@ -54,19 +46,15 @@ class DifferentialEvolution(Population):
         F: float = 0.9,
         CR: float = 0.95,
     ) -> None:
-        super().__init__(start, rng, population, _FEWEST_INDIVIDUALS)
+        super().__init__(start, rng, hints, population=population)
         self._F = F
         self._CR = CR
+
+    def _begin(self, population: int, d: int) -> None:
         self._x = self._asked
         self._costs = np.full(population, np.inf)
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
-        """Let the trials replace their targets where they cost less, and make new ones."""
+    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
         better = costs < self._costs
         self._x[better] = points[better]
         self._costs[better] = costs[better]
@@ -77,7 +65,7 @@ class DifferentialEvolution(Population):
         donors = self._into_box(best + self._F * (self._x[one] - self._x[other]), best)
         from_donor = self._rng.random((n, d)) < self._CR
         from_donor[np.arange(n), self._rng.integers(d, size=n)] = True
-        self._asked = np.where(from_donor, donors, self._x)
+        return np.where(from_donor, donors, self._x)
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Draw two partners for each target: three different individuals."""

@@ -5,11 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.population import Population
 
-# One elite, two children by crossover and one by mutation.
-_FEWEST_INDIVIDUALS: Final = 4
 _ELITE_FRACTION: Final = 0.05
 _CROSSOVER_FRACTION: Final = 0.8
 _INITIAL_STEP: Final = 0.5
@@ -32,17 +29,7 @@ class GeneticAlgorithm(Population):
     point multiplies it by 1.5, one that did not divides it by 1.5, within 1e-6 and 1 width. This
     is a success rule as Rechenberg's (1973), in balance when every other generation improves.
 
-    Parameters
-    ----------
-    start, rng, hints
-        As of `Population`.
-    population
-        Number of individuals, at least 4, so that there is a child of each kind.
-
-    Raises
-    ------
-    ValueError
-        When there are too few individuals.
+    Parameters and errors are those of `Population`.
 
     References
     ----------
@@ -50,29 +37,18 @@ class GeneticAlgorithm(Population):
     https://www.mathworks.com/help/gads/genetic-algorithm-options.html.
     """
 
-    def __init__(
-        self,
-        start: NDArray[np.float64],
-        rng: np.random.Generator,
-        hints: Hints = NO_HINTS,
-        *,
-        population: int = 50,
-    ) -> None:
-        super().__init__(start, rng, population, _FEWEST_INDIVIDUALS)
+    # One elite, two children by crossover and one by mutation.
+    FEWEST = 4
+
+    def _begin(self, population: int, d: int) -> None:
         self._elites = int(np.ceil(_ELITE_FRACTION * population))
         self._crossed = round(_CROSSOVER_FRACTION * (population - self._elites))
         self._mutants = population - self._elites - self._crossed
-        self._elite_x = np.empty((0, len(start)))
+        self._elite_x = np.empty((0, d))
         self._elite_costs = np.empty(0)
         self._step = _INITIAL_STEP
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
-        """Process the costs of the children, ``(m,)``, and make the next ones."""
+    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
         if len(self._elite_costs):
             improved = np.min(costs) < self._elite_costs[0]
             factor = _STEP_GROWTH if improved else _STEP_DECAY
@@ -86,7 +62,7 @@ class GeneticAlgorithm(Population):
         n = self._crossed
         expected = expected_children(len(points), 2 * n + self._mutants)
         parents = self._rng.permutation(stochastic_uniform(expected, self._rng))
-        self._asked = np.concatenate(
+        return np.concatenate(
             [
                 scattered(points[parents[:n]], points[parents[n : 2 * n]], self._rng),
                 mutated(points[parents[2 * n :]], self._step, self._rng),

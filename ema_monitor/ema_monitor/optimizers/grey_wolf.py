@@ -5,7 +5,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.population import Population
 
 _LEADERS: Final = 3
@@ -19,19 +18,8 @@ class GreyWolf(Population):
     leaves the box is put on the wall. ``a`` falls linearly from 2 after the first generation to 0
     when the budget is spent, and stays there.
 
-    Parameters
-    ----------
-    start, rng
-        As of `Population`.
-    hints
-        The budget is what the fall of ``a`` is spread over.
-    population
-        Number of wolves, at least 3: the leaders.
-
-    Raises
-    ------
-    ValueError
-        When there are too few wolves.
+    Parameters and errors are those of `Population`; the budget is what the fall of ``a`` is spread
+    over.
 
     References
     ----------
@@ -39,34 +27,21 @@ class GreyWolf(Population):
     69, eq. 3.3 to 3.7.
     """
 
-    def __init__(
-        self,
-        start: NDArray[np.float64],
-        rng: np.random.Generator,
-        hints: Hints = NO_HINTS,
-        *,
-        population: int = 50,
-    ) -> None:
-        super().__init__(start, rng, population, _LEADERS)
-        self._generations = max(1, hints.budget // population)
+    FEWEST = _LEADERS
+
+    def _begin(self, population: int, d: int) -> None:
         self._generation = 0
-        self._leaders = np.empty((0, len(start)))
+        self._leaders = np.empty((0, d))
         self._leader_costs = np.empty(0)
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
-        """Choose the leaders by their costs, ``(population,)``, and move the wolves."""
+    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
         points = np.concatenate([self._leaders, points])
         costs = np.concatenate([self._leader_costs, costs])
         best = np.argsort(costs, kind="stable")[:_LEADERS]
         self._leaders, self._leader_costs = points[best], costs[best]
         a = shrinking(self._generation, self._generations)
         self._generation += 1
-        self._asked = encircled(self._asked, self._leaders[:, None], a, self._rng)
+        return encircled(self._asked, self._leaders[:, None], a, self._rng)
 
 
 class ThesisGreyWolf(Population):
@@ -82,38 +57,15 @@ class ThesisGreyWolf(Population):
     has the digit 1 where the generation l must stand, which would keep ``a`` at 1.99; it is read
     as the letter.
 
-    Parameters
-    ----------
-    start, rng, hints, population
-        As of ``GreyWolf``.
-
-    Raises
-    ------
-    ValueError
-        When there is no wolf.
+    Parameters are those of ``GreyWolf``.
     """
 
-    def __init__(
-        self,
-        start: NDArray[np.float64],
-        rng: np.random.Generator,
-        hints: Hints = NO_HINTS,
-        *,
-        population: int = 50,
-    ) -> None:
-        super().__init__(start, rng, population, 1)
-        self._generations = max(1, hints.budget // population)
+    def _begin(self, population: int, d: int) -> None:
         self._generation = 0
-        self._leaders = np.zeros((_LEADERS, *self._asked.shape))
+        self._leaders = np.zeros((_LEADERS, population, d))
         self._leader_costs = np.full((_LEADERS, population), np.inf)
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
-        """Choose each wolf's leaders by its cost, ``(population,)``, and move the wolves."""
+    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
         alpha, beta, delta = self._leader_costs
         replaces = np.stack(
             [
@@ -126,7 +78,7 @@ class ThesisGreyWolf(Population):
         self._leader_costs = np.where(replaces, costs, self._leader_costs)
         self._generation += 1
         a = shrinking(self._generation, self._generations)
-        self._asked = encircled(points, self._leaders, a, self._rng)
+        return encircled(points, self._leaders, a, self._rng)
 
 
 def shrinking(generation: int, generations: int) -> float:

@@ -5,10 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.population import Population
 
-_FEWEST_PARTICLES: Final = 3
 _FEWEST_NEIGHBOURS: Final = 2
 _NEIGHBOUR_FRACTION: Final = 0.25
 _INERTIA_RANGE: Final = (0.1, 1.1)
@@ -32,17 +30,7 @@ class ParticleSwarm(Population):
     falls. Here it holds in all of them: a swarm at 1.1 does not contract, hence seldom improves,
     hence would stay at 1.1.
 
-    Parameters
-    ----------
-    start, rng, hints
-        As of `Population`.
-    population
-        Number of particles, at least 3: a particle and two neighbours.
-
-    Raises
-    ------
-    ValueError
-        When there are too few particles.
+    Parameters and errors are those of `Population`.
 
     References
     ----------
@@ -53,17 +41,12 @@ class ParticleSwarm(Population):
     Pedersen (2010), "Good parameters for particle swarm optimization", Hvass Laboratories HL1001.
     """
 
-    def __init__(
-        self,
-        start: NDArray[np.float64],
-        rng: np.random.Generator,
-        hints: Hints = NO_HINTS,
-        *,
-        population: int = 50,
-    ) -> None:
-        super().__init__(start, rng, population, _FEWEST_PARTICLES)
+    # A particle and two neighbours.
+    FEWEST = 3
+
+    def _begin(self, population: int, d: int) -> None:
         # As far as the box is wide.
-        self._v = rng.uniform(-1.0, 1.0, self._asked.shape)
+        self._v = self._rng.uniform(-1.0, 1.0, self._asked.shape)
         self._best_x = self._asked.copy()
         self._best_costs = np.full(population, np.inf)
         self._fewest_neighbours = max(_FEWEST_NEIGHBOURS, int(population * _NEIGHBOUR_FRACTION))
@@ -71,13 +54,7 @@ class ParticleSwarm(Population):
         self._inertia = _INERTIA_RANGE[1]
         self._stalls = 0
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
-        """Move the particles after their costs, ``(population,)``."""
+    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
         self._adapt(improved=bool(np.min(costs) < np.min(self._best_costs)))
         better = costs < self._best_costs
         self._best_costs[better] = costs[better]
@@ -89,8 +66,9 @@ class ParticleSwarm(Population):
             + _SOCIAL_ADJUSTMENT * to_leader * (self._best_x[self._leaders()] - points)
         )
         moved = points + self._v
-        self._asked = np.clip(moved, 0.0, 1.0)
-        self._v[self._asked != moved] = 0.0
+        asked = np.clip(moved, 0.0, 1.0)
+        self._v[asked != moved] = 0.0
+        return asked
 
     def _adapt(self, *, improved: bool) -> None:
         """Set neighbourhoods and inertia; a first generation changes nothing."""
