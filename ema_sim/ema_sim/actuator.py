@@ -46,8 +46,11 @@ class SimulatedActuator:
     acquisition
         How its telemetry is acquired; by default the current is averaged and all is measured.
     noise_gain
-        K_noise, power of the white noise on the reference current: in each step of 1 us it has the
-        variance ``K_noise`` [A^2].
+        K_noise, power of the white noise on the reference current: its variance is
+        ``K_noise`` 1e-6 / ``noise_hold_s`` [A^2].
+    noise_hold_s
+        Time t_n for which a value of that noise is held [s], a whole multiple of 1 us that
+        divides the sample period.
     rng
         Random numbers of that noise; only used where ``noise_gain`` is not 0.
     stamp_ns
@@ -58,8 +61,8 @@ class SimulatedActuator:
     Raises
     ------
     ValueError
-        When the period is not a whole multiple of the step, the noise gain is negative, or the
-        drive cannot be simulated.
+        When a period is not a whole multiple of the step, the noise gain is negative, or the drive
+        cannot be simulated.
     """
 
     def __init__(
@@ -69,6 +72,7 @@ class SimulatedActuator:
         sample_period: float = SAMPLE_PERIOD,
         acquisition: Acquisition | None = None,
         noise_gain: float = 0.0,
+        noise_hold_s: float = DT,
         rng: np.random.Generator | None = None,
         stamp_ns: int = 0,
         drive: str = "six_step",
@@ -84,11 +88,17 @@ class SimulatedActuator:
         self.acquisition = acquisition or Acquisition()
         self._sampling = current_sampling(self.acquisition, self._steps, DT)
         self._sample = 0.0
+        self._hold = _whole_steps("noise_hold_s", noise_hold_s)
+        if self._steps % self._hold:
+            raise ValueError(
+                f"noise_hold_s = {noise_hold_s:g} s does not divide sample_period = "
+                f"{sample_period:g} s"
+            )
         if not 0.0 <= noise_gain < math.inf:
             raise ValueError(f"noise_gain = {noise_gain!r} is not a number of at least 0")
         if noise_gain > 0.0 and rng is None:
             raise ValueError("noise_gain > 0 needs a random number generator: give rng")
-        self._noise_sigma = math.sqrt(noise_gain)
+        self._noise_sigma = math.sqrt(noise_gain * 1e-6 / noise_hold_s)
         self._rng = rng
         self._start_ns = stamp_ns
         self._index = 1
@@ -169,8 +179,8 @@ class SimulatedActuator:
         n = len(commands)
         disturbances, hold = np.zeros(1), n * self._steps
         if self._noise_sigma > 0.0 and self._rng is not None:
-            hold = 1
-            disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps)
+            hold = self._hold
+            disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps // hold)
         columns = current, position, speed = np.empty(n), np.empty(n), np.empty(n)
         effects = courses(self._causes, self.sample_period, self._index - 1, self._causes_from, n)
         stepping = Stepping(self._steps, hold, DT, lag_factor(DT), self._sampling)

@@ -63,6 +63,11 @@ def test_period_must_be_whole_steps(period):
         SimulatedActuator(sample_period=period)
 
 
+def test_hold_must_divide_the_sample():
+    with pytest.raises(ValueError, match=r"noise_hold_s = 3e-05 s does not divide"):
+        SimulatedActuator(sample_period=1e-4, noise_hold_s=3e-5)
+
+
 @pytest.mark.parametrize(
     ("command", "load", "match"),
     [
@@ -92,7 +97,7 @@ def test_one_version_of_each_kernel_is_compiled():
     actuator.faults = np.array([1, 0, 0, 0, 0, 0, 1, 0])
     actuator.advance([0, 1], 0)
     actuator.advance(np.zeros(3, dtype=np.float32), np.ones(3, dtype=np.int64))
-    noisy = SimulatedActuator(noise_gain=1, rng=np.random.default_rng(0))
+    noisy = SimulatedActuator(noise_gain=1, rng=np.random.default_rng(0), noise_hold_s=1e-5)
     noisy.state = at_rest(1, 1)
     noisy.advance((0.0,))
     noisy.causes = {"load_torque": 1, "jam": np.int64(0)}

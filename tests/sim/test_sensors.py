@@ -15,7 +15,6 @@ from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_ros.messages import telemetry_from_message, telemetry_to_message
 from ema_sim import simulate
 from ema_sim.actuator import SimulatedActuator
-from ema_sim.reference import DT
 from ema_sim.sensors import Sensors
 
 N = 5000
@@ -148,19 +147,20 @@ PERIOD = 1e-4
 SAMPLES = 2000
 
 
-def comparisons(noise_gain: float, bias: float) -> np.ndarray:
-    """Sum of the signs of the steps in each sample, `(SAMPLES,)`.
+def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
+    """Sum of the signs of the holds in each sample, `(SAMPLES,)`.
 
     The inverter compares: with a locked rotor, next to no band and an inductance that leaves the
     current where it is, the driven pair gets +V in a step where bias plus noise is positive and -V
     where it is negative. So the mean slope of the current tells the share of positive noise beyond
-    minus the bias, hence its sigma.
+    minus the bias, hence its sigma, and the steps in between tell how long a value is held.
     """
     p = COMPARATOR
     actuator = SimulatedActuator(
         p,
         sample_period=PERIOD,
         noise_gain=noise_gain,
+        noise_hold_s=hold,
         rng=np.random.default_rng(23),
     )
     command = bias * p.k_t / (p.GAP * p.G_prop)
@@ -168,16 +168,16 @@ def comparisons(noise_gain: float, bias: float) -> np.ndarray:
     for _ in range(SAMPLES + 1):  # in the first one the command gets there
         actuator.advance([command])
         current.append((actuator.state.i_c - actuator.state.i_b) / 2)
-    return np.diff(current) / (SLOPE * DT)
+    return np.diff(current) / (SLOPE * hold)
 
 
-@pytest.mark.parametrize("noise_gain", [1.0, 100.0])
-def test_noise_is_white_and_has_its_variance(noise_gain):
-    """Variance K_noise, each step of 1 us independent of the others."""
-    sigma = math.sqrt(noise_gain)
-    steps = round(PERIOD / DT)
-    total = comparisons(noise_gain, bias=sigma / 2)
-    n = SAMPLES * steps
+@pytest.mark.parametrize(("noise_gain", "hold"), [(1.0, 1e-6), (100.0, 1e-6), (4.0, 1e-5)])
+def test_variance_and_hold_time(noise_gain, hold):
+    """Variance K_noise 1e-6 / t_n, each value held for t_n and independent of the others."""
+    sigma = math.sqrt(noise_gain * 1e-6 / hold)
+    holds = round(PERIOD / hold)
+    total = comparisons(noise_gain, hold, bias=sigma / 2)
+    n = SAMPLES * holds
 
     share = (1 + total.sum() / n) / 2
     measured = 0.5 * sigma / NormalDist().inv_cdf(share)
@@ -187,6 +187,12 @@ def test_noise_is_white_and_has_its_variance(noise_gain):
     deviation = math.sqrt(p * (1 - p) / n) / (0.5 * NormalDist().pdf(0.5))
     assert measured == pytest.approx(sigma, rel=5 * deviation)
 
+    # Signs of whole holds add up to whole numbers; values that change within a hold would not.
+    whole = np.rint(total)
+    np.testing.assert_allclose(total, whole, atol=0.01)
+    assert np.abs(whole).max() <= holds
+    # With the parity of their count, but for the rare value inside the band of one leg only.
+    assert (whole.astype(int) % 2 != holds % 2).mean() < 0.02
     # Binomial variance, if they are independent; 5 sigma of a variance from that many samples.
-    expected = steps * 4 * p * (1 - p)
-    assert total.var() == pytest.approx(expected, rel=5 * math.sqrt(2 / SAMPLES))
+    expected = holds * 4 * p * (1 - p)
+    assert whole.var() == pytest.approx(expected, rel=5 * math.sqrt(2 / SAMPLES))
