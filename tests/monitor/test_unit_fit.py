@@ -244,10 +244,13 @@ def test_unit_off_its_data_sheet_shows_friction_and_inertia_over_torque_constant
     assert 1 + calibration.unit.inertia == pytest.approx(inertia, rel=0.015)
 
 
-def test_source_form_is_calibrated_by_corrections_alone(healthy_windows, description, calibration):
+@pytest.mark.parametrize(("form", "structural"), [("source", True), ("fast", False)])
+def test_model_can_be_calibrated_by_corrections_alone(
+    healthy_windows, description, calibration, form, structural
+):
     """As in the thesis; what the fit explains by lift and friction is left to the corrections."""
     window = healthy_windows[0]
-    added = calibrate_model([window], description, "source")
+    added = calibrate_model([window], description, form, structural=structural)
     assert added.unit == Deviations()
     assert missed(added, window) == pytest.approx(0.0, abs=1e-11)
     assert rms(added.correction) > max(0.05, 1.2 * rms(calibration.correction))

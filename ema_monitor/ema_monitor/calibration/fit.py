@@ -57,6 +57,8 @@ def calibrate_model(
     windows: Sequence[Window],
     description: ActuatorDescription | None = None,
     form: str | None = None,
+    *,
+    structural: bool = True,
 ) -> Calibration:
     """Calibrate the monitor model on healthy windows of one actuator.
 
@@ -71,6 +73,9 @@ def calibrate_model(
     form
         Form of the monitor model, that of the drive when None. No deviations are fitted for the
         "source" form: the thesis's calibration, which goes with it, is the correction alone.
+    structural
+        Whether to fit what the unit deviates from nominal, where the form has it; else the
+        correction is all.
 
     Raises
     ------
@@ -109,7 +114,7 @@ def calibrate_model(
             reason += _examples_that_matter(group[0], nominal)
             raise ValueError(f"the windows do not fit a healthy actuator as described: {reason}")
     unit = UnitFit(np.zeros(N_DEVIATIONS), np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
-    if form in LEARNS_UNIT:
+    if structural and form in LEARNS_UNIT:
         unit = _fit_unit(by_command, nominal)
     model = nominal.of_unit(Deviations.of(unit.deviations))
     of_first = by_command[0]

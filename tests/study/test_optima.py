@@ -1,0 +1,43 @@
+"""Where biases come from: optima next to the truth."""
+
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_study.cases import CASES
+from ema_study.models import problem
+
+from .optima import VARIANTS, optimum
+
+pytestmark = pytest.mark.long
+
+
+@pytest.mark.parametrize("case", ["friction high", "eccentricity low", "multiple"])
+@pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda one: one.model)
+def test_optimum_costs_what_the_study_says_and_less_than_the_truth(variant, case):
+    objective, _, at_truth, _ = problem(variant.model, case)
+    found = optimum(variant, case)
+    [residuals] = objective.residuals(objective.encode(found.faults)[None])
+
+    assert residuals @ residuals == pytest.approx(found.cost, rel=1e-9)
+    assert found.cost < at_truth
+
+
+def test_torque_constant_makes_the_bias_of_backlash():
+    before, after = (optimum(variant, "backlash high") for variant in VARIANTS[:2])
+    truth = CASES["backlash high"].truth[1]
+    p = ActuatorDescription().parameters
+
+    # Less torque than there is: the model reaches less play with the same current.
+    assert p.k_t > p.G_M
+    assert before.faults[1] < truth
+    assert abs(after.faults[1] - truth) < 0.2 * abs(before.faults[1] - truth)
+
+
+@pytest.mark.parametrize("level", ["low", "high"])
+def test_eccentricity_is_found_by_the_driven_pair_and_not_by_eq_4_24(level):
+    case = f"eccentricity {level}"
+    errors = [optimum(variant, case).error_percent for variant in VARIANTS]
+    assert max(errors[2:]) < 1.0 < 10.0 < min(errors[:2])
+    # The printed equation fits worse at the truth than at its optimum or without any fault.
+    _, _, at_truth, at_healthy = problem("thesis", case)
+    assert optimum(VARIANTS[0], case).cost < at_healthy < at_truth
