@@ -7,7 +7,7 @@ import { DEPARTED, type FaultHealth, type Health, OK, STALE, seconds } from "../
 import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
 import type { HistoryColumns } from "../unit_history.ts";
-import { WhatToDo } from "./advice.tsx";
+import { Folded, WhatToDo, isPhone } from "./advice.tsx";
 import { Events } from "./events.tsx";
 import { History, Trend } from "./history.tsx";
 import { useApp, useSecond } from "./hooks.ts";
@@ -105,7 +105,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
       {isRefused && (
         <p class={`banner ${isDeparted ? "warn" : "error"}`}>
           <strong>The latest test {isDeparted ? "differs from healthy ones" : "was refused"}:</strong>{" "}
-          {estimate.reason || "no reason given"}
+          <Folded title="Why">{estimate.reason || "no reason given"}</Folded>
         </p>
       )}
       {actuator.lost !== undefined && (
@@ -122,7 +122,8 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
             <WhatToDo advice={actuator.advice} removal={health.removal} />
           </div>
           {fault && columns && columns.hours.length > 0 && (
-            <Trend fault={fault} columns={columns} actuator={actuator} height={190} />
+            <Trend fault={fault} columns={columns} actuator={actuator}
+              height={isPhone() ? 160 : 190} />
           )}
           <dl class="figures">
             <Figure label="remaining life" note={health.rul.known && health.rul.criterion}>

@@ -1,5 +1,6 @@
 // What to do with the actuator, and what it costs.
 
+import type { ComponentChildren } from "preact";
 import { hours, percent, significant } from "../format.ts";
 import { ACTIONS, type Advice } from "../messages.ts";
 
@@ -9,6 +10,14 @@ const WHAT: Record<string, (at: string) => string> = {
   remove: (at) => `Remove ${at}`,
 };
 
+/** Whether the screen is a phone's: what is said in many words is then folded. */
+export const isPhone = () => matchMedia("(max-width: 40rem)").matches;
+
+/** Words that a phone shows when they are asked for. */
+export function Folded({ title, children }: { title: string; children: ComponentChildren }) {
+  return isPhone() ? <details><summary>{title}</summary>{children}</details> : <>{children}</>;
+}
+
 /** The advice where costs are set, and the removal that the remaining life asks for. */
 export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string }) {
   const action = ACTIONS[advice?.action ?? 0] ?? "unknown";
@@ -17,7 +26,10 @@ export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string
     return removal ? (
       <div class="todo">
         <h2>What to do</h2>
-        <p class="removal"><strong>{what}</strong>{more.join("")}</p>
+        <div class="removal">
+          <strong>{what}</strong>
+          <Folded title="Why">{more.join("")}</Folded>
+        </div>
       </div>
     ) : null;
   }
@@ -31,17 +43,19 @@ export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string
       <p class="what">
         <strong>{WHAT[action]!(when)}</strong>
         {Number.isFinite(advice.from_now) && <span class="soft"> in {hours(advice.from_now)} h</span>}
-        {advice.reason && `: ${advice.reason}`}
       </p>
-      <p class="removal">{removal}</p>
-      {Number.isFinite(advice.expected_cost) && (
-        <p class="soft">
-          {significant(advice.expected_cost, 3)} {unit}; removed at once{" "}
-          {significant(advice.cost_of_immediate_removal, 3)}
-          {Number.isFinite(saved) && saved > 0 && ` (${percent(saved)} less)`};{" "}
-          {percent(advice.probability_of_failure)} risk of failure until then
-        </p>
-      )}
+      <Folded title="Why, and at what cost">
+        {advice.reason && <p>{advice.reason}</p>}
+        <p class="removal">{removal}</p>
+        {Number.isFinite(advice.expected_cost) && (
+          <p class="soft">
+            {significant(advice.expected_cost, 3)} {unit}; removed at once{" "}
+            {significant(advice.cost_of_immediate_removal, 3)}
+            {Number.isFinite(saved) && saved > 0 && ` (${percent(saved)} less)`};{" "}
+            {percent(advice.probability_of_failure)} risk of failure until then
+          </p>
+        )}
+      </Folded>
     </div>
   );
 }
