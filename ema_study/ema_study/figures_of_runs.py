@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ema_study.cases import (
     ALGORITHMS,
-    CASES,
     KIND_NAMES,
     LEVEL_NAMES,
     LEVELS,
@@ -22,7 +21,6 @@ from ema_study.cases import (
     SINGLE_FAULTS,
 )
 from ema_study.printed import PRINTED
-from ema_study.run import K
 from ema_study.sources import (
     MODEL_LABELS,
     NAMES_WITH_OWN_CODE,
@@ -72,26 +70,20 @@ class Quantity(NamedTuple):
 
 ERROR: Final = Quantity("error_percent", "error [%]")
 TIME: Final = Quantity("time_s", "time [s]")
-COSTS: Final = Quantity("costs", "lowest cost [A$^2$ s]")
-ERRORS: Final = Quantity("errors_percent", "error of the best [%]")
 
 
 def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
     """Return the figures of the runs of all sources by name."""
     models = set(counted(runs)["model"])
-    courses = {"costs": COSTS, "courses_of_errors": ERRORS}
     return {
         "errors": draw_single_faults(runs, ERROR),
         "times": draw_single_faults(runs, TIME),
         "multiple_fault": draw_multiple_fault(runs),
         **{
-            f"{name}_{model}": draw_convergence(runs, model, course)
+            f"costs_{model}": draw_convergence(runs, model)
             for model in MODEL_LABELS
             if model in models
-            for name, course in courses.items()
         },
-        "estimates": draw_estimates(runs),
-        "phases_of_gwo": draw_phases_of_gwo(runs),
     }
 
 
@@ -167,11 +159,11 @@ def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
         legend_below(figure, [*patches, whisker])
 
 
-def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure:
-    """Return the courses of all runs with a model, thin, and their median by algorithm.
+def draw_convergence(runs: pd.DataFrame, model: str) -> Figure:
+    """Return the lowest costs of all runs with a model, thin, and their median by algorithm.
 
-    A run that has stopped keeps its last value. Of ``course``, ``COSTS`` has a band from the cost
-    at the truth to the threshold, ``ERRORS`` has none.
+    A run that has stopped keeps its last value. A band goes from the cost at the truth to the
+    threshold.
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
@@ -181,9 +173,9 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure
     for fault, row in zip(faults, panels, strict=True):
         levels = ("fast_stop", "stall_stop") if fault == MULTIPLE else LEVELS
         for axes, level in zip(row, levels, strict=True):
-            _draw_courses(axes, chosen[(chosen.fault == fault) & (chosen.level == level)], course)
+            _draw_courses(axes, chosen[(chosen.fault == fault) & (chosen.level == level)])
             axes.set_title(f"{KIND_NAMES[fault]}, {LEVEL_NAMES[level]}", fontsize="medium")
-        row[0].set_ylabel(course.label, fontsize="small")
+        row[0].set_ylabel("lowest cost [A$^2$ s]", fontsize="small")
     for axes in panels[-1]:
         axes.set_xlabel("generation")
     handles: list[object] = [
@@ -192,8 +184,7 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Quantity) -> Figure
         if name in set(chosen.algorithm)
     ]
     handles.append(Line2D([], [], color="0.3", label="single runs", **_RUN))
-    if course is COSTS:
-        handles.append(Patch(label="cost of the true faults to threshold", **_THRESHOLD))
+    handles.append(Patch(label="cost of the true faults to threshold", **_THRESHOLD))
     legend_below(figure, handles, columns=4, handlelength=3.5)
     return figure
 
@@ -203,7 +194,7 @@ def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
     return pd.concat(map(pd.Series, courses), axis=1).ffill().median(axis=1).to_numpy()
 
 
-def _draw_courses(axes: Axes, runs: pd.DataFrame, course: Quantity) -> None:
+def _draw_courses(axes: Axes, runs: pd.DataFrame) -> None:
     tidy(axes)
     axes.set_yscale("log")
     # Most of the fall is over by 20: the axis is linear up to here and logarithmic beyond.
@@ -215,70 +206,13 @@ def _draw_courses(axes: Axes, runs: pd.DataFrame, course: Quantity) -> None:
         say_no_runs(axes)
         return
     for algorithm, style in ALGORITHM_STYLES.items():
-        rows = runs.loc[runs.algorithm == algorithm, course.column].tolist()
+        rows = runs.loc[runs.algorithm == algorithm, "costs"].tolist()
         for row in rows if len(rows) > 1 else ():
             axes.plot(row, color=style["color"], **_RUN)
         if rows:
             axes.plot(median_course(rows), lw=1.8, zorder=3, **style)
-    if course is COSTS:
-        at_truth, threshold = runs.cost_at_truth.median(), runs.threshold.astype(float).median()
-        axes.axhspan(at_truth, at_truth if np.isnan(threshold) else threshold, **_THRESHOLD)
-
-
-def draw_estimates(runs: pd.DataFrame) -> Figure:
-    """Return the estimates of the faulty component of all single faults, a dot a run."""
-    chosen = single_fault_runs(runs)
-    sources = present_sources(chosen)
-    figure = Figure(figsize=(9.0, 11.0), layout="constrained")
-    panels = figure.subplots(len(SINGLE_FAULTS), 2, sharex=True, squeeze=False)
-    single = [case for case in CASES.values() if case.fault in SINGLE_FAULTS]
-    for case, axes in zip(single, panels.ravel(), strict=True):
-        assert case.component is not None
-        part = chosen[(chosen.fault == case.fault) & (chosen.level == case.level)]
-        tidy(axes)
-        axes.axhline(case.truth[case.component], color="0.1", lw=1.0, label="truth")
-        for n, source in enumerate(sources):
-            ours, style = part[part.source == source], STYLES[source]
-            # Dots beside each other; the order of the runs has no meaning.
-            spread = (ours.run - 1) % 10 / 9.0 - 0.5
-            places = ours.family.map(list(ALGORITHMS).index).astype(float)
-            places += (n - (len(sources) - 1) / 2.0) * 0.16 + 0.1 * spread
-            fill = "white" if style["hatch"] else style["color"]
-            dots: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.2, "mew": 0.8, "mfc": fill}
-            values = ours[K[case.component]]
-            axes.plot(places, values, color=style["color"], label=source, **dots)
-        axes.set_xlim(-0.5, len(ALGORITHMS) - 0.5)
-        axes.set_xticks(range(len(ALGORITHMS)), [NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS])
-        axes.set_title(f"{KIND_NAMES[case.fault]}, {case.level}", fontsize="medium")
-        axes.set_ylabel(f"estimated {K[case.component]}")
-    legend_below(figure, figure.axes[0].get_legend_handles_labels()[0])
-    return figure
-
-
-def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
-    """Return histograms of GWO's estimates of k7, with a bar of its own for exact zeros."""
-    chosen = counted(runs)
-    chosen = chosen[chosen.family == "gwo"]
-    sources = present_sources(chosen)
-    figure = Figure(figsize=(9.0, 0.9 + 1.6 * len(sources)), layout="constrained")
-    panels = figure.subplots(max(len(sources), 1), 1, sharex=True, squeeze=False).ravel()
-    edges = np.linspace(0.0, 1.0, 21)
-    handles: list[object] = []
-    for axes, source in zip(panels, sources, strict=False):
-        tidy(axes)
-        values = chosen.loc[chosen.source == source, "k7"].to_numpy()
-        zeros = np.count_nonzero(values == 0.0)
-        style: dict[str, Any] = {"edgecolor": "white", "lw": 0.4, "label": source}
-        _, _, bars = axes.hist(values[values != 0.0], edges, **style, **STYLES[source])
-        at_zero = axes.bar(-0.04, zeros, 0.03, color="0.1", label="exactly 0")
-        handles = [*handles[:-1], bars[0], at_zero]
-        axes.set_title(f"{source}: {zeros} of {len(values)} exactly 0", fontsize="small")
-        axes.set_xlabel("estimated k7", fontsize="small")
-        axes.tick_params(labelbottom=True)
-        axes.set_ylabel("runs")
-    if handles:
-        legend_below(figure, handles)
-    return figure
+    at_truth, threshold = runs.cost_at_truth.median(), runs.threshold.astype(float).median()
+    axes.axhspan(at_truth, at_truth if np.isnan(threshold) else threshold, **_THRESHOLD)
 
 
 def tidy(*panels: Axes) -> None:

@@ -146,10 +146,8 @@ def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
     assert errors[1] == pytest.approx(10.0, abs=2.0)
 
 
-def test_tables_show_all_figures_and_star_the_best(shown):
-    evaluations = 5
-    assert first_row(shown, "least_squares")[evaluations].endswith("*")
-    assert not first_row(shown, "pso")[evaluations].endswith("*")
+def test_tables_show_all_figures(shown):
+    assert len(first_row(shown, "least_squares")) == 9
     assert first_row(shown, "truth")[1:] == [f"{k:.4f}" for k in fault_vector(DRAWN)]
     assert "sigma of least_squares" in shown
     assert "fitness at the true faults" in shown
@@ -208,13 +206,6 @@ def test_first_window_that_can_be_used_is_chosen(
     assert refused.exit_code == 3
     assert "least_squares, pso: no valid estimate: current is nan" in refused.stdout
     assert not picture.exists()
-
-
-def test_estimates_beyond_the_goodness_limit_are_compared(ema, bag):
-    """They are degraded: little of the departure from healthy is unexplained."""
-    result = ema("compare", bag, *QUICK, "-p", "goodness_limit=0.2")
-    assert result.exit_code == 0
-    assert "*" in result.stdout.split("fault vectors")[0]
 
 
 def test_interrupt_ends_it_in_one_line(ema, bag, tmp_path, monkeypatch):

@@ -96,17 +96,6 @@ def test_quick_is_two_runs_without_table_8_and_models_add_up(
     assert small == planned
 
 
-def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_report):
-    folder = tmp_path / "study"
-    ema("thesis", "-o", folder, "--runs", "1", *HERE)
-    path = folder / "runs.jsonl"
-    path.write_text(path.read_text().replace('{"version": "', '{"version": "x'))
-    result = ema("thesis", "-o", folder, "--runs", "1", *HERE)
-    assert result.exit_code == 1
-    assert "other models or algorithms" in result.stderr
-    assert "use another folder" in result.stderr
-
-
 def test_folder_in_use_is_refused(ema, tmp_path, small):
     with RunStore(tmp_path):
         result = ema("thesis", "-o", tmp_path, *HERE)

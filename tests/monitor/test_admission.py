@@ -15,7 +15,7 @@ NAMES = tuple(f"flap_{number}" for number in range(200))
 def admission(
     actuators: tuple[str, ...] = (), shard: Shard | None = None, most: int = 100
 ) -> Admission:
-    operation = SimpleNamespace(value=Operation(most_actuators=most, forget_after_s=100.0))
+    operation = SimpleNamespace(value=Operation(most_actuators=most))
     return Admission(Selection(actuators), shard or Shard(), cast(Any, operation))
 
 
@@ -98,17 +98,3 @@ def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
     assert level == WARN
     assert "ignored: 3 messages of actuators beyond the limit, the latest of 'c'" in message
     assert made.figures(followed)["messages of actuators beyond the limit"] == 3
-
-
-def test_longest_silent_gives_way_but_none_that_is_listed_or_was_heard_lately():
-    silent_s = {"a": 50.0, "b": 500.0, "c": 400.0}
-    made = admission(most=3)
-    assert made.gives_way(silent_s) == ""
-    made.refuse("d", silent_s)
-    assert [made.gives_way(silent_s) for _ in range(2)] == ["b", ""]
-    made.refuse("d", silent_s)
-    assert made.gives_way({"a": 50.0}) == ""
-    assert made.figures(silent_s)["actuators forgotten"] == 1
-    listed = admission(("a", "b", "c"), most=3)
-    listed.refuse("d", silent_s)
-    assert listed.gives_way(silent_s) == ""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.node.window_queue import MOST_REFUSALS, QueueClosedError, WindowQueue
+from ema_monitor.node.window_queue import MOST_REFUSALS, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -94,16 +94,6 @@ def test_consumer_waits_for_the_next_window_or_the_end(is_closed):
     assert (queue.close() if is_closed else queue.add(found(7), 1)) == []
     getter.join(5.0)
     assert got == [None if is_closed else found(7)]
-
-
-def test_closing_returns_the_waiting_windows_in_order_and_accepts_none():
-    queue = WindowQueue()
-    for number in range(3):
-        queue.add(found(number), 3)
-    assert queue.close() == [found(0), found(1), found(2)]
-    assert (len(queue), queue.next()) == (0, None)
-    with pytest.raises(QueueClosedError):
-        queue.add(found(0), None)
 
 
 @pytest.fixture

@@ -161,14 +161,6 @@ def moved_by_monitor_model(command: Command, faults, dt):
     return samples[1:], ACTUATOR.tau * output, speed
 
 
-def test_free_play_is_the_backlash_at_the_user_shaft(model):
-    k = np.array([0.0, 0.2, 1.0])
-    expected = ACTUATOR.BLK * (1.0 + 99.0 * k) / 500.0
-    np.testing.assert_allclose(
-        model.performance(along("backlash", k)).free_play, expected, rtol=1e-12
-    )
-
-
 @pytest.mark.parametrize(
     "faults", [{}, {"backlash": 0.3}, {"friction": 0.4, "gain": 0.2, "short_circuit_b": 0.2}]
 )

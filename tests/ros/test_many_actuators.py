@@ -4,7 +4,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from rclpy.parameter import Parameter
 
 from ema_core.levels import WARN
@@ -15,7 +14,6 @@ from ema_monitor.node.monitor_node import MonitorNode
 from ema_ros import topics
 from ema_ros.executor import NodeExecutor
 
-from ..waiting import wait_for
 from .monitor_session import FLAP, MonitorSession, Source, monitor
 from .spinning import end, made, spinning, wait_for_match
 
@@ -64,27 +62,6 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
         [changed, *_] = session.until(lambda: reports(session))
         assert {"tab telemetry", "tab history", "input", "identification"} <= changed
         assert not {"flap telemetry", "lifecycle"} & changed
-
-
-@pytest.mark.slow
-def test_silent_actuator_gives_way_to_one_that_was_refused():
-    with monitor({"most_actuators": 1, "forget_after_s": 1.0}) as session:
-        session.describe()
-        blocks = Source().cycle()
-        session.feed(blocks[:2])
-        session.until_status("flap telemetry", "")
-        session.describe_from_a_node_of_its_own(described("tab"))
-        tab = Source().cycle()
-
-        def is_followed() -> bool:
-            session.feed(tab[:1], "tab")
-            return "tab" in session.node.units
-
-        wait_for(is_followed, "room for the other one")
-        assert set(session.node.units) == {"tab"}
-        assert session.node.units["tab"].description == described("tab")
-        session.until(lambda: figure(session, "actuators forgotten") == "1")
-        wait_for(lambda: session.probe.count_publishers("/ema/health") == 1, "one publisher")
 
 
 def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():

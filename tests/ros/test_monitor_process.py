@@ -1,19 +1,16 @@
-"""The process of a monitor ends clean, or reports in a line why it does not start."""
+"""The process of a monitor ends clean."""
 
 import signal
-import subprocess
 from functools import partial
 from pathlib import Path
 
 from rclpy.action.client import ActionClient
 
-from ema_cli.processes.bringup import program
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
 from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, TELEMETRY
 
-from ..waiting import DEADLINE_S
 from .graph import Graph
 from .monitor_session import FLAP, Source
 from .spinning import where_it_spins
@@ -48,13 +45,3 @@ def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(tmp_path:
         assert graph.stop("monitor") == 0, graph.log("monitor").read_text()
         assert graph.failures() == []
         where_it_spins(node, identify.destroy)
-
-
-def test_process_of_an_impossible_parameter_reports_it_in_one_line():
-    command = [program("monitor"), "--ros-args", "-p", "window_s:=1000.0"]
-    ended = subprocess.run(
-        command, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False
-    )
-    assert ended.returncode == 1
-    [line] = ended.stderr.splitlines()
-    assert all(text in line for text in ("window_s", "1000", "100", " s ")), line

@@ -118,23 +118,6 @@ def test_impossible_faults_are_refused_and_change_nothing(faults, growths, hours
     assert bench.begin_cycle().faults[1] == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "unit"),
-    [
-        ("block_s", 0.0, "s"),
-        ("pause_s", -1.0, "s"),
-        ("hours_per_cycle", math.inf, "h"),
-        ("load", math.nan, "N.m"),
-        ("noise_gain", -1.0, "-"),
-        ("current_noise", -1.0, "A"),
-        ("seed", -1, "-"),
-    ],
-)
-def test_impossible_settings_are_refused(name, value, unit):
-    with pytest.raises(ValueError, match=rf"{name} = .*{unit}"):
-        BenchSettings(**{name: value})
-
-
 def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():
     bench = short_bench()
     first = bench.begin_cycle()

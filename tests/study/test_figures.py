@@ -11,15 +11,11 @@ from matplotlib.patches import Rectangle
 from ema_study.figures_of_responses import draw_currents
 from ema_study.figures_of_runs import (
     ALGORITHM_STYLES,
-    COSTS,
     ERROR,
-    ERRORS,
     STYLES,
     TIME,
     draw_convergence,
-    draw_estimates,
     draw_multiple_fault,
-    draw_phases_of_gwo,
     draw_single_faults,
     median_course,
 )
@@ -88,7 +84,7 @@ def test_bars_are_the_means_over_runs(everything, quantity):
 
 
 def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
-    figure = draw_convergence(ours, "fast", COSTS)
+    figure = draw_convergence(ours, "fast")
     figure.savefig(io.BytesIO(), dpi=20)
     axes = panel(figure, "friction, high")
     # Three runs of six algorithms and their medians.
@@ -100,23 +96,6 @@ def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     ].costs.tolist()
     drawn = [line for line in axes.lines if line.get_color() == ALGORITHM_STYLES["pso"]["color"]]
     np.testing.assert_allclose(ys(drawn[-1]), median_course(mine))
-
-
-def test_estimates_show_every_run_of_single_faults_once(everything):
-    figure = draw_estimates(everything)
-    chosen = everything[everything.table.between(11, 54) & (everything["rule"] != "printed")]
-    dots = [line for axes in figure.axes for line in axes.lines if line.get_marker() == "o"]
-    assert sum(len(ys(line)) for line in dots) == len(chosen)
-    truths = [ys(axes.lines[0])[0] for axes in figure.axes]
-    expected = [0.25, 0.75, 9 / 99, 74 / 99, 0.2, 0.7, 0.25, 0.75, 0.25, 0.75]
-    np.testing.assert_allclose(truths, expected)
-
-
-def test_histogram_counts_the_exact_zeros_of_printed_gwo(everything):
-    figure = draw_phases_of_gwo(everything)
-    axes = panel(figure, "printed: 69 of 120 exactly 0")
-    assert rectangles(axes)[-1].get_height() == 69
-    assert sum(patch.get_height() for patch in rectangles(axes)) == 120
 
 
 def test_comparisons_show_two_monitors_and_what_they_miss():
@@ -136,18 +115,13 @@ def test_every_mark_is_in_a_legend_of_at_most_eight_entries(everything, ours):
         assert legend(figure) == [*sources, "one standard deviation"]
     algorithms = ["GA", "PSO", "DE", "GWO", "DE, thesis's code", "GWO, thesis's code"]
     costs = [*algorithms, "single runs", "cost of the true faults to threshold"]
-    assert legend(draw_convergence(ours, "fast", COSTS)) == costs
-    assert legend(draw_convergence(ours, "fast", ERRORS)) == [*algorithms, "single runs"]
-    assert legend(draw_estimates(everything)) == ["truth", *sources]
-    assert legend(draw_phases_of_gwo(everything)) == [*sources, "exactly 0"]
+    assert legend(draw_convergence(ours, "fast")) == costs
 
 
 def test_figures_without_any_runs_say_so():
     for figure in (
         draw_single_faults(EMPTY, TIME),
         draw_multiple_fault(EMPTY),
-        draw_convergence(EMPTY, "fast", COSTS),
+        draw_convergence(EMPTY, "fast"),
     ):
         assert all(axes.texts[0].get_text() == "no runs" for axes in figure.axes)
-    draw_phases_of_gwo(EMPTY).savefig(io.BytesIO(), dpi=20)
-    draw_estimates(EMPTY).savefig(io.BytesIO(), dpi=20)

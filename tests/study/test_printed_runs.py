@@ -14,7 +14,6 @@ from ema_study.printed import (
     printed_runs,
     printed_table,
 )
-from ema_study.run import K
 
 
 def test_there_are_ten_runs_of_each_algorithm_in_each_table():
@@ -25,15 +24,6 @@ def test_there_are_ten_runs_of_each_algorithm_in_each_table():
     sizes = runs.groupby(["table", "algorithm", "level"]).size()
     assert set(sizes) == {10}
     assert set(sizes.index.unique("table")) == set(printed_table("run_means").index.unique("table"))
-
-
-def test_first_pso_run_is_as_in_table_12():
-    runs = printed_runs()
-    run = runs[(runs["table"] == 12) & (runs["run"] == 1)].iloc[0]
-
-    expected = [0.2478, 0.0001, 0.0, 0.0002, 0.0001, 0.0015, 0.9263, 0.4946]
-    assert run[K].tolist() == expected
-    assert (run["time_s"], run["error_percent"], run["generations"]) == (1953, 0.60, 152)
 
 
 @pytest.mark.parametrize(("table", "half_a_digit"), [(58, 0.0005), (59, 0.5)])

@@ -70,7 +70,7 @@ def test_page_needs_nothing_beside_it(written, page):
 def test_every_section_is_there_and_in_the_contents(page):
     titles = page.said["h2"]
     anchors = [value for tag, name, value in page.attributes if (tag, name) == ("h2", "id")]
-    assert len(titles) == 11
+    assert len(titles) == 10
     assert page.values("href") == [f"#{anchor}" for anchor in anchors]
     assert len(set(page.values("id"))) == len(page.values("id"))
     for title in titles:
@@ -88,7 +88,7 @@ def test_every_section_is_there_and_in_the_contents(page):
 )
 def test_report_copes_with_what_is_missing_and_says_so(tmp_path, runs):
     page = Page(write_report(tmp_path, runs, None, {}))
-    assert len(page.said["h2"]) == 11
+    assert len(page.said["h2"]) == 10
     assert "Not measured" in page.words
     for row in by_model(runs).itertuples():
         assert f"{row.model} {row.runs}" in page.words

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from rich.table import Table
 from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import Identifying, as_object
 from ema_cli.bags.source import identifiable_windows
-from ema_cli.comparison import AlgorithmComparison, ComparedRun, choose_window, compare_algorithms
+from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.figures.comparison import draw_comparison
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.options import REFUSED, NameChoice
@@ -146,20 +145,20 @@ def _print(comparison: AlgorithmComparison, title: str) -> None:
 
 
 def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
-    """Return how each algorithm fared; the best valid one of each column has a star."""
+    """Return how each algorithm fared."""
     runs = comparison.runs
     columns = {
         "algorithm": [run.estimate.algorithm for run in runs],
-        "search\nfitness": _starred(runs, lambda run: run.search_fitness, ".5f"),
-        "fitness\n[A^2.s]": _starred(runs, lambda run: run.estimate.fitness, ".5f"),
-        "goodness\nof fit": _starred(runs, lambda run: run.estimate.goodness_of_fit, ".2f"),
+        "search\nfitness": [_figure(run.search_fitness, ".5f") for run in runs],
+        "fitness\n[A^2.s]": [_figure(run.estimate.fitness, ".5f") for run in runs],
+        "goodness\nof fit": [_figure(run.estimate.goodness_of_fit, ".2f") for run in runs],
         "valid": ["yes" if run.estimate.valid else "[red]no[/]" for run in runs],
-        "eval-\nuations": _starred(runs, lambda run: run.estimate.evaluations, "d"),
+        "eval-\nuations": [_figure(run.estimate.evaluations, "d") for run in runs],
         "gener-\nations": [str(len(run.costs)) for run in runs],
-        "time\n[s]": _starred(runs, lambda run: run.estimate.computing_time_s, ".2f"),
+        "time\n[s]": [_figure(run.estimate.computing_time_s, ".2f") for run in runs],
     }
     if comparison.truth is not None:
-        columns["error\n[%]"] = _starred(runs, comparison.error_percent, ".2f")
+        columns["error\n[%]"] = [_figure(comparison.error_percent(run), ".2f") for run in runs]
     return _table(title, columns, left=("algorithm", "valid"))
 
 
@@ -187,21 +186,6 @@ def _table(title: str, columns: dict[str, list[str]], left: tuple[str, ...]) -> 
     for row in zip(*columns.values(), strict=True):
         table.add_row(*row)
     return table
-
-
-def _starred(
-    runs: list[ComparedRun], value_of: Callable[[ComparedRun], float], form: str
-) -> list[str]:
-    shown = {run: _figure(value_of(run), form) for run in runs}
-    judged = {run: text for run, text in shown.items() if run.estimate.valid}
-    if len(set(judged.values())) < 2:
-        return list(shown.values())
-    # What reads the same is equally good.
-    best = shown[min(judged, key=value_of)]
-    return [
-        f"[bold green]{text}*[/]" if run in judged and text == best else f"{text} "
-        for run, text in shown.items()
-    ]
 
 
 def _figure(value: float, form: str) -> str:

@@ -88,7 +88,7 @@ class Actuators(dict[str, Actuator]):
         node.report()
 
     def check(self) -> None:
-        """Publish what has just become stale; forget who gives way to one that was refused."""
+        """Publish what has just become stale."""
         node, operation = self._node, self._node.operation.value
         if not node.is_active:
             return
@@ -97,19 +97,11 @@ class Actuators(dict[str, Actuator]):
             published = [
                 unit.publish_if_stale(operation.good_for_s, now_ns) for unit in self.values()
             ]
-            silent_s = {name: unit.silent_s(now_ns) for name, unit in self.items()}
-            silent = self.admission.gives_way(silent_s)
         stale = [health for health in published if health is not None]
         for health in stale:
             node.get_logger().warning(f"{health.actuator_id}: {health.reason}")
         if stale:
             node.report()
-        if silent:
-            node.get_logger().warning(
-                f"{silent}: forgotten, as it is silent for more than "
-                f"{operation.forget_after_s:g} s and there is no room for another one"
-            )
-            self.forget(silent)
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``."""

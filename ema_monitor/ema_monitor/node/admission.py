@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -102,8 +102,6 @@ class Admission:
         self._counts: Counter[str] = Counter()
         # Of wrong messages of nobody, and of refused ones, the latest.
         self._latest: dict[str, str] = {}
-        self._is_room_wanted = False
-        self._forgotten = 0
 
     def check(self) -> None:
         """Raise ValueError when more are listed than may be followed."""
@@ -146,32 +144,13 @@ class Admission:
         return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
     def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
-        """Return None where there is room for one more; else its reason, empty but for the first.
-
-        Room is then made, where it can be, by ``gives_way``.
-        """
+        """Return None where there is room for one more; else why not, empty but for the first."""
         most = self._operation.value.most_actuators
         if len(followed) < most:
             return None
         self._count(_REFUSED, repr(actuator_id))
-        self._is_room_wanted = True
         is_first = self._counts[_REFUSED] == 1
         return f"not followed, as most_actuators = {most} are" if is_first else ""
-
-    def gives_way(self, silent_s: Mapping[str, float]) -> str:
-        """Return which actuator is to be forgotten for one that was refused; empty when none.
-
-        That is the one that is silent longest [s], if it is not listed and its silence lasts.
-        """
-        wanted, self._is_room_wanted = self._is_room_wanted, False
-        after_s = self._operation.value.forget_after_s
-        silent = [
-            (silence_s, name)
-            for name, silence_s in silent_s.items()
-            if wanted and silence_s > after_s and name not in self.listed
-        ]
-        self._forgotten += bool(silent)
-        return max(silent)[1] if silent else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
         """Record a wrong message of nobody that is followed; return whether it is the first."""
@@ -205,7 +184,6 @@ class Admission:
             "shard": f"{self._shard.index} of {self._shard.count}",
             "actuators": len(followed),
             "most actuators": self._operation.value.most_actuators,
-            "actuators forgotten": self._forgotten,
             **{kind: self._counts[kind] for kind in (_REFUSED, _NOT_LISTED, _OTHER_SHARDS)},
         }
 

@@ -44,13 +44,6 @@ class Operation(Checked):
     most_actuators: int = quantity(
         100, "-", 1, 10_000, "actuators that are followed at most; others are refused and counted"
     )
-    forget_after_s: float = quantity(
-        3600.0,
-        "s",
-        1.0,
-        1e9,
-        "silence after which an actuator that is not listed may give way to one that was refused",
-    )
     waiting_windows: int = quantity(
         2,
         "-",
