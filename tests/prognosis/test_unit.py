@@ -338,7 +338,7 @@ def after(*tests: Estimate) -> list[Outlook]:
 
 
 def departed(number: int, *, valid: bool = True) -> Estimate:
-    words = "departed (0.001 for a healthy test): the current is rough; no fault explains it"
+    words = "departed (1 in 1,000 healthy tests does so): the current is rough"
     return replace(made_test(number, valid=valid), verdict=DEPARTED, reason=words)
 
 

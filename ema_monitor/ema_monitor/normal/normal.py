@@ -106,7 +106,7 @@ class Departure:
         if not self.is_significant:
             return "as healthy tests are"
         named = "; ".join(str(one) for one in self.changes[:3])
-        words = f"departed ({_in_words(self.probability)} for a healthy test): {named}"
+        words = f"departed ({_share(self.probability)} does so): {named}"
         return "; ".join(filter(None, [words, self.likeness]))
 
 
@@ -190,5 +190,8 @@ class Normal:
         return Departure(smallest, tuple(significant))
 
 
-def _in_words(probability: float) -> str:
-    return f"{probability:.2g}" if probability >= _LEAST_SAID else f"below {_LEAST_SAID:g}"
+def _share(probability: float) -> str:
+    """Return how many healthy tests are as unlikely, in words."""
+    least = max(probability, _LEAST_SAID)
+    number = float(f"{1.0 / least:.2g}")
+    return f"{'at most ' if probability < least else ''}1 in {number:,.0f} healthy tests"
