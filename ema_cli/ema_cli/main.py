@@ -47,6 +47,35 @@ _COMMANDS: Final = {
 }
 """Commands and their first sentences, so that help imports none of them."""
 
+_EXAMPLES: Final = {
+    "simulate": "--fault friction=0.25 -o dry.mcap",
+    "lives": "--count 3 -o fleet",
+    "import": "log.csv --mapping mapping.yaml --actuator actuator.yaml -o log.mcap",
+    "calibrate": "healthy_1.mcap healthy_2.mcap -o calibration.yaml",
+    "estimate": "dry.mcap --calibration calibration.yaml",
+    "verify": "dry.mcap",
+    "label": 'calibration.yaml dry.mcap --state "dry 1"',
+    "moves": "moves.csv --mapping moves.yaml --limit 1.5",
+    "new-actuator": "-o actuator.yaml",
+    "certify": "--command swing",
+    "design": "--travel 0.01 --sigma friction=0.01 -o test.yaml",
+    "compare": "dry.mcap",
+    "prognose": "unit --hours-per-cycle 10",
+    "learn": "unit_1 unit_2 -o fleet.npz",
+    "thesis": "--quick -o study",
+    "report": "unit --hours-per-cycle 10 -o unit.html",
+    "archive": "run fleet",
+    "watch": "",
+    "plot": "dry.mcap --window 0 -o dry.png",
+    "info": "dry.mcap",
+    "up": "actuator monitor dashboard",
+    "record": "-o night.mcap",
+    "play": "night.mcap --rate 2",
+    "recover": "broken.mcap -o whole.mcap",
+    "demo": "-o demo",
+    "completion": "bash",
+}
+
 ARGUMENTS: Final = "ema.arguments"
 """Under which name the context of a command holds the whole command line, as words."""
 
@@ -69,7 +98,9 @@ class _CommandsOnDemand(click.Group):
         os.environ.update(one_thread())  # before numpy is imported
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
-            return getattr(import_module(f"ema_cli.commands.{name}"), name)
+            command = getattr(import_module(f"ema_cli.commands.{name}"), name)
+        command.epilog = f"Example: ema {cmd_name} {_EXAMPLES[cmd_name]}"
+        return command
 
     def invoke(self, ctx: click.Context) -> object:
         from ema_cli.options import one_clear_line

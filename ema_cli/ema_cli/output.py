@@ -65,8 +65,7 @@ START_OPTION: Final = click.option(
     metavar="DATE",
     default="1970-01-01",
     callback=_as_stamp,
-    help="Time of the first cycle (UTC), as 2026-03-01 or 2026-03-01T08:30:00; each bag of a unit "
-    "needs its own.",
+    help="UTC of the first cycle, another in each bag.",
 )
 
 

@@ -1,5 +1,7 @@
 """The help of commands: the list, without importing any, and its length."""
 
+import shlex
+
 import click
 import pytest
 from click.testing import CliRunner
@@ -23,3 +25,14 @@ def test_help_fits_a_screen_of_40_lines(name):
     for path in [[name], *([name, one] for one in below)]:
         said = CliRunner().invoke(main, [*path, "--help"], terminal_width=78).stdout
         assert len(said.splitlines()) <= 40, said
+
+
+@pytest.mark.parametrize("name", _COMMANDS)
+def test_example_of_a_command_is_one_that_it_takes(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for given in ("moves.csv", "unit_1", "unit_2"):
+        (tmp_path / given).touch()
+    said = CliRunner().invoke(main, [name, "--help"]).stdout
+    words = shlex.split(said.rpartition("Example: ema ")[2])
+    assert words[0] == name
+    main.get_command(click.Context(main), name).make_context(name, words[1:])

@@ -54,8 +54,7 @@ class Identifying(Source):
             "--calibration",
             "calibration_file",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="File of `ema calibrate`; by default calibration.yaml beside BAG, or else the "
-            "shipped one.",
+            help="File of `ema calibrate`; default: calibration.yaml beside BAG, or shipped.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (

@@ -55,7 +55,7 @@ class Source(Checked):
         click.option(
             "--accept-defects",
             is_flag=True,
-            help="Use --actuator and --calibration even against BAG; calibrate with a faulty unit.",
+            help="Go on where files contradict, or a unit is faulty.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = ()
