@@ -1,11 +1,13 @@
 """``ema import --guide`` asks for what cannot be guessed, and --set answers beforehand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from ema_bags import read_telemetry
+from ema_bags.inputs.mapping import Table, load_mapping
 from ema_core.telemetry import join
 
 REAL = Path(__file__).parents[2] / "bags" / "real"
@@ -29,6 +31,13 @@ SET_OPTIONS = [word for one in SET for word in ("--set", one)]
 @pytest.fixture
 def command():
     return "import", REAL / "healthy_1.csv", "--actuator", REAL / "actuator.yaml"
+
+
+def test_preview_of_a_real_record_guesses_the_mapping_by_hand(ema, tmp_path, command):
+    """Position from an error, and a current without sign."""
+    (tmp_path / "mapping.yaml").write_text(ema(*command, "--preview").stdout)
+    guessed = load_mapping(tmp_path / "mapping.yaml")
+    assert replace(guessed, table=Table()) == load_mapping(REAL / "mapping.yaml")
 
 
 def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, command):

@@ -120,6 +120,9 @@ def guess_columns(columns: TableColumns) -> Guess:
     }
     if list(phases) == ["phase_a"] and "current" not in taken:
         taken["current"] = phases.pop("phase_a")  # in A, not of phase A: there is no other phase
+    if "position" not in taken and {"command", "error"} <= taken.keys():
+        taken["position"] = f"{taken['command']} - {taken['error']}"
+        remarks.append(f"position is {taken['position']}: an error is command less position")
     if "command" in taken:
         taken.pop("error", None)
     missing = [name for name in ("position",) if name not in taken]
@@ -207,6 +210,11 @@ def refine(
         if values is not None and len(np.unique(values[np.isfinite(values)])) < 2:
             mapping = replace(mapping, **{name: None})
             remarks.append(f"{name} never changes: it is taken as not measured")
+
+    current = mapping.current
+    if current and current.kind == "equivalent" and np.nanmin(raw["current"]) >= 0.0:
+        mapping = replace(mapping, current=replace(current, kind="magnitude"))
+        remarks.append("current.kind magnitude: it is never negative, or a load holds it above 0")
 
     def moving(of: Mapping) -> ThinnedMotion | None:
         columns = convert(raw, of, description)
