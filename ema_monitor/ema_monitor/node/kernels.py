@@ -35,10 +35,7 @@ STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
         "duty": lambda: count_travel(np.arange(2.0), np.ones(2), 0.0, np.zeros(1), np.zeros(1)),
     }
 )
-"""What is compiled, or loaded from the cache, by name: all that an estimate and health wait for.
-
-Requirements are fitted in a thread of their own, with kernels that nothing else waits for.
-"""
+"""What is compiled, or loaded from the cache, by name: what an estimate and its health wait for."""
 
 
 def compile_monitor_kernels(node: ManagedNode) -> None:
