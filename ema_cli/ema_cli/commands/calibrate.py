@@ -17,7 +17,6 @@ from ema_core.wording import counted
 from ema_monitor import calibrations
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.model.measured import taken_for_known
-from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
 
 _ENOUGH_WINDOWS = 5
@@ -25,18 +24,10 @@ _ENOUGH_WINDOWS = 5
 
 @click.command()
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--form",
-    type=click.Choice(list(FORMS)),
-    help="Form of the monitor model, by default the form of the drive; estimates with this "
-    "calibration use the same.",
-)
 @settings_options(Source, more=[MEASURED_OPTION])
 @REPLACE_OPTION
 @output_option("Calibration file to write", dir_okay=False)
-def calibrate(
-    bags: tuple[Path, ...], form: str | None, given: Source, overwrite: bool, output: Path
-) -> None:
+def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Path) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.
 
     A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,
@@ -68,7 +59,7 @@ def calibrate(
             click.echo(f"warning: {words}", err=True)
     with progress_bar() as progress:
         progress.add_task("calibrating", total=None)
-        calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0], form)
+        calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0])
     calibration = _with_labels(calibration, output)
     calibration.save(output)
     used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
