@@ -13,7 +13,7 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS
 from ema_core.growth_laws import increment
-from ema_monitor.prognosis.growth.cells import N_RATES, Cells, Owners
+from ema_monitor.prognosis.growth.cells import JUMPING, N_RATES, Cells, Owners
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
     Observation,
@@ -78,7 +78,7 @@ class Bank(Kept):
         for law, part in cells.slices.items():
             own = hours[cells.component[part]]
             steps[..., part] = increment(
-                law, x[..., part], cells.rate[part], cells.shape[part], own
+                "linear" if law == JUMPING else law, x[..., part], cells.rate[part], cells.shape[part], own
             )
         return np.minimum(steps, 1.0)
 

@@ -43,6 +43,9 @@ does not show in a prediction.
 JUMPS: Final = (12.0, 35.0, 100.0)
 """Jumps of a mean size from healthy to the limit, of growth by jumps [-]."""
 
+JUMPING: Final = "jumps"
+"""Name of growth by jumps, whose mean is a line."""
+
 _MILD: Final = 4.0
 """Product of b and the limit up to which the curves that two laws share go by ``archard`` [-]."""
 
@@ -187,7 +190,7 @@ _ROW: Final = np.dtype(
 
 def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     """Return the cells for all components, by their limits and by the laws that are known."""
-    by_law = {law: [np.zeros(0, _ROW)] for law in LAWS}
+    by_law = {law: [np.zeros(0, _ROW)] for law in (*LAWS, JUMPING)}
     lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_RATES)
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), settings.laws.get(name)
@@ -202,7 +205,7 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
             if curve.jumps:
                 rows["prior"] /= 2.0
                 rows = np.tile(rows, 2)
-            blocks.append((curve.law, rows))
+            blocks.append((JUMPING if curve.jumps else curve.law, rows))
         for curve in [] if known else wandering_curves(limit):
             rows = np.tile(_rows(curve, limit, lives, None, WANDERING_PRIOR), PACES.size)
             rows["rate"] *= np.repeat(FACTORS, lives.size)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
 from ema_core.growth_laws import hours_until, increment
-from ema_monitor.prognosis.growth.cells import Cells
+from ema_monitor.prognosis.growth.cells import JUMPING, Cells
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
 from ema_monitor.prognosis.growth.waves import WaveDraw
@@ -73,7 +73,7 @@ def lives(sample: Draw, rng: np.random.Generator) -> Array:
         own = cell[at]
         is_drift, limit = law == "drift", cells.limit[own]
         x = sample.x[at] if is_drift else np.maximum(sample.x[at], 0.0)
-        hours[at] = hours_until(law, x, sample.rate[at], cells.shape[own], limit)
+        hours[at] = hours_until("linear" if law == JUMPING else law, x, sample.rate[at], cells.shape[own], limit)
         if is_drift:
             scale[at] = ((limit - x) / cells.diffusion[own]) ** 2
         else:
@@ -130,7 +130,8 @@ def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
             grown = x + rate * hours[:, at] + cells.diffusion[own] * wiener[:, at]
         else:
             x = x if law == "constant" else np.maximum(x, 0.0)
-            grown = x + increment(law, x, rate, cells.shape[own], own_time[:, at])
+            mean = "linear" if law == JUMPING else law
+            grown = x + increment(mean, x, rate, cells.shape[own], own_time[:, at])
         values[:, at] = cells.side[own] * grown
     values[:, sample.is_wave] = sample.waves.values(hours[:, sample.is_wave])
     return values
