@@ -88,7 +88,7 @@ def test_growth_by_jumps_is_predicted_with_the_jump_that_ends_it():
         value += 0.01 * rng.standard_gamma(rng.poisson(10.0 / between))
         tracker.update(observed(10.0 * test, {"friction": value}, rng, sigma=0.001))
     cells = tracker._mixture.bank.cells
-    own = (cells.component == FRICTION) & (cells.jump > 0.0)
+    own = (cells.component == FRICTION) & (cells.scatter > 0.0)
     assert tracker._mixture.weight[: own.size][own].sum() > 0.9
     mean = between * (1.0 + (0.5 - value) / 0.01)
     life = tracker.predict().overall
