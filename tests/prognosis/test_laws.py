@@ -123,8 +123,7 @@ def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
     for steps in (1, 6):
         weight, mean, variance = np.full(98, 0.5), np.full(98, 0.2), np.full(98, 1e-6)
         for _ in range(steps):
-            levels = Levels(weight, mean, variance, mean.copy(), variance.copy(), np.ones(98))
-            law.advance(levels, of, np.full(98, 60.0 / steps), NOISE_HOURS)
+            law.advance(Levels(weight, mean, variance), of, np.full(98, 60.0 / steps), NOISE_HOURS)
         middle = np.average(mean, weights=weight)
         spread = np.average(variance + (mean - middle) ** 2, weights=weight)
         found.append((middle, np.sqrt(spread)))

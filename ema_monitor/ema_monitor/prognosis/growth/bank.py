@@ -10,18 +10,17 @@ of it, and for rates that wander.
 
 import numpy as np
 
-from ema_core.arrays import Array
+from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.cells import N_RATES, Cells, Owners
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
-    Observation,
     corrected,
     near_healthy_update,
 )
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Levels
-from ema_monitor.prognosis.growth.measurement import REACH
+from ema_monitor.prognosis.growth.measurement import REACH, Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.wander import PACES, mix_paces
 
@@ -62,8 +61,6 @@ class Bank(Kept):
             self._is_constant, settings.onset_probability, settings.change_probability
         )
         self.two_sided = self._sums((cells.side < 0.0).astype(float)) > 0.0
-        self._before = self.mean, self.variance
-        self._slope = np.ones_like(self.mean)
 
     def rates(self) -> Array:
         """Return the signed growth of each cell in the next hour [1/h]."""
@@ -77,11 +74,8 @@ class Bank(Kept):
         own = hours[self.cells.component]
         if own.any():
             mix_paces(weight, self.mean, self.variance, self._blocks, own[self._blocks[:, 0, 0]])
-        self._before = self.mean.copy(), self.variance.copy()
-        self._slope = np.ones_like(self.mean)
-        every = weight, self.mean, self.variance, *self._before, self._slope
         for law, part, figures in self._laws:
-            levels = Levels(*(one[part] for one in every))
+            levels = Levels(weight[part], self.mean[part], self.variance[part])
             law.advance(levels, figures, own[part], self._settings.noise_hours)
 
     def change(self, weight: Array) -> None:
@@ -92,42 +86,35 @@ class Bank(Kept):
         new = self._arriving * mass[owner]
         total = np.maximum(weight - out + new, LEAST_PROBABILITY)
         share = new / total
-        # What is known of the test before changes with it.
-        for mean, variance in (self._before, (self.mean, self.variance)):
-            first = self._sums(out * mean) / mass
-            second = self._sums(out * (variance + mean**2)) / mass - first**2
-            gap = first[owner] - mean
-            variance += share * (np.maximum(second, 0.0)[owner] - variance)
-            variance += share * (1.0 - share) * gap**2
-            mean += share * gap
+        mean, variance = self.mean, self.variance
+        first = self._sums(out * mean) / mass
+        second = self._sums(out * (variance + mean**2)) / mass - first**2
+        gap = first[owner] - mean
+        variance += share * (np.maximum(second, 0.0)[owner] - variance)
+        variance += share * (1.0 - share) * gap**2
+        mean += share * gap
         weight[:] = total
 
-    def measure(self, test: Observation) -> tuple[Array, Array]:
-        """Update the levels by a test.
+    def measure(self, test: Measurement, plain: Flags, near: Flags) -> tuple[Array, Array]:
+        """Update the levels by a test, by components that it measures and that it finds healthy.
 
         Returns logarithms of the likelihoods of the cells and the probabilities of a smaller value
         by them, ``(n,)`` each; 0 of components not shown.
         """
         owner = self.cells.component
         log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)
-        at = np.flatnonzero(test.plain[owner])
+        at = np.flatnonzero(plain[owner])
         k, mean, variance = owner[at], self.mean[at], self.variance[at]
-        mean_before, variance_before = self._before[0][at], self._before[1][at]
-        c = test.carried[k]
-        # Merged, the two variances need not fit the slope any longer.
-        joint = np.minimum(self._slope[at] * variance_before, np.sqrt(variance * variance_before))
-        innovation = test.value[k] - mean - c * (test.value_before[k] - mean_before)
-        shared = variance - c * joint
-        usual = variance - 2.0 * c * joint + c**2 * variance_before + test.fresh[k]
-        told = corrected(innovation, usual, self._settings)
-        self.mean[at] = mean + shared * told.gain * innovation
-        self.variance[at] = np.maximum(variance - shared**2 * told.shrinking, _LEAST_VARIANCE)
+        innovation = test.value[k] - mean
+        told = corrected(innovation, variance + test.noise[k], self._settings)
+        self.mean[at] = mean + variance * told.gain * innovation
+        self.variance[at] = np.maximum(variance - variance**2 * told.shrinking, _LEAST_VARIANCE)
         log_likelihood[at], below[at] = told.log_likelihood, told.below
-        near = np.flatnonzero(test.near[owner])
-        k, mean, variance = owner[near], self.mean[near], self.variance[near]
-        log_p = np.empty(near.size)
+        at = np.flatnonzero(near[owner])
+        k, mean, variance = owner[at], self.mean[at], self.variance[at]
+        log_p = np.empty(at.size)
         near_healthy_update(mean, variance, test.noise[k], REACH[k], self.two_sided[k], log_p)
-        self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, log_p
+        self.mean[at], self.variance[at], log_likelihood[at] = mean, variance, log_p
         return log_likelihood, below
 
     def restart(self, number: int, value: float, variance: float) -> None:

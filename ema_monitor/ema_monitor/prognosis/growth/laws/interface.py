@@ -42,9 +42,6 @@ class Levels(NamedTuple):
     weight: Array  # probabilities of the cells [-]
     mean: Array  # of the signed distance from healthy [-]
     variance: Array
-    mean_before: Array  # at the test before
-    variance_before: Array
-    slope: Array  # of the level over that at the test before [-]
 
 
 class Future(NamedTuple):
@@ -104,7 +101,6 @@ class Law:
         spread = 0.5 * np.diff(x + step, axis=0)[0]
         noise = np.mean(step, axis=0) ** 2 * noise_hours / np.where(hours, hours, 1.0)
         grown = hours > 0.0
-        levels.slope[:] = np.where(grown, spread / np.where(sd > 0.0, sd, 1.0), 1.0)
         levels.mean[:] = np.where(grown, of.side * np.mean(x + step, axis=0), levels.mean)
         levels.variance[:] = np.where(grown, spread**2 + noise, levels.variance)
 

@@ -35,13 +35,12 @@ class Jumps(Law):
         return hours_until("linear", x, of.rate, of.shape, of.limit)
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
-        """Let each cell have none, or at least one jump; what it was before the test is merged."""
-        weight, mean, variance, mean_before, variance_before, _ = map(_paired, levels)
+        """Let each cell have none, or at least one jump; what both were is merged."""
+        weight, mean, variance = map(_paired, levels)
         total = weight.sum(axis=0)
         middle = np.sum(weight / total * mean, axis=0)
-        spread = np.sum(weight / total * (variance + (mean - middle) ** 2), axis=0)
-        mean_before[:] = mean[:] = middle
-        variance_before[:] = variance[:] = spread
+        variance[:] = np.sum(weight / total * (variance + (mean - middle) ** 2), axis=0)
+        mean[:] = middle
         side, rate, _, jump, _ = (_paired(one)[1] for one in of)
         count = _paired(hours)[1] * rate / jump
         some = -np.expm1(-count)
