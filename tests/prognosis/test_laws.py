@@ -78,7 +78,7 @@ FIGURES = {
     "self_heating": (3e-4, 3.0, 0.0),
     "power": (1500.0, 1.6, 0.0),
     "drift": (5e-4, 0.0, 1e-3),
-    "jumps": (5e-4, 0.0, 0.01),
+    "jumps": (3e-4, 4.0, 0.01),
 }
 """Rate, shape and scatter of a life of some thousand hours; laws without growth have none."""
 
@@ -116,6 +116,14 @@ def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
         assert passed[at].mean() == pytest.approx(np.mean(ends <= hours[at]), abs=0.06)
 
 
+def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
+    n, law = 40_000, LAWS["jumps"]
+    of, x = figures("jumps", n), np.full(n, 0.25)
+    hours, _ = law.passage(x, of, NOISE_HOURS, np.random.default_rng(0))
+    first = of.scatter / of.rate / (1.0 + of.shape * x)
+    assert hours.mean() == pytest.approx((first + law.hours_until(x, of)).mean(), rel=0.01)
+
+
 @each
 def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
     law, of = LAWS[name], figures(name, 2 * 49)
@@ -151,7 +159,9 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
     left = float(law.hours_until(values[-1:], of)[0])
     assert one.dominant_fault == "friction"
     assert one.overall.hours_05 < left < one.overall.hours_95
-    assert one.overall.hours_50 == pytest.approx(left, rel=0.3 if law.is_random else 0.1)
+    # Some thirty jumps, which a gap hides in part, tell rate and bend to a factor of two.
+    most = {"jumps": 2.0, "drift": 1.3}.get(name, 1.1)
+    assert 1.0 / most < one.overall.hours_50 / left < most
     told = [
         event.kind
         for later in (10.0, 20.0)

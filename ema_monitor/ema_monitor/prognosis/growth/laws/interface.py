@@ -63,7 +63,9 @@ class Law:
     Attributes
     ----------
     name
-        Its name; also that of its solution.
+        Its name.
+    solution
+        The name of its exact solution, where that is another.
     is_random
         Whether growth itself is random: then a step, or another rate, is a part of it.
     copies
@@ -73,6 +75,7 @@ class Law:
     """
 
     name: ClassVar[str]
+    solution: ClassVar[str] = ""
     is_random: ClassVar[bool] = False
     copies: ClassVar[int] = 1
     either_side: ClassVar[bool] = False
@@ -87,11 +90,11 @@ class Law:
 
     def increment(self, x: Array, of: Figures, hours: Array) -> Array:
         """Return the growth from distances over hours without noise [-]."""
-        return increment(self.name, x, of.rate, of.shape, hours)
+        return increment(self.solution or self.name, x, of.rate, of.shape, hours)
 
     def hours_until(self, x: Array, of: Figures) -> Array:
         """Return the hours from distances to the limit without noise [h]."""
-        return hours_until(self.name, x, of.rate, of.shape, of.limit)
+        return hours_until(self.solution or self.name, x, of.rate, of.shape, of.limit)
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
         """Let levels grow over hours of each, of a variance of the time per hour, ``(n,)`` [h]."""
