@@ -1,4 +1,4 @@
-"""Growth that keeps to no law: errors that last, waves, missed predictions, rates that change."""
+"""Growth that keeps to no law: waves, missed predictions, rates that change."""
 
 from collections.abc import Callable
 
@@ -8,9 +8,8 @@ import pytest
 from ema_core.faults import COMPONENTS, FAULT_NAMES, healthy_faults
 from ema_monitor.prognosis.growth import check, wander
 from ema_monitor.prognosis.growth.check import PredictionCheck, widened, widened_lives
-from ema_monitor.prognosis.growth.errors import EstimateErrors
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeChange, RegimeWatch
+from ema_monitor.prognosis.growth.regimes import RegimeChange, RegimeWatch
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 
@@ -18,23 +17,7 @@ from .tracked_lives import SIGMA, observed, of
 
 ALL = np.ones(len(COMPONENTS), dtype=bool)
 FRICTION = COMPONENTS.index("friction")
-VARIANCE = np.full(len(COMPONENTS), SIGMA**2)
-NOISE = GrowthNoise(correlation=0.3, large=0.01, hours=0.94)
-
-
-@pytest.mark.parametrize("correlation", [0.0, 0.5])
-@pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_size_and_correlation_of_errors_are_learnt(correlation, factor):
-    rng = np.random.default_rng(0)
-    errors, noise = EstimateErrors(TrackerSettings()), np.full(7, SIGMA**2)
-    error = rng.standard_normal(7)
-    for test in range(80):
-        errors.advance(np.full(7, 10.0))
-        errors.observed(0.1 + 2e-3 * test + factor * SIGMA * error, noise, ALL, ~ALL)
-        error = correlation * error + np.sqrt(1.0 - correlation**2) * rng.standard_normal(7)
-    # Seven components by 80 tests: less than a step of the grid.
-    assert errors.correlation == pytest.approx(correlation, abs=0.15)
-    assert errors.factor == pytest.approx(factor, rel=0.25)
+SETTINGS = TrackerSettings()
 
 
 def test_transitions_keep_the_stationary_probabilities_of_the_pace():
@@ -80,23 +63,6 @@ def test_line_under_a_wave_is_predicted_as_the_line():
     assert tracker.predict().overall.hours_50 == pytest.approx(truth, abs=0.025 / 4e-4)
 
 
-@pytest.mark.slow
-def test_growth_by_jumps_is_predicted_with_the_jump_that_ends_it():
-    """From x on, of jumps of mean J, a limit takes 1 + (limit - x) / J of them on average."""
-    tracker, rng, value, between = Tracker(), np.random.default_rng(4), 0.02, 30.0
-    for test in range(90):
-        value += 0.01 * rng.standard_gamma(rng.poisson(10.0 / between))
-        tracker.update(observed(10.0 * test, {"friction": value}, rng, sigma=0.001))
-    cells = tracker._mixture.bank.cells
-    own = (cells.component == FRICTION) & (cells.jump > 0.0)
-    assert tracker._mixture.weight[: own.size][own].sum() > 0.9
-    mean = between * (1.0 + (0.5 - value) / 0.01)
-    life = tracker.predict().overall
-    # 30 jumps of random size have shown the rate to within a quarter.
-    assert life.hours_50 == pytest.approx(mean, rel=0.3)
-    assert life.hours_05 < 0.8 * mean < 1.2 * mean < life.hours_95
-
-
 def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck:
     """Return a check whose predictions, of a spread of 0.02, are missed by that times a factor."""
     result, rng = PredictionCheck(TrackerSettings()), np.random.default_rng(0)
@@ -104,7 +70,7 @@ def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck
         # Each test is off the predictions by an error of its own.
         value = 0.2 + factor * 0.02 * rng.standard_normal()
         shown = ALL & (not misses or test % misses != misses - 1)
-        result.observe(observed(10.0 * test, {"friction": value}), shown, 1.0)
+        result.observe(observed(10.0 * test, {"friction": value}), shown)
         if result.is_due:
             ahead = result.hours_ahead(10.0 * test)
             samples = 0.2 + 0.02 * rng.standard_normal((ahead.size, len(COMPONENTS), 400))
@@ -143,7 +109,7 @@ def test_prediction_after_a_gap_longer_than_it_reaches_is_dropped():
     scores = one.of(FRICTION).ahead
     assert np.isfinite(scores)
     for test in range(check.AHEAD):
-        one.observe(observed(1e5 + test, {"friction": 0.5}), ALL, 1.0)
+        one.observe(observed(1e5 + test, {"friction": 0.5}), ALL)
     assert one.of(FRICTION).ahead == scores
 
 
@@ -201,17 +167,19 @@ def measured(hours: float, friction: float) -> Measurement:
 
 
 def changes(
-    level: Callable[[float], float], seed: int, tests: int = 110, noise: GrowthNoise = NOISE
+    level: Callable[[float], float],
+    seed: int,
+    tests: int = 110,
+    settings: TrackerSettings = SETTINGS,
 ) -> list[tuple[int, RegimeChange]]:
     """Return the changes found in a fault, with the tests that showed them."""
     watch, rng = RegimeWatch(), np.random.default_rng(seed)
-    found, error = [], SIGMA * rng.standard_normal()
-    fresh = np.sqrt(1.0 - noise.correlation**2)
+    found = []
     for test in range(tests):
-        watch.add(measured(10.0 * test, level(10.0 * test) + error), VARIANCE, ALL)
-        if (change := watch.judge(FRICTION, noise)) is not None:
+        error = SIGMA * rng.standard_normal()
+        watch.add(measured(10.0 * test, level(10.0 * test) + error), ALL)
+        if (change := watch.judge(FRICTION, SETTINGS)) is not None:
             found.append((test, change))
-        error = noise.correlation * error + fresh * SIGMA * rng.standard_normal()
     return found
 
 
@@ -276,5 +244,5 @@ def test_tests_of_one_hour_show_no_change():
     """As by seven tests on the ground, one after the other."""
     watch = RegimeWatch()
     for hours in (*np.arange(0.0, 165.0, 5.0), *[165.0] * 7):
-        watch.add(measured(hours, 1e-3 * hours), VARIANCE, ALL)
-        assert watch.judge(FRICTION, NOISE) is None
+        watch.add(measured(hours, 1e-3 * hours), ALL)
+        assert watch.judge(FRICTION, SETTINGS) is None

@@ -1,11 +1,23 @@
-"""Growth laws as users write them, and the curves that a fault of unknown law may follow."""
+"""Growth laws as users write them, and what every registered law must do, whatever it is."""
 
 import numpy as np
 import pytest
 
-from ema_core.growth_laws import hours_until, increment
-from ema_monitor.prognosis.growth.cells import BENDS, JUMPS, curves_of
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, KnownLawTexts, known_law
+from ema_core.faults import COMPONENTS
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.cells import grid
+from ema_monitor.prognosis.growth.laws import LAWS
+from ema_monitor.prognosis.growth.laws.interface import BENDS, Figures, Future, Levels
+from ema_monitor.prognosis.growth.settings import (
+    NOMINAL_LAWS,
+    KnownLaw,
+    KnownLawTexts,
+    TrackerSettings,
+    known_law,
+)
+from ema_monitor.prognosis.growth.tracker import Tracker
+
+from .tracked_lives import observed
 
 
 def test_law_without_figures_is_that_of_the_type():
@@ -57,64 +69,140 @@ def test_number_is_no_law():
         KnownLawTexts(friction=0.5)
 
 
-LIMIT = 0.25
-HOUR = 1e-8
-"""Hours so few that growth over them gives its speed."""
+LIMIT = 0.5
+NOISE_HOURS = 0.94
+FIGURES = {
+    "linear": (5e-4, 0.0, 0.0),
+    "exponential": (2e-3, 0.05, 0.0),
+    "archard": (3e-4, 3.0, 0.0),
+    "self_heating": (3e-4, 3.0, 0.0),
+    "power": (1500.0, 1.6, 0.0),
+    "drift": (5e-4, 0.0, 1e-3),
+    "jumps": (3e-4, 4.0, 0.01),
+}
+"""Rate, shape and scatter of a life of some thousand hours; laws without growth have none."""
+
+each = pytest.mark.parametrize("name", FIGURES)
 
 
-def bend(curve):
-    """Return the speed at the limit over the mean speed on the way there."""
-    until = hours_until(curve.law, 0.0, 1.0, curve.shape, LIMIT)
-    speed = increment(curve.law, LIMIT, 1.0, curve.shape, HOUR) / HOUR
-    return float(speed * until / LIMIT)
+def figures(name: str, n: int) -> Figures:
+    return Figures(*(np.full(n, one) for one in (1.0, *FIGURES[name], LIMIT)))
 
 
-def test_each_law_has_the_same_bends():
-    curves = curves_of(LIMIT, None, two_sided=False)
-    # Those of two laws are the same curves and stand there once.
-    for laws in (("archard", "exponential"), ("self_heating",), ("power",)):
-        found = sorted(bend(curve) for curve in curves if curve.law in laws)
-        assert found == pytest.approx(BENDS, rel=1e-4)
-    lines = [bend(curve) for curve in curves if curve.law == "linear"]
-    assert lines == pytest.approx([1.0] * (1 + len(JUMPS)))
+def ahead(hours: np.ndarray, n: int, rng: np.random.Generator, noise: float) -> Future:
+    """Return the future of n samples at hours from 0 on, with process noise or without."""
+    steps = np.diff(hours, prepend=0.0)[:, None]
+    wiener = np.cumsum(np.sqrt(steps) * rng.standard_normal((hours.size, n)), axis=0)
+    every = np.tile(hours[:, None], n)
+    return Future(every, every, np.sqrt(noise) * wiener, wiener)
 
 
-def test_every_curve_is_as_probable_as_any_other():
-    curves = curves_of(LIMIT, None, two_sided=False)
-    shares = [curve.share for curve in curves if not curve.jumps]
-    assert len(shares) == 1 + 3 * len(BENDS)
-    assert shares == pytest.approx([shares[0]] * len(shares))
-    # Growth by jumps is as probable as a law with all its bends.
-    assert sum(shares) == pytest.approx(1.0 - len(BENDS) * shares[0])
+def test_every_law_that_grows_is_tested():
+    assert set(FIGURES) == set(LAWS) - {"constant"}
 
 
-def test_drift_is_as_probable_as_a_law_with_all_its_bends():
-    curves = curves_of(LIMIT, None, two_sided=True)
-    drift = sum(curve.share for curve in curves if curve.law == "drift")
-    assert drift == pytest.approx(sum(c.share for c in curves if c.law == "self_heating"))
-    assert sum(curve.share for curve in curves) == pytest.approx(1.0)
+@each
+def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
+    law, n, rng = LAWS[name], 4000, np.random.default_rng(1)
+    x, of = np.full(n, 0.25), figures(name, n)
+    mean, shape = law.passage(x, of, NOISE_HOURS, rng)
+    ends = np.where(shape > 0.0, rng.wald(mean, np.maximum(shape, 1e-9)), mean)
+    hours = np.linspace(0.0, np.quantile(ends, 0.9), 60)
+    values = law.future(x, of, ahead(hours, n, rng, NOISE_HOURS), rng)
+    np.testing.assert_allclose(values[0], 0.25)
+    passed = np.maximum.accumulate(values, axis=0) >= LIMIT
+    for at in (20, 40, 59):
+        # Two binomial shares of 4,000 samples, four standard errors, the first order, and steps.
+        assert passed[at].mean() == pytest.approx(np.mean(ends <= hours[at]), abs=0.06)
 
 
-def test_component_that_cannot_leave_healthy_to_either_side_does_not_drift():
-    assert "drift" not in {curve.law for curve in curves_of(LIMIT, None, two_sided=False)}
+def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
+    n, law = 40_000, LAWS["jumps"]
+    of, x = figures("jumps", n), np.full(n, 0.25)
+    hours, _ = law.passage(x, of, NOISE_HOURS, np.random.default_rng(0))
+    first = of.scatter / of.rate / (1.0 + of.shape * x)
+    assert hours.mean() == pytest.approx((first + law.hours_until(x, of)).mean(), rel=0.01)
 
 
-@pytest.mark.parametrize("laws", [("archard", "exponential"), ("self_heating",), ("power",)])
-def test_bend_between_two_of_the_grid_errs_by_little_of_the_hours_left(laws):
+@each
+def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
+    law, of = LAWS[name], figures(name, 2 * 49)
+    found = []
+    for steps in (1, 6):
+        weight, mean, variance = np.full(98, 0.5), np.full(98, 0.2), np.full(98, 1e-6)
+        for _ in range(steps):
+            law.advance(Levels(weight, mean, variance), of, np.full(98, 60.0 / steps), NOISE_HOURS)
+        middle = np.average(mean, weights=weight)
+        spread = np.average(variance + (mean - middle) ** 2, weights=weight)
+        found.append((middle, np.sqrt(spread)))
+    assert found[0][0] > 0.21
+    np.testing.assert_allclose(*found, rtol=0.05)
+
+
+@pytest.mark.slow
+@each
+def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a_repair(name):
+    law, rng, of = LAWS[name], np.random.default_rng(3), figures(name, 1)
+    begin = np.full(1, 0.1)
+    until = float(law.hours_until(begin, of)[0])
+    hours = np.arange(0.0, 0.7 * until, 10.0)
+    values = law.future(begin, of, ahead(hours, 1, rng, 0.0), rng)[:, 0]
+    rate, shape, scatter = FIGURES[name]
+    laws = {} if name == "jumps" else {"friction": KnownLaw.of(name, rate, scatter or shape)}
+    tracker, restored = (Tracker(settings=TrackerSettings(laws=laws)) for _ in range(2))
+    is_shown = (hours < 0.3 * until) | (hours > 0.4 * until)
+    for number in np.flatnonzero(is_shown):
+        tracker.update(observed(hours[number], {"friction": values[number]}, rng, 0.001))
+    restored.restore(tracker.state())
+    one, other = tracker.predict(), restored.predict()
+    np.testing.assert_array_equal(one.samples, other.samples)
+    left = float(law.hours_until(values[-1:], of)[0])
+    assert one.dominant_fault == "friction"
+    assert one.overall.hours_05 < left < one.overall.hours_95
+    # Some thirty jumps, which a gap hides in part, tell rate and bend to a factor of two.
+    most = {"jumps": 2.0, "drift": 1.3}.get(name, 1.1)
+    assert 1.0 / most < one.overall.hours_50 / left < most
+    told = [
+        event.kind
+        for later in (10.0, 20.0)
+        for event in tracker.update(observed(hours[-1] + later, {}, rng, 0.001))
+    ]
+    assert told == ["outlier", "repair"]
+    assert not tracker.predict().components["friction"].known
+    with pytest.raises(ValueError, match="at least the hours of the latest test"):
+        tracker.update(observed(hours[0], {}))
+
+
+@pytest.mark.parametrize("name", ["archard", "self_heating", "power"])
+def test_each_law_has_the_same_bends_and_one_between_two_errs_by_little(name):
     """Seen over three quarters of life: by less than half of the 20 % that a prediction may."""
-    curves = [c for c in curves_of(LIMIT, None, two_sided=False) if c.law in laws]
-    left = []
-    for curve in curves:
-        until = hours_until(curve.law, 0.0, 1.0, curve.shape, LIMIT)
-        now = increment(curve.law, 0.0, 1.0, curve.shape, 0.75 * until)
-        speed = increment(curve.law, now, 1.0, curve.shape, HOUR) / HOUR
+    law, bends, left = LAWS[name], [], []
+    for curve in law.curves(LIMIT):
+        of = Figures(*np.array([[1.0], [1.0], [curve.shape], [0.0], [LIMIT]]))
+        until, hour = law.hours_until(np.zeros(1), of), np.full(1, 1e-8)
+        now = law.increment(np.zeros(1), of, 0.75 * until)
+        bends += (law.increment(np.full(1, LIMIT), of, hour) / hour * until / LIMIT).tolist()
         # In hours that the rest would take at the speed of now.
-        left.append(0.25 * until * speed / (LIMIT - now))
+        speed = law.increment(now, of, hour) / hour
+        left += (0.25 * until * speed / (LIMIT - now)).tolist()
+    assert bends == pytest.approx(BENDS, rel=1e-4)
     assert 0.5 * np.max(np.abs(np.diff(np.log(left)))) < 0.5 * 0.2
 
 
-def test_known_law_is_the_only_curve():
+def test_laws_with_all_their_bends_are_equally_probable_and_one_sided_faults_do_not_drift():
+    cells = grid(HealthLimits(), TrackerSettings())
+    for component in ("friction", "gain"):
+        own = (cells.component == COMPONENTS.index(component)) & ~cells.wanders
+        share = {law: cells.prior[part][own[part]].sum() for law, part in cells.slices.items()}
+        for law in ("self_heating", "power", "jumps"):
+            assert share[law] == pytest.approx(share["archard"])
+        drifts = share["archard"] if component == "gain" else 0.0
+        assert share["drift"] == pytest.approx(drifts)
+
+
+def test_known_law_is_the_only_one():
     known = KnownLaw("self_heating", 1e-4, shape=6.0)
-    assert [(c.law, c.shape, c.share) for c in curves_of(LIMIT, known, two_sided=False)] == [
-        ("self_heating", 6.0, 1.0)
-    ]
+    cells = grid(HealthLimits(), TrackerSettings(laws={"friction": known}))
+    own = (cells.component == COMPONENTS.index("friction")) & (cells.prior < 0.5)
+    assert set(np.flatnonzero(own)) <= set(range(cells.prior.size)[cells.slices["self_heating"]])
+    assert set(cells.shape[own]) == {6.0}

@@ -6,7 +6,7 @@ import pytest
 from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.course import FutureDuty
-from ema_monitor.prognosis.growth.forecast import draw, futures, lives
+from ema_monitor.prognosis.growth.forecast import draw, lives
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.prediction import beyond_horizon, growth_not_certain
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
@@ -68,19 +68,6 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
         after = float(grow({"backlash": before}, {"backlash": growth}, hours, 10.0, rng)[1])
         hours += 10.0
     return hours - 10.0 * (after - 0.5) / (after - before)
-
-
-def test_futures_pass_the_limit_when_the_lives_end():
-    mixture, _ = sure_of("archard", 3e-4, 3.0, 0.25)
-    rng = np.random.default_rng(1)
-    sample = draw(mixture, 4000, rng)
-    ends = lives(sample, rng)[BACKLASH]
-    hours = np.array([0.0, 200.0, 300.0, 350.0, 400.0])
-    values = futures(sample, hours[:, None, None], rng)[:, BACKLASH]
-    np.testing.assert_allclose(values[0], 0.25)
-    for at, share in zip(hours, (values >= 0.5).mean(axis=1), strict=True):
-        # Two binomial shares of 4,000 samples, four standard errors, and the first order.
-        assert share == pytest.approx(np.mean(ends <= at), abs=0.05)
 
 
 @pytest.fixture(scope="module")

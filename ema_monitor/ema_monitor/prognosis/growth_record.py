@@ -192,5 +192,5 @@ class GrowthRecord:
 @cache
 def _code() -> bytes:
     """Return a digest of the code that a tracker's state follows from."""
-    files = [growth_laws.__file__, *sorted(Path(growth.__path__[0]).glob("*.py"))]
+    files = [growth_laws.__file__, *sorted(Path(growth.__path__[0]).rglob("*.py"))]
     return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).digest()

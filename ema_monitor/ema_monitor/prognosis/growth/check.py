@@ -119,11 +119,10 @@ class PredictionCheck(Kept):
         score = _NORMAL.inv_cdf(min(max(pit, _EDGE), 1.0 - _EDGE))
         self._scores[which, number] = _KEPT * self._scores[which, number] + [1.0, score**2]
 
-    def observe(self, measurement: Measurement, used: Flags, factor: float) -> None:
+    def observe(self, measurement: Measurement, used: Flags) -> None:
         """Hold the predictions that are due against the used components of a test, ``(7,)``.
 
-        What misses the test that is due is judged by the next that shows it. The errors of the
-        test are those of its covariance times a factor.
+        What misses the test that is due is judged by the next that shows it.
         """
         if math.isnan(self._first_hours):
             self._first_hours = measurement.hours
@@ -131,16 +130,16 @@ class PredictionCheck(Kept):
         due = self._open & used & (self._tests - self._made >= AHEAD)[:, None]
         self._open &= ~due
         for slot, number in np.argwhere(due):
-            self._judge(int(slot), int(number), measurement, factor)
+            self._judge(int(slot), int(number), measurement)
 
-    def _judge(self, slot: int, number: int, measurement: Measurement, factor: float) -> None:
+    def _judge(self, slot: int, number: int, measurement: Measurement) -> None:
         hours, table = self._ahead[slot], self._quantiles[slot, :, number]
         passed = float(measurement.own_hours[number] - self._since[slot, number])
         if passed > hours[-1]:
             return  # further ahead than was predicted, as after a gap
         quantiles = np.array([np.interp(passed, hours, column) for column in table.T])
         value = float(measurement.value[number])
-        usual = float(measurement.noise[number]) * factor**2
+        usual = float(measurement.noise[number])
         sizes = np.sqrt([[usual], [usual + self._large**2]])
         shares = np.array([1.0 - self._rare, self._rare])
         below = [[_NORMAL.cdf(away) for away in row] for row in (value - quantiles) / sizes]

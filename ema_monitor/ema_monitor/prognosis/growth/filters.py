@@ -1,10 +1,4 @@
-"""Updates of Gaussian filters by tests whose errors last, and of which some are larger.
-
-An error e of an estimate follows an AR(1) process from test to test. As the estimate is x + e
-exactly, what is known of the error of the test before is what is known of x then, so that no state
-is added: the innovation is y - x - c (y0 - x0), c being the correlation times the ratio of the
-errors' sizes (Bar-Shalom, Li and Kirubarajan 2001, section 8.2.6).
-"""
+"""Updates of Gaussian filters by tests of which some have larger errors."""
 
 import math
 from typing import Final, NamedTuple
@@ -21,18 +15,6 @@ LEAST_PROBABILITY: Final = 1e-280
 _TAIL: Final = -6.0
 _ROOT_2: Final = math.sqrt(2.0)
 _ROOT_2_PI: Final = math.sqrt(2.0 * math.pi)
-
-
-class Observation(NamedTuple):
-    """What a test shows of each component, ``(7,)`` each."""
-
-    value: Array  # signed distances from healthy [-]
-    noise: Array  # variances of their errors
-    plain: Flags  # components that the test measures
-    near: Flags  # those that it finds near healthy
-    carried: Array  # factor c of the error of the test before
-    value_before: Array  # its value
-    fresh: Array  # variance of the part of the error that is new
 
 
 class Correction(NamedTuple):
@@ -64,71 +46,6 @@ def _below(away: Array, share: float, total: Array) -> None:
     """Add a share of the probabilities of smaller standard normal numbers."""
     for i in range(away.size):
         total[i] += share * 0.5 * math.erfc(-away[i] / _ROOT_2)
-
-
-def growth_of_rate(
-    rate: Array, hours: Array, noise_hours: float, walk: Array
-) -> tuple[Array, Array]:
-    """Return step and noise of level and rate over some hours, ``(..., 2, 2)`` each.
-
-    The effective time of growth has a variance of ``noise_hours`` an hour [h], and the rate a
-    random walk with that of ``walk`` an hour.
-    """
-    step, noise = np.zeros((2, *rate.shape, 2, 2))
-    step[..., 0, 0] = step[..., 1, 1] = 1.0
-    step[..., 0, 1] = hours
-    walked = walk * hours
-    noise[..., 0, 0] = rate**2 * noise_hours * hours + walked * hours**2 / 3.0
-    noise[..., 0, 1] = noise[..., 1, 0] = walked * hours / 2.0
-    noise[..., 1, 1] = walked
-    return step, noise
-
-
-def moved(mean: Array, covariance: Array, step: Array, noise: Array) -> tuple[Array, Array]:
-    """Return mean and covariance of states that are multiplied by a matrix, with noise added."""
-    after = np.einsum("...ij,...j->...i", step, mean)
-    return after, step @ covariance @ np.swapaxes(step, -1, -2) + noise
-
-
-def measured(
-    before: tuple[Array, Array],
-    by: tuple[Array, Array],
-    seen: Array,
-    value: Array,
-    value_before: Array,
-    carried: Array,
-    fresh: Array,
-    settings: TrackerSettings,
-) -> tuple[Array, Array, Correction]:
-    """Return mean and covariance of states after a value of a sum of theirs, and what it told.
-
-    Parameters
-    ----------
-    before
-        Mean and covariance at the test before, ``(..., d)`` and ``(..., d, d)``.
-    by
-        Step and noise since then, ``(..., d, d)`` each.
-    seen
-        Which states are measured, ``(d,)``.
-    value, value_before, carried, fresh
-        As of ``Observation``, in a form that broadcasts to ``(...)``.
-    settings
-        Size and probability of occasional errors.
-    """
-    (mean_before, covariance_before), (step, noise) = before, by
-    mean, covariance = moved(*before, *by)
-    across = seen @ step - carried[..., None] * seen
-    innovation = value - mean @ seen - carried * (value_before - mean_before @ seen)
-    spread = np.einsum("...ij,...j->...i", covariance_before, across)
-    shared = np.einsum("...ij,...j->...i", step, spread) + noise @ seen
-    usual = np.einsum("...i,...i->...", across, spread) + noise @ seen @ seen + fresh
-    told = corrected(innovation, usual, settings)
-    outer = shared[..., None] * shared[..., None, :]
-    return (
-        mean + shared * (told.gain * innovation)[..., None],
-        covariance - outer * told.shrinking[..., None, None],
-        told,
-    )
 
 
 @kernel()

@@ -107,7 +107,7 @@ def grid_digest(limits: HealthLimits) -> str:
     """Return what tells whether likelihoods are of the same curves and rates."""
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
-    own = cells.side, cells.base, cells.shape, cells.diffusion, cells.jump
+    own = cells.side, cells.base, cells.shape, cells.scatter
     for one in (cells.component, *own, cells.place):
         digest.update(np.round(np.asarray(one, dtype=np.float64), 12).tobytes())
     return digest.hexdigest()[:16]

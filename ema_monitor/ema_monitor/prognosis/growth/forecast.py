@@ -7,6 +7,7 @@ inverse Gaussian; of drift and diffusion they do so exactly (Chhikara and Folks,
 Gaussian Distribution, 1989). Where the rate wanders, that time runs at the pace.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
-from ema_core.growth_laws import hours_until, increment
 from ema_monitor.prognosis.growth.cells import Cells
+from ema_monitor.prognosis.growth.laws import LAWS
+from ema_monitor.prognosis.growth.laws.interface import Figures, Future, Law
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
 from ema_monitor.prognosis.growth.waves import WaveDraw
@@ -35,6 +37,12 @@ class Draw:
     pace: Array  # its logarithm [-]
     is_wave: Flags
     waves: WaveDraw  # the samples under a wave
+
+    def by_law(self) -> Iterator[tuple[Law, Flags, Figures]]:
+        """Return each law with the samples that follow it, and their figures."""
+        for name, part in self.cells.slices.items():
+            at = (self.cell >= part.start) & (self.cell < part.stop)
+            yield LAWS[name], at, self.cells.figures(self.cell[at])._replace(rate=self.rate[at])
 
 
 def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
@@ -65,29 +73,14 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
 
 def lives(sample: Draw, rng: np.random.Generator) -> Array:
     """Return hours of growth until each sample first reaches its limit [h], ``(7, n)``."""
-    cells, cell = sample.cells, sample.cell
-    hours = np.empty(cell.shape)
-    scale = np.empty(cell.shape)
-    for law, part in cells.slices.items():
-        at = (cell >= part.start) & (cell < part.stop)
-        own = cell[at]
-        is_drift, limit = law == "drift", cells.limit[own]
-        x = sample.x[at] if is_drift else np.maximum(sample.x[at], 0.0)
-        hours[at] = hours_until(law, x, sample.rate[at], cells.shape[own], limit)
-        if is_drift:
-            scale[at] = ((limit - x) / cells.diffusion[own]) ** 2
-        else:
-            scale[at] = hours[at] ** 2 / max(sample.noise_hours, 1e-12)
-    jump = cells.jump[cell]
-    jumps = (jump > 0.0) & (hours > 0.0)
-    # As many exponential jumps as lie below the limit, and the one beyond it.
-    needed = 1 + rng.poisson(hours[jumps] * sample.rate[jumps] / jump[jumps])
-    hours[jumps] = rng.standard_gamma(needed) * jump[jumps] / sample.rate[jumps]
+    hours, scale = np.empty(sample.cell.shape), np.empty(sample.cell.shape)
+    for law, at, of in sample.by_law():
+        hours[at], scale[at] = law.passage(sample.x[at], of, sample.noise_hours, rng)
     # Growth that slows down may never get there.
     hours[np.isnan(hours)] = np.inf
-    passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0) & ~jumps
+    passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
     hours[passing] = rng.wald(hours[passing], scale[passing])
-    wandering = cells.wanders[cell] & passing
+    wandering = sample.cells.wanders[sample.cell] & passing
     hours[wandering] = hours_of(hours[wandering], sample.pace[wandering], rng)
     hours[sample.is_wave] = sample.waves.lives()
     return hours
@@ -105,32 +98,18 @@ def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
     rng
         Random numbers.
     """
-    cells, cell = sample.cells, sample.cell
-    shape = (len(hours), *cell.shape)
+    shape = (len(hours), *sample.cell.shape)
     hours = np.broadcast_to(hours, shape)
     steps = np.diff(hours, axis=0, prepend=0.0)
     wiener = np.cumsum(np.sqrt(steps) * rng.standard_normal(shape), axis=0)
-    wanders, own_time = cells.wanders[cell], hours.copy()
+    wanders, paced = sample.cells.wanders[sample.cell], hours.copy()
     normal = rng.standard_normal((len(steps), int(wanders.sum())))
-    paced = followed(sample.pace[wanders], np.ascontiguousarray(steps[:, wanders]), normal)
-    own_time[:, wanders] = np.cumsum(paced, axis=0)
-    jumps = cells.jump[cell] > 0.0
-    between = cells.jump[cell[jumps]] / sample.rate[jumps]
-    own_time[:, jumps] = between * np.cumsum(
-        rng.standard_gamma(rng.poisson(steps[:, jumps] / between)), axis=0
-    )
-    # Times of growth, with their noise, do not run backwards.
-    own_time = np.maximum(own_time + np.sqrt(sample.noise_hours) * wiener, 0.0)
-    own_time = np.maximum.accumulate(own_time, axis=0)
+    passed = followed(sample.pace[wanders], np.ascontiguousarray(steps[:, wanders]), normal)
+    paced[:, wanders] = np.cumsum(passed, axis=0)
+    ahead = Future(hours, paced, np.sqrt(sample.noise_hours) * wiener, wiener)
     values = np.empty(shape)
-    for law, part in cells.slices.items():
-        at = (cell >= part.start) & (cell < part.stop)
-        own, x, rate = cell[at], sample.x[at], sample.rate[at]
-        if law == "drift":
-            grown = x + rate * hours[:, at] + cells.diffusion[own] * wiener[:, at]
-        else:
-            x = x if law == "constant" else np.maximum(x, 0.0)
-            grown = x + increment(law, x, rate, cells.shape[own], own_time[:, at])
-        values[:, at] = cells.side[own] * grown
+    for law, at, of in sample.by_law():
+        own = Future(*(one[:, at] for one in ahead))
+        values[:, at] = of.side * law.future(sample.x[at], of, own, rng)
     values[:, sample.is_wave] = sample.waves.values(hours[:, sample.is_wave])
     return values

@@ -15,7 +15,6 @@ from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import Owners, grid
-from ema_monitor.prognosis.growth.errors import EstimateErrors
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.fleet import with_fleet
 from ema_monitor.prognosis.growth.kept import Kept
@@ -28,7 +27,7 @@ _WANDERS, _WAVE = 2, 3
 
 
 class Mixture(Kept):
-    """Cells and waves, and the errors of the estimates that both are measured by.
+    """Cells and waves.
 
     Attributes
     ----------
@@ -40,14 +39,13 @@ class Mixture(Kept):
     """
 
     kept = ("weight",)
-    parts = ("bank", "waves", "errors")
+    parts = ("bank", "waves")
 
     def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
         self.settings = settings
         cells = with_fleet(grid(limits, settings), settings)
         self.bank = Bank(cells, settings)
         self.waves = waves = Waves(limits, settings, self.bank.two_sided)
-        self.errors = EstimateErrors(settings)
         number = np.arange(_N)
         self.component = np.concatenate([cells.component, np.repeat(number, waves.omega.size)])
         self._sums = Owners(self.component).sums
@@ -59,7 +57,7 @@ class Mixture(Kept):
         # No growth, a law for life, a rate that wanders, a wave under growth: of each component.
         kind = np.concatenate([self.bank.kind, np.tile(np.where(waves.grows, _WAVE, 0), _N)])
         self._is_constant = kind == 0
-        self._is_random = np.append(cells.diffusion + cells.jump > 0.0, np.zeros(waves.prior.size))
+        self._is_random = np.append(cells.scatter > 0.0, np.zeros(waves.prior.size))
         self._forgets = np.flatnonzero(kind >= _WANDERS)
         self._kind = kind * _N + self.component
         self._kinds_prior = self._of_kinds(self._prior)
@@ -116,7 +114,6 @@ class Mixture(Kept):
     def advance(self, hours: Array) -> None:
         """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
         of_cells, of_waves = self._split(self.weight)
-        self.errors.advance(hours)
         self.bank.advance(of_cells, hours)
         self.waves.advance(of_waves, hours)
 
@@ -141,8 +138,8 @@ class Mixture(Kept):
         self._forget(used)
         self.bank.change(self._split(self.weight)[0])
         near = used & test.near_healthy
-        seen = self.errors.observed(test.value, test.noise, used & ~near, near)
-        told = self.bank.measure(seen), self.waves.measure(seen)
+        seen = test, used & ~near, near
+        told = self.bank.measure(*seen), self.waves.measure(*seen)
         log_p, below = (
             np.concatenate([cells, waves.ravel()]) for cells, waves in zip(*told, strict=True)
         )
@@ -163,7 +160,6 @@ class Mixture(Kept):
         """
         for part in (self.bank, self.waves):
             part.restart(number, value, noise + self.settings.occasional_error**2)
-        self.errors.restart(number)
         at = self.members[number]
         weight = _tempered(self.weight[at], self._prior[at], np.float64(keep))
         self.weight[at] = weight / weight.sum()

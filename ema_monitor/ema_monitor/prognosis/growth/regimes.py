@@ -18,6 +18,7 @@ from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import Event
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import PERIODS
 
 REGIME: Final = "regime"
@@ -63,14 +64,6 @@ class RegimeChange(NamedTuple):
         )
 
 
-class GrowthNoise(NamedTuple):
-    """What else than a change of its rate moves a component from test to test."""
-
-    correlation: float  # of the errors of successive tests [-]
-    large: float  # standard deviation of an occasional error [-]
-    hours: float  # variance of the effective time of growth per hour in service [h]
-
-
 class RegimeWatch(Kept):
     """Keeps the latest tests of each component and finds changes of its rate in them."""
 
@@ -86,25 +79,25 @@ class RegimeWatch(Kept):
         """Forget the tests of a component: its level has changed."""
         self._count[number] = 0
 
-    def add(self, test: Measurement, noise: Array, used: Flags) -> None:
-        """Add the components that a test measures, with the variances of its errors, ``(7,)``."""
-        service = np.full_like(noise, test.hours)
-        row = np.stack([test.own_hours, test.value, noise, service], axis=1)
+    def add(self, test: Measurement, used: Flags) -> None:
+        """Add the components that a test measures, ``(7,)``."""
+        service = np.full_like(test.noise, test.hours)
+        row = np.stack([test.own_hours, test.value, test.noise, service], axis=1)
         self._tests[used] = np.append(self._tests[used][..., 1:], row[used, :, None], axis=2)
         self._count = np.minimum(self._count + used, TESTS)
 
-    def judge(self, number: int, noise: GrowthNoise) -> RegimeChange | None:
+    def judge(self, number: int, settings: TrackerSettings) -> RegimeChange | None:
         """Return the change that the tests of a component show, and forget those before it."""
         count = int(self._count[number])
         if count < 3 * _BESIDE:
             return None
-        change = _found(self._tests[number, :, TESTS - count :], noise)
+        change = _found(self._tests[number, :, TESTS - count :], settings)
         if change is not None:
             self._count[number] = change.tests
         return change
 
 
-def _found(tests: Array, noise: GrowthNoise) -> RegimeChange | None:
+def _found(tests: Array, settings: TrackerSettings) -> RegimeChange | None:
     """Return the change that tests show."""
     hours, value, variance, service = tests
     span = hours[-1] - hours[0]
@@ -116,7 +109,7 @@ def _found(tests: Array, noise: GrowthNoise) -> RegimeChange | None:
     breaks = breaks[(t[breaks] > 0.0) & (t[breaks] < 1.0)]
     if not breaks.size:
         return None
-    white = _whitener(hours, value, variance, noise)
+    white = _whitener(hours, value, variance, settings)
     y, line = white @ value, [np.ones_like(t), t]
     q, _ = np.linalg.qr(white @ np.stack(line, axis=1))
     hinges = white @ np.maximum(t[:, None] - t[breaks], 0.0)
@@ -145,18 +138,16 @@ def _found(tests: Array, noise: GrowthNoise) -> RegimeChange | None:
     return RegimeChange(float(service[at]), before, after, sigma_after, t.size - at)
 
 
-def _whitener(hours: Array, value: Array, variance: Array, noise: GrowthNoise) -> Array:
+def _whitener(hours: Array, value: Array, variance: Array, settings: TrackerSettings) -> Array:
     """Return the inverse root of the covariance of the tests about the mean growth."""
     # A value far from both beside it has an occasional error.
     middle = 0.5 * (value[:-2] + value[2:])
     odd = np.abs(value[1:-1] - middle) > _ODD_SIGMAS * np.sqrt(1.5 * variance[1:-1])
-    sigma = np.sqrt(variance + noise.large**2 * np.pad(odd, 1))
-    order = np.arange(hours.size)
-    lasting = noise.correlation ** np.abs(order[:, None] - order)
+    sigma = np.sqrt(variance + settings.occasional_error**2 * np.pad(odd, 1))
     rate = (value[-1] - value[0]) / (hours[-1] - hours[0])
     since = hours - hours[0]
-    growth = rate**2 * noise.hours * np.minimum(since[:, None], since)
-    return np.linalg.inv(np.linalg.cholesky(np.outer(sigma, sigma) * lasting + growth))
+    growth = rate**2 * settings.noise_hours * np.minimum(since[:, None], since)
+    return np.linalg.inv(np.linalg.cholesky(np.diag(sigma**2) + growth))
 
 
 def _left(white: Array, y: Array, curves: list[Array]) -> float:

@@ -47,7 +47,7 @@ from ema_monitor.prognosis.growth.prediction import (
     growth_not_certain,
     prognosis_of,
 )
-from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeWatch
+from ema_monitor.prognosis.growth.regimes import RegimeWatch
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
@@ -148,8 +148,6 @@ class Tracker(Kept):
                 self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
         if not held.all():
             odd += self._use(measurement, changed, held)
-        else:
-            self._mixture.errors.skip()
         return events + odd
 
     def _use(
@@ -172,7 +170,7 @@ class Tracker(Kept):
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
         events = self._changes_of_regime(measurement, plain)
-        self._check.observe(measurement, plain, self._mixture.errors.factor)
+        self._check.observe(measurement, plain)
         if self._check.is_due:
             self._keep_prediction(measurement.own_hours)
         return events
@@ -180,12 +178,10 @@ class Tracker(Kept):
     def _changes_of_regime(self, measurement: Measurement, plain: Flags) -> list[Event]:
         """Return the changes of growth that a test shows; what was known of it is forgotten."""
         mixture, events = self._mixture, list[Event]()
-        self._regimes.add(measurement, mixture.errors.noise_of(measurement.noise), plain)
-        steady, settings = mixture.is_random() < MOST_RANDOM, self._settings
-        correlation = mixture.errors.correlation
-        moves = GrowthNoise(correlation, settings.occasional_error, settings.noise_hours)
+        self._regimes.add(measurement, plain)
+        steady = mixture.is_random() < MOST_RANDOM
         for number in np.flatnonzero(plain & self._growing & steady).tolist():
-            change = self._regimes.judge(number, moves)
+            change = self._regimes.judge(number, self._settings)
             if change is not None:
                 mixture.change_rate(number, change.after, change.sigma)
                 self._check.restart(number, is_new=False)

@@ -3,7 +3,7 @@
 The state of each is level x, rate v, and a wave of known period and unknown amplitude and phase:
 w turns by 2 pi hours / period and slowly becomes another. A test measures x + w. There is one
 filter for each period of a grid, for a component that does not grow and for growth of some speed;
-being linear and Gaussian each is a Kalman filter, with errors that last as those of the cells.
+being linear and Gaussian each is a Kalman filter.
 """
 
 import math
@@ -19,14 +19,11 @@ from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.filters import (
     LEAST_PROBABILITY,
-    Observation,
-    growth_of_rate,
-    measured,
-    moved,
+    corrected,
     near_healthy_update,
 )
 from ema_monitor.prognosis.growth.kept import Kept
-from ema_monitor.prognosis.growth.measurement import REACH
+from ema_monitor.prognosis.growth.measurement import REACH, Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
@@ -83,8 +80,6 @@ class Waves(Kept):
         self.prior = np.where(has_wave[:, None], PRIOR * share, 0.0)
         self.mean = np.zeros((*self.prior.shape, 4))
         self.covariance = np.zeros((*self.mean.shape, 4))
-        self._before = self.mean, self.covariance
-        self._by = np.zeros_like(self.covariance), np.zeros_like(self.covariance)
         self._limit = np.array([limits.of(name) for name in COMPONENTS])
         self._wave_variance = (AMPLITUDE * self._limit) ** 2
         self._rate_variance = (self._limit[:, None] / np.repeat(_LIVES, PERIODS.size)) ** 2
@@ -125,15 +120,18 @@ class Waves(Kept):
         rate, turn = self.rates(), hours * self.omega
         kept = np.exp(-turn / (2.0 * np.pi * LASTING))
         step, noise = np.zeros((2, *self.covariance.shape))
-        step[..., :2, :2], noise[..., :2, :2] = growth_of_rate(
-            rate, hours, self._settings.noise_hours, (_RATE_WALK * rate) ** 2
-        )
+        step[..., 0, 0] = step[..., 1, 1] = 1.0
+        step[..., 0, 1] = hours
+        walked = (_RATE_WALK * rate) ** 2 * hours
+        noise[..., 0, 0] = rate**2 * self._settings.noise_hours * hours + walked * hours**2 / 3.0
+        noise[..., 0, 1] = noise[..., 1, 0] = walked * hours / 2.0
+        noise[..., 1, 1] = walked
         step[..., 2, 2] = step[..., 3, 3] = kept * np.cos(turn)
         step[..., 2, 3] = kept * np.sin(turn)
         step[..., 3, 2] = -step[..., 2, 3]
         noise[..., 2, 2] = noise[..., 3, 3] = self._wave_variance[:, None] * (1.0 - kept**2)
-        self._before, self._by = (self.mean, self.covariance), (step, noise)
-        self.mean, self.covariance = moved(self.mean, self.covariance, step, noise)
+        self.mean = np.einsum("...ij,...j->...i", step, self.mean)
+        self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2) + noise
 
     def _begin(self, weight: Array) -> None:
         """Let growth begin in filters without, with the probability of the settings."""
@@ -153,26 +151,22 @@ class Waves(Kept):
             self.mean[:, at] += share * gap
             weight[:, at] = total * (self.prior[:, at] > 0.0)
 
-    def measure(self, test: Observation) -> tuple[Array, Array]:
-        """Update the filters by a test.
+    def measure(self, test: Measurement, plain: Flags, near: Flags) -> tuple[Array, Array]:
+        """Update the filters by a test, by components that it measures and that it finds healthy.
 
         Returns logarithms of their likelihoods and the probabilities of a smaller value by them,
         ``(7, k)`` each; 0 of components not shown.
         """
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
-        at, (mean, variance) = test.plain, self.moments()
-        self.mean[at], self.covariance[at], told = measured(
-            (self._before[0][at], self._before[1][at]),
-            (self._by[0][at], self._by[1][at]),
-            _SEEN,
-            test.value[at, None],
-            test.value_before[at, None],
-            test.carried[at, None],
-            test.fresh[at, None],
-            self._settings,
-        )
+        at, (mean, variance) = plain, self.moments()
+        innovation = test.value[at, None] - mean[at]
+        told = corrected(innovation, variance[at] + test.noise[at, None], self._settings)
+        shared = self.covariance[at] @ _SEEN
+        self.mean[at] += shared * (told.gain * innovation)[..., None]
+        outer = shared[..., None] * shared[..., None, :]
+        self.covariance[at] -= outer * told.shrinking[..., None, None]
         log_likelihood[at], below[at] = told.log_likelihood, told.below
-        at = np.flatnonzero(test.near)
+        at = np.flatnonzero(near)
         k, (was, before) = np.repeat(at, self.omega.size), (mean[at], variance[at])
         level, left, log_p = was.ravel().copy(), before.ravel().copy(), np.empty(k.size)
         near_healthy_update(level, left, test.noise[k], REACH[k], self.two_sided[k], log_p)

@@ -1,0 +1,25 @@
+"""Laws of growth by name, in the order of their cells in the grid.
+
+To add one, write it in a file of its own after ``interface.Law`` and name it here.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from ema_monitor.prognosis.growth.laws.archard import Archard
+from ema_monitor.prognosis.growth.laws.constant import Constant
+from ema_monitor.prognosis.growth.laws.drift import Drift
+from ema_monitor.prognosis.growth.laws.exponential import Exponential
+from ema_monitor.prognosis.growth.laws.interface import Law
+from ema_monitor.prognosis.growth.laws.jumps import Jumps
+from ema_monitor.prognosis.growth.laws.linear import Linear
+from ema_monitor.prognosis.growth.laws.power import Power
+from ema_monitor.prognosis.growth.laws.self_heating import SelfHeating
+
+LAWS: Final[Mapping[str, Law]] = MappingProxyType(
+    {
+        law.name: law()
+        for law in (Constant, Linear, Exponential, Archard, SelfHeating, Power, Drift, Jumps)
+    }
+)

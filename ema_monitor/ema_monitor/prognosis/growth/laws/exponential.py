@@ -1,0 +1,9 @@
+"""dx/du = a (x + x_0): self-reinforcing damage."""
+
+from ema_monitor.prognosis.growth.laws.interface import Law
+
+
+class Exponential(Law):
+    """A law that may be known; its curves are those of ``archard``, with x_0 = 1 / b."""
+
+    name = "exponential"

@@ -1,0 +1,132 @@
+"""Interface of the laws of growth: their curves, how a level moves, and when it passes a limit."""
+
+import math
+from collections.abc import Callable
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_core.growth_laws import hours_until, increment
+
+BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
+"""Bends of curves of unknown law [-].
+
+The weakest hardly differs from a line; along the strongest half of the way is made in the last
+fifth to tenth of life. Neighbours are so close that where a fault's own bend lies between them
+does not show in a prediction.
+"""
+
+
+class Curve(NamedTuple):
+    """A curve of a law."""
+
+    shape: float = 0.0  # second figure of the law [-]
+    share: float = 1.0  # of the prior, relative to other curves [-]
+    scatter: float = 0.0  # of drift its s [1/sqrt(h)], of jumps their mean size [-]
+
+
+class Figures(NamedTuple):
+    """Figures of cells or samples that follow a law, ``(n,)`` each."""
+
+    side: Array  # of healthy, on which it grows, -1 or 1
+    rate: Array  # of the law [1/h], of ``power`` its time scale [h]
+    shape: Array
+    scatter: Array
+    limit: Array  # distance from healthy at which life ends [-]
+
+
+class Levels(NamedTuple):
+    """What is known of the levels of cells, ``(n,)`` each, changed in place."""
+
+    weight: Array  # probabilities of the cells [-]
+    mean: Array  # of the signed distance from healthy [-]
+    variance: Array
+
+
+class Future(NamedTuple):
+    """How growth goes on, at some hours of samples, ``(m, n)`` each."""
+
+    hours: Array  # of growth from now on, ascending [h]
+    paced: Array  # the same at a pace that may wander [h]
+    noise: Array  # what process noise adds to it [h]
+    wiener: Array  # standard Wiener process [sqrt(h)]
+
+    def time(self, own: Array) -> Array:
+        """Return times of growth with their noise, which do not run backwards [h]."""
+        return np.maximum.accumulate(np.maximum(own + self.noise, 0.0), axis=0)
+
+
+class Law:
+    """A law that grows by an exact solution of ``ema_core.growth_laws``, with process noise.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    solution
+        The name of its exact solution, where that is another.
+    is_random
+        Whether growth itself is random: then a step, or another rate, is a part of it.
+    copies
+        Cells of each rate.
+    either_side
+        Whether only faults that can leave their healthy value to either side follow it.
+    """
+
+    name: ClassVar[str]
+    solution: ClassVar[str] = ""
+    is_random: ClassVar[bool] = False
+    copies: ClassVar[int] = 1
+    either_side: ClassVar[bool] = False
+
+    def curves(self, limit: float) -> list[Curve]:
+        """Return the curves that a fault of unknown law and some limit [-] may follow."""
+        return []
+
+    def wandering(self, limit: float) -> list[float]:
+        """Return the shapes of the curves about which a rate may wander."""
+        return []
+
+    def increment(self, x: Array, of: Figures, hours: Array) -> Array:
+        """Return the growth from distances over hours without noise [-]."""
+        return increment(self.solution or self.name, x, of.rate, of.shape, hours)
+
+    def hours_until(self, x: Array, of: Figures) -> Array:
+        """Return the hours from distances to the limit without noise [h]."""
+        return hours_until(self.solution or self.name, x, of.rate, of.shape, of.limit)
+
+    def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
+        """Let levels grow over hours of each, of a variance of the time per hour, ``(n,)`` [h]."""
+        sd = np.sqrt(levels.variance)
+        x = np.maximum(of.side * levels.mean + np.stack([-sd, sd]), 0.0)
+        step = np.minimum(self.increment(x, of, hours), 1.0)
+        spread = 0.5 * np.diff(x + step, axis=0)[0]
+        noise = np.mean(step, axis=0) ** 2 * noise_hours / np.where(hours, hours, 1.0)
+        grown = hours > 0.0
+        levels.mean[:] = np.where(grown, of.side * np.mean(x + step, axis=0), levels.mean)
+        levels.variance[:] = np.where(grown, spread**2 + noise, levels.variance)
+
+    def passage(
+        self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Return mean and shape of the inverse Gaussian hours to the limit, ``(n,)`` each [h].
+
+        With a shape of 0 the hours are the mean.
+        """
+        hours = self.hours_until(np.maximum(x, 0.0), of)
+        return hours, hours**2 / max(noise_hours, 1e-12)
+
+    def future(self, x: Array, of: Figures, ahead: Future, rng: np.random.Generator) -> Array:
+        """Return distances from healthy in the future, ``(m, n)`` [-]."""
+        x = np.maximum(x, 0.0)
+        return x + self.increment(x, of, ahead.time(ahead.paced))
+
+
+def bent(bend_of: Callable[[float], float], bend: float) -> float:
+    """Return where an ascending function reaches a bend, by bisection."""
+    low, high = 1e-3, 500.0
+    while high > low * (1.0 + 1e-12):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if bend_of(middle) < bend else (low, middle)
+    return low

@@ -1,0 +1,85 @@
+"""Growth by jumps: a compound Poisson process, dx/du = a (1 + b x) on average.
+
+Of each rate there are cells without a jump since the latest test, and cells with one. Jumps come
+more often the larger the damage is (Lawless and Crowder 2004, without b).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
+from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, Future, Law, Levels
+from ema_monitor.prognosis.growth.settings import LIFE_HOURS
+
+JUMPS: Final = (12.0, 35.0, 100.0)
+"""Jumps of a mean size from healthy to the limit [-]."""
+
+
+_GROWING: Final = (0.0, 2.0)
+"""Growth of their rate up to the limit, relative to that at healthy [-]."""
+
+
+class Jumps(Law):
+    """Jumps of an exponential distribution, as probable as a law with all its bends."""
+
+    name = "jumps"
+    solution = "archard"
+    is_random = True
+    copies = 2
+
+    def curves(self, limit: float) -> list[Curve]:
+        share = len(BENDS) / len(JUMPS) / len(_GROWING)
+        return [Curve(b / limit, share, limit / jumps) for jumps in JUMPS for b in _GROWING]
+
+    def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
+        """Let each cell have none, or at least one jump; what both were is merged."""
+        weight, mean, variance = map(_paired, levels)
+        total = weight.sum(axis=0)
+        middle = np.sum(weight / total * mean, axis=0)
+        variance[:] = np.sum(weight / total * (variance + (mean - middle) ** 2), axis=0)
+        mean[:] = middle
+        side, jump = _paired(of.side)[1], _paired(of.scatter)[1]
+        x = np.clip(_paired(of.side * levels.mean)[1], 0.0, 1.0)
+        count = self._count(x, Figures(*(_paired(one)[1] for one in of)), _paired(hours)[1])
+        some = -np.expm1(-count)
+        weight[:] = np.maximum(total * np.stack([1.0 - some, some]), LEAST_PROBABILITY)
+        # Moments of a sum of exponential jumps of which there is at least one.
+        grown = jump * np.divide(count, some, out=np.ones_like(count), where=some > 0.0)
+        mean[1] += side * grown
+        variance[1] += grown * (2.0 * jump + jump * count - grown)
+
+    def _count(self, x: Array, of: Figures, hours: Array) -> Array:
+        """Return the expected number of jumps over some hours [-]."""
+        return np.minimum(self.increment(x, of, hours), 10.0) / of.scatter
+
+    def passage(
+        self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Return the hours of as many jumps as lie below the limit, and the one beyond it.
+
+        The levels between jumps are a Poisson process.
+        """
+        x, numbers = np.maximum(x, 0.0), np.arange(x.size)
+        left = np.maximum(of.limit - x, 0.0)
+        between = np.repeat(numbers, rng.poisson(left / of.scatter))
+        level = np.append(x, x[between] + left[between] * rng.random(between.size))
+        number = np.append(numbers, between)
+        rate = of.rate[number] * (1.0 + of.shape[number] * level) / of.scatter[number]
+        waits = rng.standard_exponential(number.size) / rate
+        hours = np.bincount(number, waits, x.size).astype(np.float64, copy=False)
+        return np.where(left > 0.0, hours, 0.0), np.zeros_like(x)
+
+    def future(self, x: Array, of: Figures, ahead: Future, rng: np.random.Generator) -> Array:
+        steps, values = np.diff(ahead.hours, axis=0, prepend=0.0), np.empty(ahead.hours.shape)
+        x = np.maximum(x, 0.0)
+        for number, step in enumerate(steps):
+            x = x + of.scatter * rng.standard_gamma(rng.poisson(self._count(x, of, step)))
+            values[number] = x
+        return values
+
+
+def _paired(values: Array) -> Array:
+    """Return a view of cells without and with a jump, ``(2, curves, rates)``."""
+    return np.moveaxis(values.reshape(-1, 2, LIFE_HOURS[::2].size), 1, 0)
