@@ -74,6 +74,7 @@ def _judged(
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
+    estimate = replace(estimate, parts=tuple(parts))
     departure = calibration.normal.departure(estimate.start_ns, parts)
     if departure is None:
         return estimate

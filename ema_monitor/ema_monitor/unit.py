@@ -191,7 +191,9 @@ class Unit:
     ) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
         before = self.history.newest
-        test = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason, flown)
+        test = UnusedCycle(
+            estimate.end_ns, estimate.verdict, estimate.reason, flown, estimate.parts
+        )
         self.history.append(test)
         if self.history.newest is not test:
             return None

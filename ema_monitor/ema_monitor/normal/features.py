@@ -87,8 +87,8 @@ class Part(NamedTuple):
 def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
     """Return the figures of each stretch of a test that moves in both directions.
 
-    A current without sign is taken as it is: its magnitude is what friction and load need in each
-    direction.
+    They have six digits, which is what a file or a history keeps of them. A current without sign is
+    taken as it is: its magnitude is what friction and load need in each direction.
 
     Raises
     ------
@@ -106,14 +106,37 @@ def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
             for way, sign in (("forward", 1.0), ("backward", -1.0))
         }
         if fastest > 0.0 and all(strokes.values()):
-            motion = Motion(part.sample_period, float(np.ptp(part.command)), fastest)
+            motion = Motion(part.sample_period, *map(_short, (np.ptp(part.command), fastest)))
             figures = _figures(part, np.abs(speed) < _RESTING * fastest, strokes)
+            figures = {name: _short(value) for name, value in figures.items()}
             found.append(Part(motion, figures, len(part)))
     if not found:
         raise ValueError(
             f"the command has no stroke of {_SHORTEST} samples or more in each direction"
         )
     return found
+
+
+def row_of(part: Part) -> list[float]:
+    """Return a stretch as a row: samples, motion and all ``FEATURES``; NaN where it lacks one."""
+    figures = (part.features.get(name, math.nan) for name in FEATURES)
+    return [part.samples, *astuple(part.motion), *figures]
+
+
+def part_of(row: Sequence[float | None], names: Iterable[str] = FEATURES) -> Part:
+    """Return the stretch in a row of `row_of`, whose figures have names; None is NaN.
+
+    Raises
+    ------
+    ValueError
+        When it has no motion, or other figures.
+    """
+    samples, period, travel, speed, *values = np.array(row, dtype=np.float64).tolist()
+    if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
+        raise ValueError("a stretch has no motion: make it anew")
+    named = zip(names, values, strict=True)
+    figures = {name: value for name, value in named if math.isfinite(value)}
+    return Part(Motion(period, travel, speed), figures, int(samples))
 
 
 def mean_of(parts: Sequence[Part]) -> tuple[Motion, dict[str, float]]:
@@ -165,6 +188,10 @@ def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
 def _detrended(values: Array) -> Array:
     steps = np.arange(len(values)) - 0.5 * (len(values) - 1)
     return values - np.mean(values) - steps * (steps @ values) / (steps @ steps)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")
 
 
 def _log_rms(pieces: list[Array]) -> float:

@@ -1,9 +1,8 @@
 """Windows of a unit in a known state, healthy above all, by which later ones are judged (M47)."""
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from typing import Any, Final, NamedTuple, Self
@@ -12,7 +11,16 @@ import numpy as np
 
 from ema_core.telemetry import Telemetry
 from ema_core.wording import unknown_name
-from ema_monitor.normal.features import FEATURES, LEVEL, Motion, Part, mean_of, parts_of
+from ema_monitor.normal.features import (
+    FEATURES,
+    LEVEL,
+    Motion,
+    Part,
+    mean_of,
+    part_of,
+    parts_of,
+    row_of,
+)
 from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
 from ema_monitor.normal.states import LabelledTest, States, known_states
 
@@ -46,32 +54,32 @@ class UnitNormal:
         found = ((one.stamp_ns, part) for one in windows for part in figures_of(one))
         return cls(tuple(KnownWindow(HEALTHY, *one) for one in found))
 
-    def with_test(self, state: str, windows: Iterable[Telemetry]) -> Self:
-        """Return it with the windows of a test in a state; one that is known has its new state.
+    def with_test(self, state: str, stamp_ns: int, parts: Sequence[Part]) -> Self:
+        """Return it with the stretches of a test in a state; one that is known has its new state.
 
         Raises
         ------
         ValueError
-            When no window moves in both directions, one of them is healthy by the calibration, or
-            no healthy window has its motion and load.
+            When there is no stretch, one of them is healthy by the calibration, or no healthy
+            window has its motion and load.
         """
-        found = self.of(windows).windows
-        if not found:
-            raise ValueError("no window has a stroke in each direction")
-        self._require_known(found)
-        new = [one.part for one in found]
-        if any(one.part in new for one in self.healthy):
+        if not parts:
+            raise ValueError("it has no stretch in each direction with a measured current")
+        self._require_known(parts)
+        if any(one.part in parts for one in self.healthy):
             raise ValueError("it is one of the healthy tests of the calibration")
-        kept = [one for one in self.windows if not one.test or one.part not in new]
+        kept = [one for one in self.windows if not one.test or one.part not in parts]
         number = 1 + max((one.test for one in self.windows), default=0)
-        return type(self)((*kept, *(one._replace(state=state, test=number) for one in found)))
+        return type(self)((*kept, *(KnownWindow(state, stamp_ns, one, number) for one in parts)))
 
-    def _require_known(self, windows: Sequence[KnownWindow]) -> None:
-        for one in windows:
-            healthy = self._like(one.part.motion)
+    def _require_known(self, parts: Sequence[Part]) -> None:
+        for one in parts:
+            healthy = self._like(one.motion)
             if not healthy:
-                raise ValueError("no healthy window has its motion: later tests are not judged")
-            away = _distance(healthy, _load(one.part))
+                raise ValueError(
+                    f"no healthy window has its motion, {one.motion}: later tests are not judged"
+                )
+            away = _distance(healthy, _load(one))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
                     f"its load is {away:.2g} A away from those of the healthy windows: `ema "
@@ -160,25 +168,16 @@ class UnitNormal:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values: names, and a row a window; a figure that it lacks is NaN."""
-        rows = [
-            [one.state, one.test, one.stamp_ns, one.part.samples, *astuple(one.part.motion)]
-            + [one.part.features.get(name, math.nan) for name in FEATURES]
-            for one in self.windows
-        ]
+        rows = [[one.state, one.test, one.stamp_ns, *row_of(one.part)] for one in self.windows]
         return {"figures": list(FEATURES), "windows": rows}
 
     @classmethod
     def of_mapping(cls, content: dict[str, Any]) -> Self:
         """Return what ``as_mapping`` gives."""
-        windows = []
-        for number, (state, test, stamp_ns, *row) in enumerate(content["windows"]):
-            samples, period, travel, speed, *values = map(float, row)
-            if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
-                raise ValueError(f"normal: window {number} has no motion: make it anew")
-            named = zip(content["figures"], values, strict=True)
-            figures = {name: value for name, value in named if math.isfinite(value)}
-            part = Part(Motion(period, travel, speed), figures, int(samples))
-            windows.append(KnownWindow(str(state), int(stamp_ns), part, int(test)))
+        windows = (
+            KnownWindow(str(state), int(stamp_ns), part_of(row, content["figures"]), int(test))
+            for state, test, stamp_ns, *row in content["windows"]
+        )
         return cls(tuple(windows))
 
 
