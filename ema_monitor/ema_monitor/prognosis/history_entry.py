@@ -18,6 +18,7 @@ _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
 
 FAULT: Final = "fault"
+DEPARTURE: Final = "departure"
 CALIBRATION: Final = "calibration"
 RESTART: Final = "restart"
 GAP: Final = "gap"
