@@ -3,11 +3,11 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr
+from scipy.stats import multivariate_t
 
 from ema_core.arrays import Array
 from ema_monitor.normal.features import FIGURE, Feature
@@ -146,52 +146,33 @@ class MoveSeries:
         first = max(0, len(self._days) - _LATEST)
         days = np.array(self._days[first:]) - self._days[-1]
         ratios = np.array(self._ratios[first:])
-        line = _Line.of(days, ratios, _LEAST_SIGMA)
-        if line is None or line.falling > _RISING:
+        falling, line = _crossings(days, ratios, self._limit, _LEAST_SIGMA)
+        if falling > _RISING:
             return None
-        times = [line.crossing(self._limit)]
         rise = ratios - 1.0
         grown = rise > _LEAST_RISE
-        growth = _Line.of(days[grown], np.log(rise[grown]), _LEAST_SIGMA / float(rise[-1]))
-        if growth is not None:
-            times.append(growth.crossing(math.log(self._limit - 1.0)))
-        low, middle, high = np.quantile(np.concatenate(times), _QUANTILES)
+        limit, sigma = math.log(self._limit - 1.0), _LEAST_SIGMA / float(rise[-1])
+        _, growth = _crossings(days[grown], np.log(rise[grown]), limit, sigma)
+        low, middle, high = np.quantile(np.concatenate([line, growth]), _QUANTILES)
         return float(low), float(middle), float(high)
 
 
-class _Line(NamedTuple):
-    """A regression line over the days until now, its covariance and degrees of freedom."""
+def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
+    """Return the probability that a regression line does not rise, and times to a limit [d].
 
-    values: NDArray[Any]
-    covariance: NDArray[Any]
-    freedom: int
-
-    @classmethod
-    def of(cls, days: Array, values: Array, least_sigma: float) -> "_Line | None":
-        """Return the line through at least three points; None where there is none."""
-        if len(days) < 3 or not np.ptp(days) > 0.0:
-            return None
-        design = np.stack([np.ones(len(days)), days], axis=1)
-        found, *_ = np.linalg.lstsq(design, values, rcond=None)
-        freedom = len(days) - 2
-        variance = float(np.sum((values - design @ found) ** 2)) / freedom
-        covariance = np.linalg.inv(design.T @ design) * max(variance, least_sigma**2)
-        return cls(found, covariance, freedom)
-
-    @property
-    def falling(self) -> float:
-        """Probability that the line does not rise."""
-        return float(stdtr(self.freedom, -self.values[1] / math.sqrt(self.covariance[1, 1])))
-
-    def crossing(self, limit: float) -> Array:
-        """Return times to a limit, drawn from what is known of the line, as far as it rises [d]."""
-        rng = np.random.default_rng(0)
-        shape = np.linalg.cholesky(self.covariance)
-        normal = rng.standard_normal((_DRAWS, 2)) @ shape.T
-        wide = np.sqrt(self.freedom / rng.chisquare(self.freedom, (_DRAWS, 1)))
-        level, slope = (self.values + normal * wide).T
-        rises = slope > 0.0
-        return np.maximum((limit - level[rises]) / slope[rises], 0.0)
+    They are drawn from what is known of the line, as far as it rises; none from less than three
+    points.
+    """
+    freedom = len(days) - 2
+    if freedom < 1 or not np.ptp(days) > 0.0:
+        return 1.0, np.empty(0)
+    line, shape = np.polyfit(days, values, 1, cov="unscaled")
+    variance = float(np.sum((values - np.polyval(line, days)) ** 2)) / freedom
+    shape *= max(variance, least_sigma**2)
+    draws = multivariate_t.rvs(line, shape, freedom, _DRAWS, random_state=0)
+    slope, level = draws[draws[:, 0] > 0.0].T
+    falling = float(stdtr(freedom, -line[0] / math.sqrt(shape[0, 0])))
+    return falling, np.maximum((limit - level) / slope, 0.0)
 
 
 def _with_index(figures: Mapping[str, float], names: list[str]) -> dict[str, float]:
