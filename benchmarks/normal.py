@@ -31,7 +31,7 @@ _STREAM: Final = 9_100
 def test_of(task: Task) -> HealthyTest | str:
     """Return the figures of a window, or why it has none."""
     try:
-        return HealthyTest(0, mean_of(parts_of([task.window().telemetry]))[1])
+        return HealthyTest(0, mean_of(parts_of([task.window().telemetry])))
     except (RuntimeError, ValueError) as error:
         return str(error)
 

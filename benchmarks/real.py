@@ -167,7 +167,7 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
 
 
 def _test(parts: list[Part]) -> HealthyTest:
-    return HealthyTest(0, mean_of(parts)[1])
+    return HealthyTest(0, mean_of(parts))
 
 
 def aircraft(path: Path) -> list[Figures]:
@@ -195,7 +195,7 @@ def measure(_: Workers, folder: Path, picture: Path | None = None) -> Figures:
     """Print what a unit's own normal shows of the records in FOLDER."""
     trials = ball_screw_trials(folder)
     parts = {key: cycles(trial) for key, trial in trials.items()}
-    tests = {key: mean_of(one)[1] for key, one in parts.items()}
+    tests = {key: mean_of(one) for key, one in parts.items()}
     motion = {key: stretches(trial) for key, trial in trials.items()}
     figures: Figures = {
         "trials": diagnosed(motion, of_its_load=True),

@@ -139,20 +139,13 @@ def part_of(row: Sequence[float | None], names: Iterable[str] = FEATURES) -> Par
     return Part(Motion(period, travel, speed), figures, int(samples))
 
 
-def mean_of(parts: Sequence[Part]) -> tuple[Motion, dict[str, float]]:
-    """Return what a test commanded, and the means of the figures that all its parts have."""
-    if len(parts) == 1:
-        return parts[0].motion, parts[0].features
+def mean_of(parts: Sequence[Part]) -> dict[str, float]:
+    """Return the means of the figures that all parts of a test have."""
     weights = [part.samples for part in parts]
-    names = [name for name in FEATURES if all(name in part.features for part in parts)]
-    motion = Motion(
-        parts[0].motion.sample_period,
-        max(part.motion.travel for part in parts),
-        float(np.average([part.motion.speed for part in parts], weights=weights)),
-    )
-    return motion, {
+    return {
         name: float(np.average([part.features[name] for part in parts], weights=weights))
-        for name in names
+        for name in FEATURES
+        if all(name in part.features for part in parts)
     }
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.special import stdtr
@@ -169,7 +169,8 @@ def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> 
     line, shape = np.polyfit(days, values, 1, cov="unscaled")
     variance = float(np.sum((values - np.polyval(line, days)) ** 2)) / freedom
     shape *= max(variance, least_sigma**2)
-    draws = multivariate_t.rvs(line, shape, freedom, _DRAWS, random_state=0)
+    known: Any = line, shape, freedom
+    draws = multivariate_t.rvs(*known, size=_DRAWS, random_state=0)
     slope, level = draws[draws[:, 0] > 0.0].T
     falling = float(stdtr(freedom, -line[0] / math.sqrt(shape[0, 0])))
     return falling, np.maximum((limit - level) / slope, 0.0)

@@ -1,7 +1,7 @@
 """Windows of a unit in a known state, healthy above all, by which later ones are judged (M47)."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -79,7 +79,7 @@ class UnitNormal:
                 raise ValueError(
                     f"no healthy window has its motion, {one.motion}: later tests are not judged"
                 )
-            away = _distance(healthy, _load(one))
+            away = _distance(healthy, _load(one.features))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
                     f"its load is {away:.2g} A away from those of the healthy windows: `ema "
@@ -123,7 +123,7 @@ class UnitNormal:
     @property
     def loads(self) -> tuple[float, float]:
         """The least and largest load of a healthy window, from their mean [A]."""
-        loads = [_load(one.part) for one in self.healthy] or [0.0]
+        loads = [_load(one.part.features) for one in self.healthy] or [0.0]
         mean = sum(loads) / len(loads)
         return min(loads) - mean, max(loads) - mean
 
@@ -147,13 +147,15 @@ class UnitNormal:
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
             under: dict[int, list[Part]] = {}
             for part in own:
-                under.setdefault(_nearest(loads, _load(part)), []).append(part)
+                under.setdefault(_nearest(loads, _load(part.features)), []).append(part)
             # A test that was labelled is not judged by itself.
             labelled = [
                 one for one in self._like(own[0].motion, labelled=True) if one.part not in parts
             ]
             for near, some in under.items():
-                beside = [one for one in labelled if _nearest(loads, _load(one.part)) == near]
+                beside = [
+                    one for one in labelled if _nearest(loads, _load(one.part.features)) == near
+                ]
                 found.append(_judged(stamp_ns, some, loads[near], beside, _running(healthy)))
         has_labels = len(self.healthy) < len(self.windows)
         judged = [one for one in found if isinstance(one, Departure)]
@@ -199,8 +201,8 @@ def _judged(
     """Return how unlikely stretches are for healthy windows like them, or why that is unknown."""
     if len(healthy) < FEWEST_TESTS:
         return f"the load has fewer than {FEWEST_TESTS} healthy windows"
-    motion, figures = mean_of(parts)
-    load = _load(Part(motion, figures, 0))
+    figures = mean_of(parts)
+    load = _load(figures)
     size = min(len(parts), len(healthy) // FEWEST_TESTS)
     test = HealthyTest(stamp_ns, figures)
     tests = list(_tests(healthy, size))
@@ -225,7 +227,7 @@ def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
     others = groupby((one for one in windows if one.test), key=lambda one: one.test)
     for row in (*rows, *(list(one) for _, one in others)):
         parts = [one.part for one in row]
-        test = HealthyTest(row[0].stamp_ns, mean_of(parts)[1])
+        test = HealthyTest(row[0].stamp_ns, mean_of(parts))
         yield LabelledTest(row[0].state, test, [part.features for part in parts])
 
 
@@ -242,20 +244,20 @@ def _by_motion(parts: Iterable[Part]) -> list[list[Part]]:
 
 def _running(windows: Sequence[KnownWindow]) -> float:
     """Return the larger mean current of both directions [A]."""
-    _, figures = mean_of([one.part for one in windows])
+    figures = mean_of([one.part for one in windows])
     return max(abs(figures[name]) for name in _BOTH_WAYS)
 
 
-def _load(part: Part) -> float:
+def _load(figures: Mapping[str, float]) -> float:
     """Return the current that does not follow the direction [A]."""
-    forward, backward = (part.features[name] for name in _BOTH_WAYS)
+    forward, backward = (figures[name] for name in _BOTH_WAYS)
     return 0.5 * (forward - backward)
 
 
 def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindow]]:
     """Return windows in groups between which the load [A] has a gap, each in their order."""
-    order = sorted(range(len(windows)), key=lambda at: _load(windows[at].part))
-    steps = np.diff([_load(windows[at].part) for at in order])
+    order = sorted(range(len(windows)), key=lambda at: _load(windows[at].part.features))
+    steps = np.diff([_load(windows[at].part.features) for at in order])
     groups = np.split(order, np.flatnonzero(steps > gap) + 1)
     return [[windows[at] for at in sorted(group)] for group in groups]
 
@@ -265,4 +267,4 @@ def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
 
 
 def _distance(group: Sequence[KnownWindow], load: float) -> float:
-    return min(abs(_load(one.part) - load) for one in group)
+    return min(abs(_load(one.part.features) - load) for one in group)
