@@ -32,11 +32,10 @@ from ema_core.telemetry import join
 from ema_monitor.calibrations import calibrate
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.normal.features import Part, mean_of, parts_of
+from ema_monitor.normal.features import Part, figures_of, mean_of
 from ema_monitor.normal.moves import Move, MoveSeries
 from ema_monitor.normal.normal import DEPARTED, HealthyTest
 from ema_monitor.normal.states import LabelledTest, States, known_states
-from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -82,7 +81,7 @@ def imported(records: pd.DataFrame) -> Imported:
 def cycles(trial: pd.DataFrame) -> list[Part]:
     """Return the figures of each cycle of a trial."""
     some = [imported(cycle) for _, cycle in trial.groupby("repetition")]
-    return parts_of(join(list(one.blocks())) for one in some)
+    return list(chain.from_iterable(figures_of(join(list(one.blocks()))) for one in some))
 
 
 def stretches(trial: pd.DataFrame) -> list[Segment]:

@@ -13,9 +13,9 @@ from ema_cli.bags.source import Source, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.calibrations import AnyCalibration, load_calibration
-from ema_monitor.normal.features import Part
+from ema_monitor.normal.features import Part, figures_of
 from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
-from ema_monitor.normal.unit_normal import UnitNormal, figures_of
+from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.prognosis.history import read_history
 
 

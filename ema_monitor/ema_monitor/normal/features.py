@@ -84,37 +84,25 @@ class Part(NamedTuple):
     samples: int
 
 
-def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
-    """Return the figures of each stretch of a test that moves in both directions.
+def figures_of(window: Telemetry) -> list[Part]:
+    """Return the figures of a window; none where it has no current, or no stroke each way.
 
     They have six digits, which is what a file or a history keeps of them. A current without sign is
     taken as it is: its magnitude is what friction and load need in each direction.
-
-    Raises
-    ------
-    ValueError
-        When there is no current, or no such stretch.
     """
-    found = []
-    for part in telemetry:
-        if not len(part.current):
-            raise ValueError("the current is not measured: a normal needs it")
-        speed = np.gradient(part.command) / part.sample_period if len(part) > 1 else np.zeros(1)
-        fastest = float(np.percentile(np.abs(speed), _FASTEST))
-        strokes = {
-            way: _strokes(sign * speed > _MOVING * fastest)
-            for way, sign in (("forward", 1.0), ("backward", -1.0))
-        }
-        if fastest > 0.0 and all(strokes.values()):
-            motion = Motion(part.sample_period, *map(_short, (np.ptp(part.command), fastest)))
-            figures = _figures(part, np.abs(speed) < _RESTING * fastest, strokes)
-            figures = {name: _short(value) for name, value in figures.items()}
-            found.append(Part(motion, figures, len(part)))
-    if not found:
-        raise ValueError(
-            f"the command has no stroke of {_SHORTEST} samples or more in each direction"
-        )
-    return found
+    if not len(window.current) or len(window) < 2:
+        return []
+    speed = np.gradient(window.command) / window.sample_period
+    fastest = float(np.percentile(np.abs(speed), _FASTEST))
+    strokes = {
+        way: _strokes(sign * speed > _MOVING * fastest)
+        for way, sign in (("forward", 1.0), ("backward", -1.0))
+    }
+    if not (fastest > 0.0 and all(strokes.values())):
+        return []
+    motion = Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+    figures = _figures(window, np.abs(speed) < _RESTING * fastest, strokes)
+    return [Part(motion, {name: _short(one) for name, one in figures.items()}, len(window))]
 
 
 def row_of(part: Part) -> list[float]:

@@ -84,8 +84,7 @@ class MoveSeries:
         self._limit = limit
         self._reference = reference
         self._healthy: list[HealthyTest] = []
-        self._days: list[float] = []
-        self._ratios: list[float] = []
+        self._course: list[tuple[float, float]] = []
 
     def add(self, move: Move) -> MoveVerdict:
         """Return what is told of the next move by those before it.
@@ -96,7 +95,7 @@ class MoveSeries:
             When it is earlier than the one before, or a figure is not positive.
         """
         day = move.stamp_ns / _NS_A_DAY
-        if self._days and day < self._days[-1]:
+        if self._course and day < self._course[-1][0]:
             raise ValueError(
                 f"the move at {move.stamp_ns} ns is earlier than the one before: sort them by time"
             )
@@ -107,7 +106,7 @@ class MoveSeries:
         if len(self._healthy) < self._reference:
             self._healthy.append(HealthyTest(move.stamp_ns, logs))
             missing = self._reference - len(self._healthy)
-            self._note(day, 1.0)
+            self._course.append((day, 1.0))
             reason = f"reference; {missing} more needed" if missing else "reference"
             return MoveVerdict(1.0, "STALE", None, None, reason)
         names = [name for name in logs if all(name in one.features for one in self._healthy)]
@@ -117,7 +116,7 @@ class MoveSeries:
             name: float(np.mean([one.features[name] for one in self._healthy])) for name in names
         }
         ratio = math.exp(float(np.mean([logs[name] - healthy[name] for name in names])))
-        self._note(day, ratio)
+        self._course.append((day, ratio))
         tests = [
             HealthyTest(one.stamp_ns, _with_index(one.features, names)) for one in self._healthy
         ]
@@ -133,19 +132,14 @@ class MoveSeries:
         reason = str(departure.changes[0]) if departure.changes else str(departure)
         return MoveVerdict(ratio, level, departure, life, reason)
 
-    def _note(self, day: float, ratio: float) -> None:
-        self._days.append(day)
-        self._ratios.append(ratio)
-
     def _life(self) -> tuple[float, float, float] | None:
         """Return the quantiles of the time to the limit; None where nothing rises for certain.
 
         The latest moves rise by a straight line, or their distance from healthy grows by a constant
         factor: both are open as long as the limit is far, and count alike.
         """
-        first = max(0, len(self._days) - _LATEST)
-        days = np.array(self._days[first:]) - self._days[-1]
-        ratios = np.array(self._ratios[first:])
+        days, ratios = np.array(self._course[-_LATEST:]).T
+        days = days - days[-1]
         falling, line = _crossings(days, ratios, self._limit, _LEAST_SIGMA)
         if falling > _RISING:
             return None

@@ -16,9 +16,9 @@ from ema_monitor.normal.features import (
     LEVEL,
     Motion,
     Part,
+    figures_of,
     mean_of,
     part_of,
-    parts_of,
     row_of,
 )
 from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
@@ -181,14 +181,6 @@ class UnitNormal:
             for state, test, stamp_ns, *row in content["windows"]
         )
         return cls(tuple(windows))
-
-
-def figures_of(telemetry: Telemetry) -> list[Part]:
-    """Return the figures of a window; none where it has no current, or no stroke each way."""
-    try:
-        return parts_of([telemetry])
-    except ValueError:
-        return []
 
 
 def _judged(

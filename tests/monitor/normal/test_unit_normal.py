@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
+from ema_monitor.normal.features import figures_of
 from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
-from ema_monitor.normal.unit_normal import UnitNormal, figures_of
+from ema_monitor.normal.unit_normal import UnitNormal
 
 from .test_features import slide
 
