@@ -150,7 +150,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(ema, tmp_path, 
     for test, words in (
         ("1", "3 tests dry, 4 tests worn screw"),
         ("1970-01-02", "3 tests dry, 4 tests worn screw"),
-        ("2", "expected a test, as 1 of 1970-01-02T00:00:00"),
+        ("2", "expected number or date of a test; its last, 1, is of 1970-01-02T00:00:00"),
     ):
         result = ema("label", calibration, path, "--test", test, "--state", "worn screw")
         assert words in result.output

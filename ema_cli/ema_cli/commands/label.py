@@ -112,20 +112,18 @@ def _of_history(
     history = read_history(path)
     if history.unit[1] != calibration.serial_number:
         raise ValueError(f"{path} is of {history.unit[1]!r}, not {calibration.serial_number!r}")
-    tests = {
-        str(number): (f"{datetime.fromtimestamp(1e-9 * one.stamp_ns, UTC):%FT%T}", one)
-        for number, one in enumerate(history.tests, 1)
-    }
-    latest = ", ".join(f"{number} of {date}" for number, (date, _) in list(tests.items())[-5:])
+    tests = history.tests
+    dates = [f"{datetime.fromtimestamp(1e-9 * one.stamp_ns, UTC):%FT%T}" for one in tests]
     for one in chosen or [""]:
         found = [
-            (test.stamp_ns, test.parts)
-            for number, (date, test) in tests.items()
-            if one == number or ("-" in one and date.startswith(one))
+            test
+            for number, (date, test) in enumerate(zip(dates, tests, strict=True), 1)
+            if one == str(number) or ("-" in one and date.startswith(one))
         ]
         if not found:
-            raise ValueError(f"{path}: --test {one!r}: expected a test, as {latest or 'none'}")
-        yield from found
+            last = f"its last, {len(tests)}, is of {dates[-1]}" if tests else "it has none"
+            raise ValueError(f"{path}: --test {one!r}: expected number or date of a test; {last}")
+        yield from ((test.stamp_ns, test.parts) for test in found)
 
 
 def _with_test(

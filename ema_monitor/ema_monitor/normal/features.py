@@ -112,12 +112,9 @@ def row_of(part: Part) -> list[float]:
 
 
 def part_of(row: Sequence[float | None], names: Iterable[str] = FEATURES) -> Part:
-    """Return the stretch in a row of `row_of`, whose figures have names; None is NaN.
+    """Return the stretch in a row of `row_of`, by the names of its figures; None is NaN.
 
-    Raises
-    ------
-    ValueError
-        When it has no motion, or other figures.
+    ValueError when it has no motion, or other figures.
     """
     samples, period, travel, speed, *values = np.array(row, dtype=np.float64).tolist()
     if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):

@@ -74,11 +74,8 @@ class UnitNormal:
 
     def _require_known(self, parts: Sequence[Part]) -> None:
         for one in parts:
-            healthy = self._like(one.motion)
-            if not healthy:
-                raise ValueError(
-                    f"no healthy window has its motion, {one.motion}: later tests are not judged"
-                )
+            if not (healthy := self._like(one.motion)):
+                raise ValueError(f"no healthy window has its motion, {one.motion}")
             away = _distance(healthy, _load(one.features))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
@@ -95,11 +92,10 @@ class UnitNormal:
 
     def without(self, state: str) -> Self:
         """Return it without the labelled tests of a state; ValueError when there are none."""
-        states = {one.state for one in self.windows if one.test}
-        if state not in states:
-            raise ValueError(unknown_name("state", state, states))
-        kept = (one for one in self.windows if not one.test or one.state != state)
-        return type(self)(tuple(kept))
+        kept = tuple(one for one in self.windows if not one.test or one.state != state)
+        if len(kept) == len(self.windows):
+            raise ValueError(unknown_name("state", state, self.tests()))
+        return type(self)(kept)
 
     def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
         windows = (one for one in self.windows if bool(one.test) == labelled)
