@@ -15,7 +15,7 @@ from rich.table import Table
 from script import Figures, Workers, command
 from targets import Row, at_least, at_most, grid
 
-from ema_monitor.normal.features import mean_of, parts_of
+from ema_monitor.normal.features import figures_of, mean_of
 from ema_monitor.normal.normal import DEPARTED, HealthyTest, Normal
 
 KINDS: Final[tuple[Kind, ...]] = ("own", "held out")
@@ -31,9 +31,10 @@ _STREAM: Final = 9_100
 def test_of(task: Task) -> HealthyTest | str:
     """Return the figures of a window, or why it has none."""
     try:
-        return HealthyTest(0, mean_of(parts_of([task.window().telemetry]))[1])
+        parts = figures_of(task.window().telemetry)
     except (RuntimeError, ValueError) as error:
         return str(error)
+    return HealthyTest(0, mean_of(parts)) if parts else "no stroke in each direction"
 
 
 def normal_of(unit: Unit) -> Normal:

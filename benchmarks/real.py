@@ -32,11 +32,10 @@ from ema_core.telemetry import join
 from ema_monitor.calibrations import calibrate
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.normal.features import Part, mean_of, parts_of
+from ema_monitor.normal.features import Part, figures_of, mean_of
 from ema_monitor.normal.moves import Move, MoveSeries
 from ema_monitor.normal.normal import DEPARTED, HealthyTest
 from ema_monitor.normal.states import LabelledTest, States, known_states
-from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -82,7 +81,7 @@ def imported(records: pd.DataFrame) -> Imported:
 def cycles(trial: pd.DataFrame) -> list[Part]:
     """Return the figures of each cycle of a trial."""
     some = [imported(cycle) for _, cycle in trial.groupby("repetition")]
-    return parts_of(join(list(one.blocks())) for one in some)
+    return list(chain.from_iterable(figures_of(join(list(one.blocks()))) for one in some))
 
 
 def stretches(trial: pd.DataFrame) -> list[Segment]:
@@ -167,7 +166,7 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
 
 
 def _test(parts: list[Part]) -> HealthyTest:
-    return HealthyTest(0, mean_of(parts)[1])
+    return HealthyTest(0, mean_of(parts))
 
 
 def aircraft(path: Path) -> list[Figures]:
@@ -195,7 +194,7 @@ def measure(_: Workers, folder: Path, picture: Path | None = None) -> Figures:
     """Print what a unit's own normal shows of the records in FOLDER."""
     trials = ball_screw_trials(folder)
     parts = {key: cycles(trial) for key, trial in trials.items()}
-    tests = {key: mean_of(one)[1] for key, one in parts.items()}
+    tests = {key: mean_of(one) for key, one in parts.items()}
     motion = {key: stretches(trial) for key, trial in trials.items()}
     figures: Figures = {
         "trials": diagnosed(motion, of_its_load=True),

@@ -51,6 +51,7 @@ _ESTIMATES: Final = pa.schema(
         **dict.fromkeys(("unobservable", "insignificant"), pa.list_(_TEXT)),
         **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
         "alternatives": pa.list_(pa.list_(_TEXT)),
+        "parts": pa.list_(pa.list_(_FLOAT)),
         "number": pa.int32(),
         "bag": _TEXT,
         "bag_sha256": _TEXT,

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -77,6 +78,13 @@ def calibrate(
     return replace(made, normal=UnitNormal.of(one.telemetry for one in windows))
 
 
+def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> AnyCalibration:
+    """Return a calibration with the labels of one that it replaces, if of the same unit."""
+    if replaced.serial_number != calibration.serial_number:
+        return calibration
+    return replace(calibration, normal=calibration.normal.with_labels_of(replaced.normal))
+
+
 class CalibrationStore:
     """Gives each actuator its calibration, and stores new ones.
 
@@ -143,6 +151,8 @@ class CalibrationStore:
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
         """Store a calibration and use it from now on; ValueError if it cannot be stored."""
+        with suppress(OSError, ValueError):
+            calibration = with_labels_of(calibration, load_calibration(path))
         try:
             calibration.save(path)
         except OSError as error:

@@ -20,9 +20,8 @@ from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
 from ema_monitor.model.measured import measured_causes
-from ema_monitor.normal.features import Part
+from ema_monitor.normal.features import Part, figures_of
 from ema_monitor.normal.normal import Departure
-from ema_monitor.normal.unit_normal import figures_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -74,6 +73,7 @@ def _judged(
     """
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
+    estimate = replace(estimate, parts=tuple(parts))
     departure = calibration.normal.departure(estimate.start_ns, parts)
     if departure is None:
         return estimate

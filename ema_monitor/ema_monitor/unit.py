@@ -22,6 +22,7 @@ from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import (
     CALIBRATION,
+    DEPARTURE,
     FAULT,
     GAP,
     HISTORY,
@@ -159,7 +160,7 @@ class Unit:
                 entry, findings = self._entry(estimate, cycles, count, flown)
                 before = self.history.newest
                 if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
-                    findings.append(Finding(FAULT, estimate.reason))
+                    findings.append(Finding(DEPARTURE, estimate.reason))
                 try:
                     findings += self.growth.add(entry)
                 except Exception:
@@ -191,7 +192,9 @@ class Unit:
     ) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
         before = self.history.newest
-        test = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason, flown)
+        test = UnusedCycle(
+            estimate.end_ns, estimate.verdict, estimate.reason, flown, estimate.parts
+        )
         self.history.append(test)
         if self.history.newest is not test:
             return None
@@ -201,7 +204,8 @@ class Unit:
         had_it = before is not None and before.verdict == estimate.verdict
         if estimate.verdict not in (FAILED, DEPARTED) or had_it:
             return outlook
-        event = UnitEvent(estimate.end_ns, outlook.hours, FAULT, estimate.reason)
+        kind = DEPARTURE if estimate.verdict == DEPARTED else FAULT
+        event = UnitEvent(estimate.end_ns, outlook.hours, kind, estimate.reason)
         return replace(outlook, events=(event,))
 
     def _add_late(
@@ -229,7 +233,7 @@ class Unit:
         )
         self._findings.append(Finding(OTHER, text))
         if estimate.verdict == DEPARTED:
-            self._findings.append(Finding(FAULT, estimate.reason))
+            self._findings.append(Finding(DEPARTURE, estimate.reason))
 
     def follow(
         self,

@@ -6,6 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ema_monitor.normal.features import part_of
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.history_entry import UnusedCycle
+
 from .test_import_guide import REAL
 from .test_slow_records import MAPPING, written
 
@@ -137,8 +141,21 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(ema, tmp_path, 
         assert words in " ".join(result.stderr.split())
     result = ema("calibrate", *healthy, *window, "--replace", "-o", calibration)
     assert "labelled states kept: dry, worn screw" in result.stdout
+    # A history has the figures of its tests without the bags.
+    [found] = json.loads(ema("estimate", later, *command, "--json").stdout)
+    path = history_path(tmp_path, "slide", "R1")
+    history, parts = History("slide", "R1", path), tuple(map(part_of, found["parts"]))
+    history.append(UnusedCycle(86_400 * 10**9, "departed", "", parts=parts))
+    history.close()
+    for test, words in (
+        ("1", "3 tests dry, 4 tests worn screw"),
+        ("1970-01-02", "3 tests dry, 4 tests worn screw"),
+        ("2", "expected number or date of a test; its last, 1, is of 1970-01-02T00:00:00"),
+    ):
+        result = ema("label", calibration, path, "--test", test, "--state", "worn screw")
+        assert words in result.output
     result = ema("label", calibration, "--remove", "dry")
-    assert "10 tests healthy, 3 tests worn screw" in result.stdout
+    assert "10 tests healthy, 4 tests worn screw" in result.stdout
 
 
 def test_table_with_a_mapping_beside_it_is_read_as_a_bag_and_labels_by_its_columns(

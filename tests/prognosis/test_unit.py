@@ -14,7 +14,7 @@ from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import FAULT, Count
+from ema_monitor.prognosis.history_entry import DEPARTURE, Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
@@ -348,8 +348,8 @@ def test_departure_that_no_fault_explains_is_a_warning_and_one_event(valid: bool
     outlooks = after(*tests)
     assert [one.health.level for one in outlooks] == [OK, WARN, WARN, OK]
     assert cause_of_level(outlooks[1]).startswith(departed(1).reason)
-    kinds = [[event.kind for event in one.events if event.kind == FAULT] for one in outlooks]
-    assert kinds == [[], [FAULT], [], []]
+    kinds = [[event.kind for event in one.events if event.kind == DEPARTURE] for one in outlooks]
+    assert kinds == [[], [DEPARTURE], [], []]
 
 
 def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
@@ -364,7 +364,7 @@ def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
 def test_departure_that_comes_late_is_an_event_and_no_level():
     _, late = after(made_test(1), departed(0))
     assert late.health.level == OK
-    assert [one.text for one in late.events if one.kind == FAULT] == [departed(0).reason]
+    assert [one.text for one in late.events if one.kind == DEPARTURE] == [departed(0).reason]
 
 
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):

@@ -14,7 +14,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibrations import calibrate
 from ema_monitor.health import TORQUE_PER_AMPERE
-from ema_monitor.prognosis.history_entry import FAULT
+from ema_monitor.prognosis.history_entry import DEPARTURE
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
@@ -78,7 +78,7 @@ def test_departure_that_no_fault_explains_is_told_and_kept(tmp_path: Path):
         assert "the roughness of the current in the forward stroke" in estimate.reason
         health = session.until(lambda: session.healths()[1:])[-1]
         assert (health.level, health.cause) == (Health.WARN, estimate.reason)
-        assert [(one.kind, one.text) for one in health.events] == [(FAULT, estimate.reason)]
+        assert [(one.kind, one.text) for one in health.events] == [(DEPARTURE, estimate.reason)]
     with monitor(given) as session:
         session.mount(UNKNOWN)
         health = session.until(session.healths)[-1]

@@ -2,7 +2,6 @@
 
 import sys
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -79,14 +78,11 @@ def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
     """Return a calibration with the labels of the one that it replaces, if of the same unit."""
     with suppress(ValueError, OSError):
         replaced = calibrations.load_calibration(output)
-        if replaced.serial_number == calibration.serial_number:
-            normal = calibration.normal.with_labels_of(replaced.normal)
-            labels = normal.tests().keys() - calibration.normal.tests().keys()
-            if lost := replaced.normal.tests().keys() - normal.tests().keys():
-                click.echo(
-                    f"warning: {', '.join(lost)}: no healthy window has the motion", err=True
-                )
-            if labels:
-                click.echo(f"labelled states kept: {', '.join(sorted(labels))}")
-            return replace(calibration, normal=normal)
+        kept = calibrations.with_labels_of(calibration, replaced)
+        if lost := replaced.normal.tests().keys() - kept.normal.tests().keys():
+            words = "labels dropped, as no healthy window of this unit has their motion"
+            click.echo(f"warning: {words}: {', '.join(sorted(lost))}", err=True)
+        if labels := kept.normal.tests().keys() - calibration.normal.tests().keys():
+            click.echo(f"labelled states kept: {', '.join(sorted(labels))}")
+        return kept
     return calibration

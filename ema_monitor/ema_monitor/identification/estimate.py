@@ -13,6 +13,7 @@ from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector,
 from ema_core.wording import text_table
 from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.normal.features import Part, part_of, row_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -105,6 +106,8 @@ class Estimate:
         end of the last; 0 of a test cycle, which is one window.
     measured
         Hidden causes that were measured, as they were used; of stretches as ``causes``.
+    parts
+        Figures of the window, or of each stretch, where the calibration has a normal.
     """
 
     start_ns: int
@@ -135,6 +138,7 @@ class Estimate:
     alternatives: tuple[tuple[str, str], ...] = ()
     stretches: int = 0
     measured: tuple[CauseEstimate, ...] = ()
+    parts: tuple[Part, ...] = ()
 
     def __post_init__(self) -> None:
         is_within = np.abs(np.subtract(self.faults, healthy_faults())) <= np.asarray(self.sigma)
@@ -245,6 +249,7 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
     for name in _CAUSES:
         values[name] = [cause._asdict() for cause in values[name]]
     values["alternatives"] = [list(pair) for pair in estimate.alternatives]
+    values["parts"] = [row_of(part) for part in estimate.parts]
     return {
         name: value.item() if isinstance(value, np.generic) else value
         for name, value in values.items()
@@ -267,7 +272,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     ValueError, KeyError, TypeError
         When it is not the record of an estimate.
     """
-    values = {item.name: record[item.name] for item in fields(Estimate)}
+    values = {item.name: record[item.name] for item in fields(Estimate) if item.name != "parts"}
     for item in fields(Estimate):
         if item.type is float:
             values[item.name] = read_number(values[item.name])
@@ -282,6 +287,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     for name in _CAUSES:
         values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
     values["alternatives"] = tuple(tuple(pair) for pair in record["alternatives"])
+    values["parts"] = tuple(part_of(row) for row in record.get("parts", ()))
     return Estimate(**values)
 
 

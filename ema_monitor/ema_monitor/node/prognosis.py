@@ -31,6 +31,7 @@ from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import (
+    DEPARTURE,
     FAULT,
     HISTORY,
     RESTART,
@@ -290,7 +291,7 @@ class MonitorPrognosis:
         self._logged[key] = problem
         for event in events:
             # Changes of level have a line of their own, and so have a restart and the history.
-            if event.kind not in (FAULT, RESTART, HISTORY):
+            if event.kind not in (FAULT, DEPARTURE, RESTART, HISTORY):
                 self._node.get_logger().warning(f"{description.actuator_id}: {event}")
 
     def _predict(

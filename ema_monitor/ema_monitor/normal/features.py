@@ -84,52 +84,53 @@ class Part(NamedTuple):
     samples: int
 
 
-def parts_of(telemetry: Iterable[Telemetry]) -> list[Part]:
-    """Return the figures of each stretch of a test that moves in both directions.
+def figures_of(window: Telemetry) -> list[Part]:
+    """Return the figures of a window; none where it has no current, or no stroke each way.
 
-    A current without sign is taken as it is: its magnitude is what friction and load need in each
-    direction.
-
-    Raises
-    ------
-    ValueError
-        When there is no current, or no such stretch.
+    They have six digits, which is what a file or a history keeps of them. A current without sign is
+    taken as it is: its magnitude is what friction and load need in each direction.
     """
-    found = []
-    for part in telemetry:
-        if not len(part.current):
-            raise ValueError("the current is not measured: a normal needs it")
-        speed = np.gradient(part.command) / part.sample_period if len(part) > 1 else np.zeros(1)
-        fastest = float(np.percentile(np.abs(speed), _FASTEST))
-        strokes = {
-            way: _strokes(sign * speed > _MOVING * fastest)
-            for way, sign in (("forward", 1.0), ("backward", -1.0))
-        }
-        if fastest > 0.0 and all(strokes.values()):
-            motion = Motion(part.sample_period, float(np.ptp(part.command)), fastest)
-            figures = _figures(part, np.abs(speed) < _RESTING * fastest, strokes)
-            found.append(Part(motion, figures, len(part)))
-    if not found:
-        raise ValueError(
-            f"the command has no stroke of {_SHORTEST} samples or more in each direction"
-        )
-    return found
+    if not len(window.current) or len(window) < 2:
+        return []
+    speed = np.gradient(window.command) / window.sample_period
+    fastest = float(np.percentile(np.abs(speed), _FASTEST))
+    strokes = {
+        way: _strokes(sign * speed > _MOVING * fastest)
+        for way, sign in (("forward", 1.0), ("backward", -1.0))
+    }
+    if not (fastest > 0.0 and all(strokes.values())):
+        return []
+    motion = Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+    figures = _figures(window, np.abs(speed) < _RESTING * fastest, strokes)
+    return [Part(motion, {name: _short(one) for name, one in figures.items()}, len(window))]
 
 
-def mean_of(parts: Sequence[Part]) -> tuple[Motion, dict[str, float]]:
-    """Return what a test commanded, and the means of the figures that all its parts have."""
-    if len(parts) == 1:
-        return parts[0].motion, parts[0].features
+def row_of(part: Part) -> list[float]:
+    """Return a stretch as a row: samples, motion and all ``FEATURES``; NaN where it lacks one."""
+    figures = (part.features.get(name, math.nan) for name in FEATURES)
+    return [part.samples, *astuple(part.motion), *figures]
+
+
+def part_of(row: Sequence[float | None], names: Iterable[str] = FEATURES) -> Part:
+    """Return the stretch in a row of `row_of`, by the names of its figures; None is NaN.
+
+    ValueError when it has no motion, or other figures.
+    """
+    samples, period, travel, speed, *values = np.array(row, dtype=np.float64).tolist()
+    if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
+        raise ValueError("a stretch has no motion: make it anew")
+    named = zip(names, values, strict=True)
+    figures = {name: value for name, value in named if math.isfinite(value)}
+    return Part(Motion(period, travel, speed), figures, int(samples))
+
+
+def mean_of(parts: Sequence[Part]) -> dict[str, float]:
+    """Return the means of the figures that all parts of a test have."""
     weights = [part.samples for part in parts]
-    names = [name for name in FEATURES if all(name in part.features for part in parts)]
-    motion = Motion(
-        parts[0].motion.sample_period,
-        max(part.motion.travel for part in parts),
-        float(np.average([part.motion.speed for part in parts], weights=weights)),
-    )
-    return motion, {
+    return {
         name: float(np.average([part.features[name] for part in parts], weights=weights))
-        for name in names
+        for name in FEATURES
+        if all(name in part.features for part in parts)
     }
 
 
@@ -165,6 +166,10 @@ def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
 def _detrended(values: Array) -> Array:
     steps = np.arange(len(values)) - 0.5 * (len(values) - 1)
     return values - np.mean(values) - steps * (steps @ values) / (steps @ steps)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")
 
 
 def _log_rms(pieces: list[Array]) -> float:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr
+from scipy.stats import multivariate_t
 
 from ema_core.arrays import Array
 from ema_monitor.normal.features import FIGURE, Feature
@@ -84,8 +84,7 @@ class MoveSeries:
         self._limit = limit
         self._reference = reference
         self._healthy: list[HealthyTest] = []
-        self._days: list[float] = []
-        self._ratios: list[float] = []
+        self._course: list[tuple[float, float]] = []
 
     def add(self, move: Move) -> MoveVerdict:
         """Return what is told of the next move by those before it.
@@ -96,7 +95,7 @@ class MoveSeries:
             When it is earlier than the one before, or a figure is not positive.
         """
         day = move.stamp_ns / _NS_A_DAY
-        if self._days and day < self._days[-1]:
+        if self._course and day < self._course[-1][0]:
             raise ValueError(
                 f"the move at {move.stamp_ns} ns is earlier than the one before: sort them by time"
             )
@@ -107,7 +106,7 @@ class MoveSeries:
         if len(self._healthy) < self._reference:
             self._healthy.append(HealthyTest(move.stamp_ns, logs))
             missing = self._reference - len(self._healthy)
-            self._note(day, 1.0)
+            self._course.append((day, 1.0))
             reason = f"reference; {missing} more needed" if missing else "reference"
             return MoveVerdict(1.0, "STALE", None, None, reason)
         names = [name for name in logs if all(name in one.features for one in self._healthy)]
@@ -117,7 +116,7 @@ class MoveSeries:
             name: float(np.mean([one.features[name] for one in self._healthy])) for name in names
         }
         ratio = math.exp(float(np.mean([logs[name] - healthy[name] for name in names])))
-        self._note(day, ratio)
+        self._course.append((day, ratio))
         tests = [
             HealthyTest(one.stamp_ns, _with_index(one.features, names)) for one in self._healthy
         ]
@@ -133,65 +132,42 @@ class MoveSeries:
         reason = str(departure.changes[0]) if departure.changes else str(departure)
         return MoveVerdict(ratio, level, departure, life, reason)
 
-    def _note(self, day: float, ratio: float) -> None:
-        self._days.append(day)
-        self._ratios.append(ratio)
-
     def _life(self) -> tuple[float, float, float] | None:
         """Return the quantiles of the time to the limit; None where nothing rises for certain.
 
         The latest moves rise by a straight line, or their distance from healthy grows by a constant
         factor: both are open as long as the limit is far, and count alike.
         """
-        first = max(0, len(self._days) - _LATEST)
-        days = np.array(self._days[first:]) - self._days[-1]
-        ratios = np.array(self._ratios[first:])
-        line = _Line.of(days, ratios, _LEAST_SIGMA)
-        if line is None or line.falling > _RISING:
+        days, ratios = np.array(self._course[-_LATEST:]).T
+        days = days - days[-1]
+        falling, line = _crossings(days, ratios, self._limit, _LEAST_SIGMA)
+        if falling > _RISING:
             return None
-        times = [line.crossing(self._limit)]
         rise = ratios - 1.0
         grown = rise > _LEAST_RISE
-        growth = _Line.of(days[grown], np.log(rise[grown]), _LEAST_SIGMA / float(rise[-1]))
-        if growth is not None:
-            times.append(growth.crossing(math.log(self._limit - 1.0)))
-        low, middle, high = np.quantile(np.concatenate(times), _QUANTILES)
+        limit, sigma = math.log(self._limit - 1.0), _LEAST_SIGMA / float(rise[-1])
+        _, growth = _crossings(days[grown], np.log(rise[grown]), limit, sigma)
+        low, middle, high = np.quantile(np.concatenate([line, growth]), _QUANTILES)
         return float(low), float(middle), float(high)
 
 
-class _Line(NamedTuple):
-    """A regression line over the days until now, its covariance and degrees of freedom."""
+def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
+    """Return the probability that a regression line does not rise, and times to a limit [d].
 
-    values: NDArray[Any]
-    covariance: NDArray[Any]
-    freedom: int
-
-    @classmethod
-    def of(cls, days: Array, values: Array, least_sigma: float) -> "_Line | None":
-        """Return the line through at least three points; None where there is none."""
-        if len(days) < 3 or not np.ptp(days) > 0.0:
-            return None
-        design = np.stack([np.ones(len(days)), days], axis=1)
-        found, *_ = np.linalg.lstsq(design, values, rcond=None)
-        freedom = len(days) - 2
-        variance = float(np.sum((values - design @ found) ** 2)) / freedom
-        covariance = np.linalg.inv(design.T @ design) * max(variance, least_sigma**2)
-        return cls(found, covariance, freedom)
-
-    @property
-    def falling(self) -> float:
-        """Probability that the line does not rise."""
-        return float(stdtr(self.freedom, -self.values[1] / math.sqrt(self.covariance[1, 1])))
-
-    def crossing(self, limit: float) -> Array:
-        """Return times to a limit, drawn from what is known of the line, as far as it rises [d]."""
-        rng = np.random.default_rng(0)
-        shape = np.linalg.cholesky(self.covariance)
-        normal = rng.standard_normal((_DRAWS, 2)) @ shape.T
-        wide = np.sqrt(self.freedom / rng.chisquare(self.freedom, (_DRAWS, 1)))
-        level, slope = (self.values + normal * wide).T
-        rises = slope > 0.0
-        return np.maximum((limit - level[rises]) / slope[rises], 0.0)
+    They are drawn from what is known of the line, as far as it rises; none from less than three
+    points.
+    """
+    freedom = len(days) - 2
+    if freedom < 1 or not np.ptp(days) > 0.0:
+        return 1.0, np.empty(0)
+    line, shape = np.polyfit(days, values, 1, cov="unscaled")
+    variance = float(np.sum((values - np.polyval(line, days)) ** 2)) / freedom
+    shape *= max(variance, least_sigma**2)
+    known: Any = line, shape, freedom
+    draws = multivariate_t.rvs(*known, size=_DRAWS, random_state=0)
+    slope, level = draws[draws[:, 0] > 0.0].T
+    falling = float(stdtr(freedom, -line[0] / math.sqrt(shape[0, 0])))
+    return falling, np.maximum((limit - level) / slope, 0.0)
 
 
 def _with_index(figures: Mapping[str, float], names: list[str]) -> dict[str, float]:

@@ -38,19 +38,19 @@ class States:
         features: Mapping[str, Feature] = FEATURES,
     ) -> None:
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
 
         self._normals = [Normal([one.test for one in found], features) for found in known.values()]
         parts = [part for found in known.values() for one in found for part in one.parts]
         self.names = [name for name in features if all(name in part for part in parts)]
-        values = self._values(parts)
-        self._mean, spread = values.mean(axis=0), values.std(axis=0)
-        self._spread = np.where(spread > 0.0, spread, 1.0)
         labels = [state for state, found in known.items() for one in found for _ in one.parts]
         # Equal priors: how often a state was labelled says nothing of how often it comes.
-        self._model = LinearDiscriminantAnalysis(
+        discriminants = LinearDiscriminantAnalysis(
             solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(known), 1.0 / len(known))
         )
-        self._model.fit(self._scaled(values), labels)
+        self._model = make_pipeline(StandardScaler(), discriminants)
+        self._model.fit(self._values(parts), labels)
 
     def probabilities(self, test: HealthyTest) -> dict[str, float]:
         """Return the probability of each state, ``NONE_OF_THESE`` among them, the largest first.
@@ -63,7 +63,7 @@ class States:
         missing = [name for name in self.names if name not in test.features]
         if missing:
             raise ValueError(f"the test lacks {', '.join(missing)}, which the labelled ones have")
-        shares = self._model.predict_proba(self._scaled(self._values([test.features])))[0]
+        shares = self._model.predict_proba(self._values([test.features]))[0]
         known = max(one.departure(test).probability for one in self._normals)
         none = _STRANGE / (_STRANGE + known)
         found = {
@@ -74,9 +74,6 @@ class States:
 
     def _values(self, parts: Iterable[Mapping[str, float]]) -> Array:
         return np.array([[part[name] for name in self.names] for part in parts])
-
-    def _scaled(self, values: Array) -> Array:
-        return (values - self._mean) / self._spread
 
 
 def known_states(tests: Iterable[LabelledTest]) -> dict[str, list[LabelledTest]]:

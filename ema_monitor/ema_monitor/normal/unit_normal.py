@@ -1,9 +1,8 @@
 """Windows of a unit in a known state, healthy above all, by which later ones are judged (M47)."""
 
-import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from typing import Any, Final, NamedTuple, Self
@@ -12,7 +11,16 @@ import numpy as np
 
 from ema_core.telemetry import Telemetry
 from ema_core.wording import unknown_name
-from ema_monitor.normal.features import FEATURES, LEVEL, Motion, Part, mean_of, parts_of
+from ema_monitor.normal.features import (
+    FEATURES,
+    LEVEL,
+    Motion,
+    Part,
+    figures_of,
+    mean_of,
+    part_of,
+    row_of,
+)
 from ema_monitor.normal.normal import FEWEST_TESTS, HEALTHY, Departure, HealthyTest, Normal
 from ema_monitor.normal.states import LabelledTest, States, known_states
 
@@ -46,32 +54,29 @@ class UnitNormal:
         found = ((one.stamp_ns, part) for one in windows for part in figures_of(one))
         return cls(tuple(KnownWindow(HEALTHY, *one) for one in found))
 
-    def with_test(self, state: str, windows: Iterable[Telemetry]) -> Self:
-        """Return it with the windows of a test in a state; one that is known has its new state.
+    def with_test(self, state: str, stamp_ns: int, parts: Sequence[Part]) -> Self:
+        """Return it with the stretches of a test in a state; one that is known has its new state.
 
         Raises
         ------
         ValueError
-            When no window moves in both directions, one of them is healthy by the calibration, or
-            no healthy window has its motion and load.
+            When there is no stretch, one of them is healthy by the calibration, or no healthy
+            window has its motion and load.
         """
-        found = self.of(windows).windows
-        if not found:
-            raise ValueError("no window has a stroke in each direction")
-        self._require_known(found)
-        new = [one.part for one in found]
-        if any(one.part in new for one in self.healthy):
+        if not parts:
+            raise ValueError("it has no stretch in each direction with a measured current")
+        self._require_known(parts)
+        if any(one.part in parts for one in self.healthy):
             raise ValueError("it is one of the healthy tests of the calibration")
-        kept = [one for one in self.windows if not one.test or one.part not in new]
+        kept = [one for one in self.windows if not one.test or one.part not in parts]
         number = 1 + max((one.test for one in self.windows), default=0)
-        return type(self)((*kept, *(one._replace(state=state, test=number) for one in found)))
+        return type(self)((*kept, *(KnownWindow(state, stamp_ns, one, number) for one in parts)))
 
-    def _require_known(self, windows: Sequence[KnownWindow]) -> None:
-        for one in windows:
-            healthy = self._like(one.part.motion)
-            if not healthy:
-                raise ValueError("no healthy window has its motion: later tests are not judged")
-            away = _distance(healthy, _load(one.part))
+    def _require_known(self, parts: Sequence[Part]) -> None:
+        for one in parts:
+            if not (healthy := self._like(one.motion)):
+                raise ValueError(f"no healthy window has its motion, {one.motion}")
+            away = _distance(healthy, _load(one.features))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
                     f"its load is {away:.2g} A away from those of the healthy windows: `ema "
@@ -87,11 +92,10 @@ class UnitNormal:
 
     def without(self, state: str) -> Self:
         """Return it without the labelled tests of a state; ValueError when there are none."""
-        states = {one.state for one in self.windows if one.test}
-        if state not in states:
-            raise ValueError(unknown_name("state", state, states))
-        kept = (one for one in self.windows if not one.test or one.state != state)
-        return type(self)(tuple(kept))
+        kept = tuple(one for one in self.windows if not one.test or one.state != state)
+        if len(kept) == len(self.windows):
+            raise ValueError(unknown_name("state", state, self.tests()))
+        return type(self)(kept)
 
     def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
         windows = (one for one in self.windows if bool(one.test) == labelled)
@@ -115,7 +119,7 @@ class UnitNormal:
     @property
     def loads(self) -> tuple[float, float]:
         """The least and largest load of a healthy window, from their mean [A]."""
-        loads = [_load(one.part) for one in self.healthy] or [0.0]
+        loads = [_load(one.part.features) for one in self.healthy] or [0.0]
         mean = sum(loads) / len(loads)
         return min(loads) - mean, max(loads) - mean
 
@@ -139,13 +143,15 @@ class UnitNormal:
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
             under: dict[int, list[Part]] = {}
             for part in own:
-                under.setdefault(_nearest(loads, _load(part)), []).append(part)
+                under.setdefault(_nearest(loads, _load(part.features)), []).append(part)
             # A test that was labelled is not judged by itself.
             labelled = [
                 one for one in self._like(own[0].motion, labelled=True) if one.part not in parts
             ]
             for near, some in under.items():
-                beside = [one for one in labelled if _nearest(loads, _load(one.part)) == near]
+                beside = [
+                    one for one in labelled if _nearest(loads, _load(one.part.features)) == near
+                ]
                 found.append(_judged(stamp_ns, some, loads[near], beside, _running(healthy)))
         has_labels = len(self.healthy) < len(self.windows)
         judged = [one for one in found if isinstance(one, Departure)]
@@ -160,34 +166,17 @@ class UnitNormal:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values: names, and a row a window; a figure that it lacks is NaN."""
-        rows = [
-            [one.state, one.test, one.stamp_ns, one.part.samples, *astuple(one.part.motion)]
-            + [one.part.features.get(name, math.nan) for name in FEATURES]
-            for one in self.windows
-        ]
+        rows = [[one.state, one.test, one.stamp_ns, *row_of(one.part)] for one in self.windows]
         return {"figures": list(FEATURES), "windows": rows}
 
     @classmethod
     def of_mapping(cls, content: dict[str, Any]) -> Self:
         """Return what ``as_mapping`` gives."""
-        windows = []
-        for number, (state, test, stamp_ns, *row) in enumerate(content["windows"]):
-            samples, period, travel, speed, *values = map(float, row)
-            if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
-                raise ValueError(f"normal: window {number} has no motion: make it anew")
-            named = zip(content["figures"], values, strict=True)
-            figures = {name: value for name, value in named if math.isfinite(value)}
-            part = Part(Motion(period, travel, speed), figures, int(samples))
-            windows.append(KnownWindow(str(state), int(stamp_ns), part, int(test)))
+        windows = (
+            KnownWindow(str(state), int(stamp_ns), part_of(row, content["figures"]), int(test))
+            for state, test, stamp_ns, *row in content["windows"]
+        )
         return cls(tuple(windows))
-
-
-def figures_of(telemetry: Telemetry) -> list[Part]:
-    """Return the figures of a window; none where it has no current, or no stroke each way."""
-    try:
-        return parts_of([telemetry])
-    except ValueError:
-        return []
 
 
 def _judged(
@@ -200,8 +189,8 @@ def _judged(
     """Return how unlikely stretches are for healthy windows like them, or why that is unknown."""
     if len(healthy) < FEWEST_TESTS:
         return f"the load has fewer than {FEWEST_TESTS} healthy windows"
-    motion, figures = mean_of(parts)
-    load = _load(Part(motion, figures, 0))
+    figures = mean_of(parts)
+    load = _load(figures)
     size = min(len(parts), len(healthy) // FEWEST_TESTS)
     test = HealthyTest(stamp_ns, figures)
     tests = list(_tests(healthy, size))
@@ -226,7 +215,7 @@ def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[LabelledTest]:
     others = groupby((one for one in windows if one.test), key=lambda one: one.test)
     for row in (*rows, *(list(one) for _, one in others)):
         parts = [one.part for one in row]
-        test = HealthyTest(row[0].stamp_ns, mean_of(parts)[1])
+        test = HealthyTest(row[0].stamp_ns, mean_of(parts))
         yield LabelledTest(row[0].state, test, [part.features for part in parts])
 
 
@@ -243,20 +232,20 @@ def _by_motion(parts: Iterable[Part]) -> list[list[Part]]:
 
 def _running(windows: Sequence[KnownWindow]) -> float:
     """Return the larger mean current of both directions [A]."""
-    _, figures = mean_of([one.part for one in windows])
+    figures = mean_of([one.part for one in windows])
     return max(abs(figures[name]) for name in _BOTH_WAYS)
 
 
-def _load(part: Part) -> float:
+def _load(figures: Mapping[str, float]) -> float:
     """Return the current that does not follow the direction [A]."""
-    forward, backward = (part.features[name] for name in _BOTH_WAYS)
+    forward, backward = (figures[name] for name in _BOTH_WAYS)
     return 0.5 * (forward - backward)
 
 
 def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindow]]:
     """Return windows in groups between which the load [A] has a gap, each in their order."""
-    order = sorted(range(len(windows)), key=lambda at: _load(windows[at].part))
-    steps = np.diff([_load(windows[at].part) for at in order])
+    order = sorted(range(len(windows)), key=lambda at: _load(windows[at].part.features))
+    steps = np.diff([_load(windows[at].part.features) for at in order])
     groups = np.split(order, np.flatnonzero(steps > gap) + 1)
     return [[windows[at] for at in sorted(group)] for group in groups]
 
@@ -266,4 +255,4 @@ def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
 
 
 def _distance(group: Sequence[KnownWindow], load: float) -> float:
-    return min(abs(_load(one.part) - load) for one in group)
+    return min(abs(_load(one.part.features) - load) for one in group)

@@ -64,6 +64,8 @@ class History:
     ----------
     unit
         Actuator and serial number.
+    tests
+        All tests as they came.
     entries
         The valid tests in the order of their stamps.
     late
@@ -90,8 +92,8 @@ class History:
         self._lock = threading.RLock()
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
-        # All tests as they came, of which the file has the first; by stamp, whether each is valid.
-        self._tests: list[Test] = []
+        self.tests: list[Test] = []
+        # By stamp, whether a test is valid; and how many tests the file has.
         self._is_valid: dict[int, bool] = {}
         self._written = 0
         # Stamps of assessments that are not in the file as they are here.
@@ -182,7 +184,7 @@ class History:
             self._db = None
 
     def _add(self, test: Test) -> None:
-        self._tests.append(test)
+        self.tests.append(test)
         last_ns = self.entries[-1].stamp_ns if self.entries else -1
         if isinstance(test, UnusedCycle):
             self._is_valid.setdefault(test.stamp_ns, False)
@@ -230,7 +232,7 @@ class History:
             db = self._connect(path)
             if db.execute("SELECT count(*) FROM test").fetchone()[0]:
                 raise ValueError("it holds tests that were not read")
-        tests = enumerate(self._tests[self._written :], self._written + 1)
+        tests = enumerate(self.tests[self._written :], self._written + 1)
         assessments = (self.assessments[stamp_ns] for stamp_ns in self._changed)
         with db:
             db.execute("BEGIN IMMEDIATE")
@@ -242,7 +244,7 @@ class History:
                 "INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)",
                 [self._row(one.stamp_ns, assessment_text(one)) for one in assessments],
             )
-        self._written = len(self._tests)
+        self._written = len(self.tests)
         self._changed.clear()
         self._trouble = ""
 
@@ -258,7 +260,7 @@ class History:
             if isinstance(error, sqlite3.Error) and _code_of(error) not in _DAMAGE:
                 raise
             self._set_aside(path, error)
-            if self._tests:
+            if self.tests:
                 self._write_pending(path)
 
     def _connect(self, path: Path) -> sqlite3.Connection:
@@ -354,7 +356,7 @@ class History:
             return
         unread = ""
         try:
-            if not self._tests:
+            if not self.tests:
                 with TemporaryDirectory() as folder:
                     self._read(self._connect(_copied(path, folder)))
         except (sqlite3.Error, OSError, ValueError) as damage:
@@ -372,7 +374,7 @@ class History:
         for suffix in ("-wal", ""):
             if (source := _with_suffix(path, suffix)).exists():
                 source.rename(_with_suffix(aside, suffix))
-        kept = f" with the {len(self._tests)} test cycles that are intact" if self._tests else ""
+        kept = f" with the {len(self.tests)} test cycles that are intact" if self.tests else ""
         self._mended = (
             f"the history {path} is set aside as {aside.name} and a new one is begun{kept}: "
             f"{_reason_of(error)}"

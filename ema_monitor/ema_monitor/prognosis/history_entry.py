@@ -10,6 +10,7 @@ import numpy as np
 
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain
+from ema_monitor.normal.features import Part, part_of, row_of
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 
@@ -17,6 +18,7 @@ _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
 
 FAULT: Final = "fault"
+DEPARTURE: Final = "departure"
 CALIBRATION: Final = "calibration"
 RESTART: Final = "restart"
 GAP: Final = "gap"
@@ -102,6 +104,11 @@ class Entry:
         """Verdict of its estimate."""
         return self.estimate.verdict
 
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Figures of its estimate."""
+        return self.estimate.parts
+
 
 @dataclass(frozen=True, slots=True)
 class UnusedCycle:
@@ -115,12 +122,15 @@ class UnusedCycle:
         Of its estimate: why there is none.
     flown
         Duty since the test cycle before, as far as telemetry tells it.
+    parts
+        As of its estimate.
     """
 
     stamp_ns: int
     verdict: str
     reason: str
     flown: FlownDuty = NOTHING_FLOWN
+    parts: tuple[Part, ...] = ()
 
 
 Test = Entry | UnusedCycle
@@ -195,7 +205,8 @@ def as_text(test: Test) -> str:
             "estimate": estimate_record(test.estimate),
         }
     else:
-        record |= {"verdict": test.verdict, "reason": test.reason}
+        rows = plain([row_of(part) for part in test.parts])
+        record |= {"verdict": test.verdict, "reason": test.reason, "parts": rows}
     if test.flown.hours:
         record["duty"] = {
             "hours": test.flown.hours,
@@ -213,7 +224,8 @@ def read_test(text: str) -> Test:
         hours, *classes = (record["duty"][name] for name in ("hours", "travel", "winding"))
         flown = FlownDuty(hours, *map(np.array, classes))
     if "estimate" not in record:
-        return UnusedCycle(record["end_ns"], record["verdict"], record["reason"], flown)
+        parts = tuple(part_of(row) for row in record.get("parts", ()))
+        return UnusedCycle(record["end_ns"], record["verdict"], record["reason"], flown, parts)
     hours, count = record["hours"], record["count"]
     return Entry(
         estimate_of(record["estimate"]),

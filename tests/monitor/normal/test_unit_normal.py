@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
+from ema_monitor.normal.features import figures_of
 from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
-from ema_monitor.normal.unit_normal import UnitNormal, figures_of
+from ema_monitor.normal.unit_normal import UnitNormal
 
 from .test_features import slide
 
@@ -65,7 +66,7 @@ def test_other_motion_is_not_judged(healthy):
 
 
 def test_file_holds_all_of_it(healthy):
-    both = healthy.with_test("jammed", [slide(noise=0.02, seed=20)])
+    both = labelled(healthy, "jammed", slide(noise=0.02, seed=20))
     del both.windows[-1].part.features["rest_current"]
     assert UnitNormal.of_mapping(both.as_mapping()) == both
 
@@ -124,6 +125,10 @@ def later(stamp_ns: int, *, state: str = "", **changes):
     return replace(slide(noise=0.02, seed=stamp_ns, **changed), stamp_ns=stamp_ns)
 
 
+def labelled(normal: UnitNormal, state: str, telemetry: Telemetry) -> UnitNormal:
+    return normal.with_test(state, telemetry.stamp_ns, figures_of(telemetry))
+
+
 def states_of(normal: UnitNormal, telemetry: Telemetry) -> Mapping[str, float]:
     found = normal.departure(telemetry.stamp_ns, figures_of(telemetry))
     assert found
@@ -134,8 +139,8 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
     known = healthy
     assert states_of(known, later(50, state="dry 1")) == {}
     for number in range(1, 4):
-        known = known.with_test("dry 1", [later(number, state="dry 1")])
-        known = known.with_test("dry 2", [later(10 + number, state="dry 2")])
+        known = labelled(known, "dry 1", later(number, state="dry 1"))
+        known = labelled(known, "dry 2", later(10 + number, state="dry 2"))
     assert known.tests() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
     for state in ("dry 1", "dry 2"):
         assert next(iter(states_of(known, later(50, state=state)))) == state
@@ -161,7 +166,7 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
     assert found
     assert "dry 1" in found.states
     # Labelled anew, and of another load, no state is known by three tests.
-    anew = known.with_test("dry 2", [later(3, state="dry 1")])
+    anew = labelled(known, "dry 2", later(3, state="dry 1"))
     assert anew.tests() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
     with_loads = UnitNormal(
         (*known.windows, *UnitNormal.of(later(80 + n, load=0.5) for n in range(6)).windows)
@@ -173,7 +178,7 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
 @pytest.mark.parametrize(
     ("times", "load", "message"),
     [
-        (0.0, 0.0, "no window has a stroke"),
+        (0.0, 0.0, "it has no stretch in each direction"),
         (1.2, 0.0, "no healthy window has its motion"),
         (1.0, 0.5, "its load is 0.4 A away from those of the healthy windows"),
     ],
@@ -183,7 +188,7 @@ def test_test_that_later_ones_cannot_be_compared_with_is_not_labelled(
 ):
     window = slide(noise=0.02, load=load)
     with pytest.raises(ValueError, match=message):
-        healthy.with_test("dry", [replace(window, command=times * window.command)])
+        labelled(healthy, "dry", replace(window, command=times * window.command))
 
 
 def test_windows_that_are_alike_by_chance_judge_nothing():

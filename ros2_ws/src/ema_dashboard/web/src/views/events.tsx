@@ -10,6 +10,7 @@ const MOST_LISTED = 50;
 // A sign for each kind, so that it is told without its colour.
 const KINDS: Record<string, { sign: string; colour: string; word: string }> = {
   fault: { sign: "▲", colour: "error", word: "fault" },
+  departure: { sign: "△", colour: "warn", word: "departure" },
   repair: { sign: "✚", colour: "ok", word: "repair" },
   step: { sign: "◆", colour: "warn", word: "step" },
   regime: { sign: "◇", colour: "warn", word: "regime" },
