@@ -154,6 +154,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(ema, tmp_path, 
     ):
         result = ema("label", calibration, path, "--test", test, "--state", "worn screw")
         assert words in result.output
+    assert ema("label", calibration, later, "--test", "1", "--state", "dry").exit_code == 2
     result = ema("label", calibration, "--remove", "dry")
     assert "10 tests healthy, 4 tests worn screw" in result.stdout
 

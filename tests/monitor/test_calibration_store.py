@@ -8,7 +8,10 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibrations import AnyCalibration, CalibrationStore
+from ema_monitor.calibrations import AnyCalibration, CalibrationStore, load_calibration
+from ema_monitor.normal.features import Motion, Part
+from ema_monitor.normal.normal import HEALTHY
+from ema_monitor.normal.unit_normal import KnownWindow, UnitNormal
 
 from .windows import shortened
 
@@ -40,6 +43,17 @@ def test_shipped_calibration_is_used_where_no_file_is_named(tmp_path: Path):
     store = CalibrationStore("", tmp_path)
     assert identity(store.of(FLAP)) == SHIPPED.calibration_id
     assert identity(store.of(RUDDER)) == SHIPPED.calibration_id
+
+
+def test_labels_are_kept_by_a_calibration_of_the_same_unit_and_motion(tmp_path: Path):
+    part = Part(Motion(0.04, 3.0, 1.0), {"current_forward": 0.7, "current_backward": 0.5}, 750)
+    healthy = UnitNormal((KnownWindow(HEALTHY, 0, part),))
+    dry = UnitNormal((*healthy.windows, KnownWindow("dry", 1, part._replace(samples=700), 1)))
+    store = CalibrationStore("", tmp_path)
+    for unit, expected in ((FLAP, dry), (RUDDER, healthy)):
+        path = kept(store, FLAP, replace(of_unit(FLAP), normal=dry), "one.yaml")
+        store.keep(unit, replace(of_unit(unit), normal=healthy), path)
+        assert load_calibration(path).normal == expected
 
 
 def test_each_unit_has_its_own_file_which_outlives_the_monitor(tmp_path: Path):

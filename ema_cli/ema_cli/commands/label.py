@@ -74,6 +74,8 @@ def label(
         for name, part in tests:
             if part.suffix == ".sqlite":
                 stretches = _of_history(part, chosen, calibration)
+            elif chosen:
+                raise click.UsageError("--test goes with a history, ACTUATOR+SERIAL.sqlite")
             else:
                 own = given if part == bag else replace(given, actuator_file=None)
                 stretches = [_of_bag(bag, part, own, calibration)]

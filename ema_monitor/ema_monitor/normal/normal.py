@@ -21,9 +21,7 @@ NONE_OF_THESE: Final = "none of these"
 DEPARTED: Final = 1e-2
 """Probability below which a test departs."""
 
-_LEAST: Final = 1e-300
 _LEAST_SAID: Final = 1e-6
-_MOST_NAMED: Final = 3
 _SAID: Final = 0.05
 _FLOOR: Final = {LEVEL: 0.01, RATIO: 0.07, FIGURE: 0.03}
 _FLOOR_OF_DAYS: Final = {LEVEL: 0.10, RATIO: 0.20, FIGURE: 0.10}
@@ -74,7 +72,7 @@ class Change(NamedTuple):
 class Departure:
     """How unlikely a test is for the healthy unit.
 
-    ``probability`` is that of a healthy test to depart so far, in all figures together; ``changes``
+    ``probability`` is that of a healthy test to depart so far in one of its figures; ``changes``
     are the figures that depart, the most significant first; ``remark`` says that they would, were
     the test of the day of the healthy ones. ``load_explains`` says that a load may be what departs.
     ``states`` are the probabilities of states that the owner has named, and of none of them, the
@@ -107,7 +105,7 @@ class Departure:
     def __str__(self) -> str:
         if not self.is_significant:
             return "as healthy tests are"
-        named = "; ".join(str(one) for one in self.changes[:_MOST_NAMED])
+        named = "; ".join(str(one) for one in self.changes[:3])
         words = f"departed ({_share(self.probability)} does so): {named}"
         return "; ".join(filter(None, [words, self.likeness]))
 
@@ -186,13 +184,10 @@ class Normal:
             figures = float(self._mean[at]), float(test.features[name])
             changes.append(Change(name, feature, *figures, z, probability))
         changes.sort(key=lambda one: one.probability)
-        # Half-Cauchy: adds up small changes, and nearly holds however the figures depend.
-        smallest = np.maximum([one.probability for one in changes], _LEAST)
-        far = float(np.mean(1.0 / np.tan(0.5 * np.pi * smallest))) if changes else 0.0
-        together = 2.0 / math.pi * math.atan2(1.0, far)
+        # Bonferroni: holds however the figures depend on each other.
+        smallest = min(1.0, changes[0].probability * len(changes)) if changes else 1.0
         significant = [one for one in changes if one.probability * len(changes) < DEPARTED]
-        named = significant or changes[:_MOST_NAMED] if together < DEPARTED else ()
-        return Departure(together, tuple(named))
+        return Departure(smallest, tuple(significant))
 
 
 def _share(probability: float) -> str:

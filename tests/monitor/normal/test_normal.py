@@ -47,14 +47,6 @@ def test_departure_names_what_changed_and_by_how_much():
     assert "the level is 1.12 instead of 1 (+11%)" in str(found)
 
 
-def test_small_changes_that_agree_depart_together():
-    tests = drawn(np.random.default_rng(0), 8, sigma=0.0)
-    features = {name: 0.21 for name in KNOWN} | {"level": 1.0}
-    found = Normal(tests, KNOWN).departure(HealthyTest(0, features))
-    assert found.is_significant
-    assert min(one.probability for one in found.changes) * len(KNOWN) > 0.05
-
-
 def test_smallest_departure_is_bounded_by_the_floor():
     tests = drawn(np.random.default_rng(0), 8, sigma=0.0)
     for shift, expected in ((0.02, False), (0.06, True)):
