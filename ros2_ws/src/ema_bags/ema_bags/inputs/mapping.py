@@ -205,10 +205,11 @@ class Clock(Checked):
 
 @dataclass(frozen=True)
 class Table(Checked):
-    """How a CSV file is written, empty: as it looks; ValueError where a value is impossible."""
+    """How a table is written, empty: as it looks; ValueError where a value is impossible."""
 
     separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
+    segment: str = text("", "column that changes where a record of its own begins, as a cycle")
 
 
 @dataclass(frozen=True)
