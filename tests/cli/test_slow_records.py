@@ -1,10 +1,12 @@
 """Records of an unknown drive, at any rate and a sample a block, from table to estimate."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from ema_bags.inputs import importing
 
@@ -66,13 +68,69 @@ def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, desc
 
 
 def test_record_without_enough_samples_says_so(ema, tmp_path, described):
-    table = written(tmp_path / "short.csv", 25, 15.0)
+    table = written(tmp_path / "short.csv", 25, 5.0)
     frame = pd.read_csv(table)
-    frame.drop(index=range(200, 203)).to_csv(table, index=False)
+    frame.drop(index=range(90, 93)).to_csv(table, index=False)
     assert ema("import", table, *described, "-o", tmp_path / "short.mcap").exit_code == 0
     calibration = tmp_path / "calibration.yaml"
     result = ema("calibrate", tmp_path / "short.mcap", "--any-motion", "-o", calibration)
     assert result.exit_code == 1
     assert "500 samples" in result.stderr
-    assert "200 samples without a gap (3 samples lost)" in result.stderr
+    assert "90 samples without a gap (3 samples lost)" in result.stderr
     assert "travels" not in result.stderr
+
+
+def test_joints_of_one_table_are_imported_at_once_and_told_apart(ema, tmp_path, described):
+    sections = yaml.safe_load(MAPPING)
+    for name, section in sections.items():
+        if name != "clock":
+            section["source"] = re.sub(r"(\w+)", r"\1_{joint}", section["source"])
+    (tmp_path / "mapping.yaml").write_text(yaml.safe_dump({"joints": ["hip", "knee"], **sections}))
+    for knee, name in ((0.6, "healthy"), (0.9, "worn")):
+        tables = [
+            pd.read_csv(written(tmp_path / "one.csv", 25, 64.0, friction_a=friction, seed=seed))
+            for seed, friction in enumerate((0.6, knee))
+        ]
+        both = tables[0].merge(tables[1], on="time_s", suffixes=("_hip", "_knee"))
+        both.to_csv(tmp_path / f"{name}.csv", index=False)
+        output = ("-o", tmp_path / f"{name}.mcap")
+        result = ema("import", tmp_path / f"{name}.csv", *described, *output)
+        assert "1600 samples of knee (R1) at 25 Hz" in result.stdout
+    preview = ema("import", tmp_path / "worn.csv", *described, "--preview").stdout
+    assert "# joint hip" in preview
+    assert "joints:" in preview
+    for joint, expected in (("hip", 0.0), ("knee", 0.25)):
+        options = ("--any-motion", "--actuator-id", joint)
+        calibration = tmp_path / f"{joint}.yaml"
+        result = ema("calibrate", tmp_path / "healthy.mcap", *options, "-o", calibration)
+        assert result.exit_code == 0, result.output
+        options = (*options, "--calibration", calibration, "--json")
+        result = ema("estimate", tmp_path / "worn.mcap", *options)
+        estimate = json.loads(result.stdout)[-1]
+        assert estimate["faults"]["friction"] == pytest.approx(expected, abs=0.04)
+    result = ema("calibrate", tmp_path / "healthy.mcap", "--any-motion", "-o", tmp_path / "c.yaml")
+    assert "'hip', 'knee': choose one by actuator_id (--actuator-id)" in result.stderr
+
+
+def test_cycles_shorter_than_a_window_are_fitted_together(ema, tmp_path, described):
+    """Cycles of 8 s in a table, each a record of its own; the window has 20 s."""
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(
+        MAPPING.replace("source: time_s", "rate_hz: 25") + "table: {segment: cycle}\n"
+    )
+    for name, friction in (("healthy", 0.6), ("worn", 0.9)):
+        cycles = [
+            pd.read_csv(written(tmp_path / "one.csv", 25, 8.0, friction_a=friction, seed=seed))
+            for seed in range(8)
+        ]
+        rows = pd.concat([one.assign(cycle=number) for number, one in enumerate(cycles)])
+        rows.to_csv(tmp_path / f"{name}.csv", index=False)
+        output = ("-o", tmp_path / f"{name}.mcap")
+        assert ema("import", tmp_path / f"{name}.csv", *described, *output).exit_code == 0
+    calibration = tmp_path / "calibration.yaml"
+    result = ema("calibrate", tmp_path / "healthy.mcap", "--any-motion", "-o", calibration)
+    assert "8 pieces of the record shorter than a window of 20 s" in result.stderr
+    options = ("--any-motion", "--calibration", calibration, "--json")
+    estimate = json.loads(ema("estimate", tmp_path / "worn.mcap", *options).stdout)[-1]
+    assert estimate["stretches"] == 8
+    assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)

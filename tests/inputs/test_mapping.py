@@ -50,6 +50,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"current": {"source": "i", "kind": "phase_currents"}}, "phase_currents needs both"),
         ({"current": {"source": "i", "sampling": "filtered"}}, "current_filter = 0 s"),
         ({"position": "q_{joint}"}, "source = 'q_{joint}' without joint: expected both"),
+        ({"joints": ["a", "a"]}, "joints = ['a', 'a']: expected one joint, or different ones"),
         ({"clock": {}}, "clock without source and rate_hz"),
         ({"clock": {"source": "t", "unit": "min"}}, "clock: unit = 'min' is unknown"),
         ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of texts"),

@@ -1,10 +1,11 @@
 """Records of other makes as bags: by a mapping, as a rule the one beside them."""
 
+import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -42,22 +43,40 @@ def tables_as_bags(
         )
     beside = table.with_name("actuator.yaml")
     actuator_file = actuator_file or (beside if beside.is_file() else None)
-    description = load_description(actuator_file) if actuator_file else ActuatorDescription()
     mapping = load_mapping(mapping_file)
+    actuators = actuators_of(mapping, actuator_file)
     source = InputFile(table, mapping)
     folder = Path(click.get_current_context().with_resource(TemporaryDirectory(prefix="ema-")))
     parts = source.parts(columns) if columns else [(list[str](), source)]
     for number, (values, part) in enumerate(parts):
         bag = folder / f"{table.stem}_{number}.mcap"
-        write_records(bag, [read_record(part, mapping, description, accepts=False)])
+        found = [[read_record(part, *one, accepts=False)] for one in actuators]
+        write_records(bag, found)
         yield values, bag
+
+
+def actuators_of(
+    mapping: Mapping, actuator_file: Path | None
+) -> list[tuple[Mapping, ActuatorDescription]]:
+    """Return mapping and description of each joint, or of the only actuator.
+
+    A joint gives its actuator the name; ``{joint}`` in the name of the file stands for it.
+    """
+    found = []
+    for joint in mapping.joints or (mapping.joint,):
+        file = Path(str(actuator_file).replace("{joint}", joint)) if actuator_file else None
+        description = load_description(file) if file else ActuatorDescription()
+        if mapping.joints:
+            description = replace(description, actuator_id=joint)
+        found.append((mapping.of_joint(joint), description))
+    return found
 
 
 def read_record(
     source: InputFile, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
     """Return the telemetry of a file; what is wrong is printed, or refused."""
-    file = source.path
+    file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
     found = imported_by(source, mapping, description)
     for remark in source.remarks:
         click.echo(f"{file}: {remark}", err=True)
@@ -84,38 +103,47 @@ def imported_by(source: InputFile, mapping: Mapping, description: ActuatorDescri
         raise ValueError(f"{source.path}: {words}") from error
 
 
-def write_records(path: Path, found: list[Imported], *, overwrite: bool = False) -> None:
-    """Write description and telemetry, one file after the other."""
+def write_records(
+    path: Path, actuators: Sequence[Sequence[Imported]], *, overwrite: bool = False
+) -> None:
+    """Write descriptions and telemetry of actuators, for each one file after the other."""
     from ema_ros import topics
-    from ema_ros.messages import description_to_message, telemetry_to_message
-    from ema_ros.stamps import stamp_from_message
 
-    description = found[0].description
     names = {name: f"{topics.NAMESPACE}/{name}" for name in (topics.DESCRIPTION, topics.TELEMETRY)}
     with new_bag(path, overwrite=overwrite) as bag:
         for name, full in names.items():
             message_class, qos = topics.ACTUATOR_TOPICS[name]
             bag.add_topic(full, message_class, qos)
-        end_ns, index = None, 0
-        for one in found:
-            shift_ns, shift = 0, 0
-            for block in one.blocks():
-                if end_ns is None:
-                    stamp_ns = block.stamp_ns
-                    message = description_to_message(description, stamp_ns)
-                    bag.write(names[topics.DESCRIPTION], message, stamp_ns, stamp_ns)
-                    end_ns = stamp_ns
-                elif not shift and block.first_index <= index and one is not found[0]:
-                    # The next file: one sample at least is missing before it, and its time goes on.
-                    shift = index + 1
-                    if block.stamp_ns <= end_ns:
-                        shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
-                moved = replace(
-                    block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
-                )
-                message = telemetry_to_message(moved, description.actuator_id)
-                stamp_ns = stamp_from_message(message.header.stamp)
-                # What is received never goes back, whatever the stamps do.
-                end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
-                index = max(index, moved.first_index + len(moved) - 1)
-                bag.write(names[topics.TELEMETRY], message, end_ns, stamp_ns)
+        messages = heapq.merge(*map(_messages, actuators), key=lambda one: one[2])
+        for name, message, received_ns, stamp_ns in messages:
+            bag.write(names[name], message, received_ns, stamp_ns)
+
+
+def _messages(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
+    """Yield topic, message, when it was received and its stamp of one actuator [ns]."""
+    from ema_ros import topics
+    from ema_ros.messages import description_to_message, telemetry_to_message
+    from ema_ros.stamps import stamp_from_message
+
+    description = found[0].description
+    end_ns, index = None, 0
+    for one in found:
+        shift_ns, shift = 0, 0
+        for block in one.blocks():
+            if end_ns is None:
+                end_ns = block.stamp_ns
+                message = description_to_message(description, end_ns)
+                yield topics.DESCRIPTION, message, end_ns, end_ns
+            elif not shift and block.first_index <= index and one is not found[0]:
+                # The next file: one sample at least is missing before it, and its time goes on.
+                shift = index + 1
+                if block.stamp_ns <= end_ns:
+                    shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
+            moved = replace(
+                block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
+            )
+            message = telemetry_to_message(moved, description.actuator_id)
+            # What is received never goes back, whatever the stamps do.
+            end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
+            index = max(index, moved.first_index + len(moved) - 1)
+            yield topics.TELEMETRY, message, end_ns, stamp_from_message(message.header.stamp)

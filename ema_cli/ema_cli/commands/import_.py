@@ -9,7 +9,7 @@ from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_cli.bags.guide import mapping_of
-from ema_cli.bags.records import imported_by, read_record, write_records
+from ema_cli.bags.records import actuators_of, imported_by, read_record, write_records
 from ema_cli.bags.source import Source, read_windows
 from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, output_option, require_free
 from ema_core.description import ActuatorDescription
@@ -84,7 +84,6 @@ def import_(
             f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and "
             "save, --guide asks for it"
         )
-    description = load_description(actuator_file) if actuator_file else ActuatorDescription()
     inputs = [item for item in (*files, mapping_file, actuator_file) if item]
     written = _beside(output, ".yaml") if output and is_asked else None
     picture = _beside(output, ".png") if output and guide else None
@@ -95,37 +94,39 @@ def import_(
         source = InputFile(files[0])
         if guide:
             _comment(source.contents())
-        mapping = mapping_of(source, description, given, asks=guide)
+        mapping = mapping_of(source, _described(actuator_file), given, asks=guide)
     if output is None:
         for file in files:
-            _preview(file, mapping, description)
+            _preview(file, mapping, actuator_file)
         return
     assert mapping is not None
     if written is not None:
         # Before the data are judged: the answers are kept whatever is wrong with them.
         written.write_text(mapping_text(mapping), encoding="utf-8")
         click.echo(f"{written}: the mapping")
-    found = [
-        read_record(InputFile(file, mapping), mapping, description, accepts=accept_defects)
-        for file in files
+    sources = [InputFile(file, mapping) for file in files]
+    actuators = [
+        [read_record(source, *one, accepts=accept_defects) for source in sources]
+        for one in actuators_of(mapping, actuator_file)
     ]
-    for file, one in zip(files, found, strict=True):
-        if one.description != found[0].description:
+    for file, one in zip(files, actuators[0], strict=True):
+        if one.description != actuators[0][0].description:
             raise ValueError(
                 f"{file} has {1.0 / one.rate.period:g} samples a second, {files[0]} has "
-                f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
+                f"{1.0 / actuators[0][0].rate.period:g}: expected one rate; clock.rate_hz in the "
                 "mapping fixes it"
             )
-    write_records(output, found, overwrite=overwrite)
+    write_records(output, actuators, overwrite=overwrite)
     if picture is not None:
         _draw(output, picture)
         click.echo(f"{picture}: compare it with your record")
-    samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
-    h = found[0].description.sample_period
-    click.echo(
-        f"{output}: {counted(samples, 'sample')} of {description.actuator_id} "
-        f"({description.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
-    )
+    for found in actuators:
+        unit, h = found[0].description, found[0].description.sample_period
+        samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
+        click.echo(
+            f"{output}: {counted(samples, 'sample')} of {unit.actuator_id} "
+            f"({unit.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
+        )
     if actuator_file is None:
         click.echo("note: no --actuator, so the bag describes the built-in actuator", err=True)
 
@@ -143,22 +144,28 @@ def _draw(bag: Path, picture: Path) -> None:
     save_picture(draw_telemetry(read_windows(bag, Source(), outline.add), outline), picture)
 
 
-def _preview(file: Path, mapping: Mapping | None, description: ActuatorDescription) -> None:
+def _described(actuator_file: Path | None) -> ActuatorDescription:
+    return load_description(actuator_file) if actuator_file else ActuatorDescription()
+
+
+def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) -> None:
     """Print a mapping as YAML, and all else as its comments."""
     source = InputFile(file, mapping)
     lines = [str(file), *source.contents()]
     try:
         if mapping is None:
-            guess = source.guess(description)
+            guess = source.guess(_described(actuator_file))
             mapping = guess.mapping
             lines += [f"guess: {remark}" for remark in guess.remarks]
-        found = imported_by(source, mapping, description)
+        for one in actuators_of(mapping, actuator_file):
+            found = imported_by(source, *one)
+            lines += [f"joint {one[0].joint}"] * bool(mapping.joints)
+            lines += [*source.remarks, *_facts(found)]
+            for defect in found.defects:
+                lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
     except ValueError:
         _comment(lines)
         raise
-    lines += [*source.remarks, *_facts(found)]
-    for defect in found.defects:
-        lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
     _comment(lines)
     click.echo(mapping_text(mapping), nl=False)
 

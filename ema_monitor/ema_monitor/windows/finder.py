@@ -26,6 +26,7 @@ from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 _MANY_MOTIONS: Final = 3
 _LEAST_SAMPLES: Final = 500
+_LEAST_OF_A_PIECE: Final = 100
 _LONGEST_STRETCH_S: Final = 100.0
 
 
@@ -253,8 +254,10 @@ class WindowFinder:
 def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
     if settings.windows != ANY_MOTION:
         return WindowTrigger(description.parameters, settings)
+    shortest = None
     if description.drive == "unknown":
+        shortest = _LEAST_OF_A_PIECE
         # Slow samples: a stretch has to hold several moves, to tell a load from friction.
         least_s = min(_LEAST_SAMPLES * description.sample_period, _LONGEST_STRETCH_S)
         settings = replace(settings, window_s=max(settings.window_s, least_s))
-    return StretchTrigger(description.parameters, settings)
+    return StretchTrigger(description.parameters, settings, shortest)

@@ -4,6 +4,7 @@ All decisions rest on running indices and stamps, never on when a block is recei
 replay finds the same windows.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -162,7 +163,7 @@ class WindowTrigger:
             return f"the window is made of more than {MOST_BLOCKS:,} blocks"
         return ""
 
-    def finish(self) -> list[Refusal]:
+    def finish(self) -> Sequence[Window | Refusal]:
         """Return the refusal of a window that the end of the telemetry cut off, if there is one."""
         if self._start is None:
             return []

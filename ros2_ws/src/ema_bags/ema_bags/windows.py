@@ -265,7 +265,7 @@ def find_recorded_windows(
         raise ValueError("; ".join(filter(None, (reason, bag.damage))))
     finder = WindowFinder(settings or TriggerSettings(), description or recorded.descriptions[0])
     measurements, wrong = _recorded_measurements(recorded)
-    # Places of the latest blocks without a gap, as many as a window may reach back over.
+    # Places of the latest blocks, as many as a window may reach back over.
     latest: _Places = deque()
     first: Telemetry | None = None
     blocks = samples = last_ns = 0
@@ -299,12 +299,12 @@ def find_recorded_windows(
             first = first or item.part(0, 1)
             blocks, samples = blocks + 1, samples + len(item)
             last_ns = item.stamp_at(len(item) - 1)
-            if latest and latest[-1][2] != item.first_index:
+            if latest and latest[-1][2] > item.first_index:
                 latest.clear()
-            latest.append((place, item.first_index, item.first_index + len(item)))
-            oldest = item.first_index - round(finder.window_s / item.sample_period) - 1
-            while latest[0][2] <= oldest:
+            reach = round(finder.window_s / item.sample_period) + 1
+            while latest and latest[0][2] <= latest[-1][2] - reach:
                 latest.popleft()
+            latest.append((place, item.first_index, item.first_index + len(item)))
             if meter is not None and finder.description is not None:
                 rise = measurements.winding_rise(unit, item.stamp_ns, measured_max_age_s)
                 meter.add(item, finder.description.parameters, rise)
@@ -318,6 +318,9 @@ def find_recorded_windows(
     take(event for event in finder.finish() if isinstance(event, Segment))
     if meter is not None:
         meter.cut(last_ns)
+    full = round(finder.window_s / first.sample_period) if first else 0
+    places = [one.place for one in windows if isinstance(one.place, WindowPlace)]
+    short = sum(one.samples <= full for one in places)
     truths = _recorded_truths(recorded)
     first_ns = first.stamp_ns if first else 0
     remarks = [
@@ -326,6 +329,9 @@ def find_recorded_windows(
     ]
     if more := defects[_MOST_DEFECTS:]:
         remarks.append(f"and {counted(len(more), 'more defect')} of the telemetry")
+    if short:
+        pieces = counted(short, "piece")
+        remarks.append(f"{pieces} of the record shorter than a window of {finder.window_s:g} s")
     if wrong:
         said = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
@@ -358,8 +364,9 @@ def _recorded_window(
         place = window
     else:
         start, samples = window.telemetry.first_index, len(window.telemetry)
-        first, index, _ = next(item for item in latest if item[2] > start)
-        place = WindowPlace(recorded, first, latest[-1][0], start - index, samples)
+        held = [item for item in latest if item[2] > start and item[1] < start + samples]
+        first, index, _ = held[0]
+        place = WindowPlace(recorded, first, held[-1][0], start - index, samples)
         play = window.play
     return RecordedWindow(
         found.number, found.description, window.start_ns, window.end_ns, play, place

@@ -58,7 +58,8 @@ class BridgeNode(ManagedNode):
         for remark in self._description.remarks:
             self.get_logger().warning(f"{self._description.actuator_id}: {remark}")
         self._settings = settings
-        self._mapping = load_mapping(Path(settings.mapping_file))
+        mapping = load_mapping(Path(settings.mapping_file))
+        self._mapping = mapping.of_joint(self._description.actuator_id)
         self._begin()
         for topic, kind in self._bridge.collector.types.items():
             if kind:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping as Columns
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -31,7 +32,10 @@ _SLOW: Final = 0.3
 
 
 def convert(
-    raw: Columns[str, NDArray[np.float64]], mapping: Mapping, description: ActuatorDescription
+    raw: Columns[str, NDArray[np.float64]],
+    mapping: Mapping,
+    description: ActuatorDescription,
+    breaks: Sequence[int] = (),
 ) -> dict[str, NDArray[np.float64]]:
     """Return the columns of telemetry, ``(n,)`` each; what is not measured is empty.
 
@@ -41,6 +45,8 @@ def convert(
         What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)``.
     description
         Gives torque constant, gear ratio and drive.
+    breaks
+        Places before which the motion breaks off: no direction is taken across them.
     """
     tau = description.parameters.tau
     raw = {key: _decoded(raw[key], source.encoding) for key, _, source in mapping.wanted()}
@@ -59,7 +65,10 @@ def convert(
         values = _of_phases(raw, description.drive != "six_step") if is_phases else raw["current"]
         current = _scaled(values, _current_factor(source, description), source.offset)
         if source.kind == "magnitude":
-            current = current * _way(speed if len(speed) else position, is_speed=bool(len(speed)))
+            has_speed = bool(len(speed))
+            pieces = np.split(speed if has_speed else position, breaks)
+            ways = [_way(piece, is_speed=has_speed) for piece in pieces]
+            current = current * np.concatenate(ways)
     return {"command": command, "current": current, "position": position, "speed": speed}
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.arrival import ArrivalClock
 from ema_bags.inputs.conversion import convert
 from ema_bags.inputs.defects import InputDefect, find_defects, not_finite, stream_defects
+from ema_bags.inputs.filling import PAUSE_S
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
@@ -57,7 +58,9 @@ class SampleStream:
         Arguments are those of ``join_topics`` and ``Resampler.push``.
         """
         raw = join_topics(by_topic, self._mapping, stamps_ns)
-        columns = convert(raw, self._mapping, self.description)
+        steps = np.diff(stamps_ns)
+        breaks = 1 + np.flatnonzero((steps < 0) | (steps > PAUSE_S * 1e9))
+        columns = convert(raw, self._mapping, self.description, breaks.tolist())
         values = np.column_stack([columns[name] for name in self.filled])
         return columns, self._resampler.push(stamps_ns, values, is_last=is_last)
 

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import yaml
 
@@ -205,10 +205,11 @@ class Clock(Checked):
 
 @dataclass(frozen=True)
 class Table(Checked):
-    """How a CSV file is written, empty: as it looks; ValueError where a value is impossible."""
+    """How a table is written, empty: as it looks; ValueError where a value is impossible."""
 
     separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
+    segment: str = text("", "column that changes where a record of its own begins, as a cycle")
 
 
 @dataclass(frozen=True)
@@ -223,6 +224,8 @@ class Mapping(Checked):
         The command, or instead of it the position error, command less position.
     speed, current
         None where they are not measured.
+    joints
+        Instead of one joint several, each an actuator of its own.
 
     Raises
     ------
@@ -237,6 +240,7 @@ class Mapping(Checked):
     speed: SpeedSource | None = None
     current: CurrentSource | None = None
     joint: str = text("", "joint that is meant wherever a source names none, or as {joint}")
+    joints: tuple[str, ...] = texts("instead of joint: several, each an actuator of its own")
     clock: Clock = Clock()
     table: Table = Table()
     fill_lost: int = quantity(0, "-", 0, 10, "lost samples in a row that are filled in")
@@ -253,12 +257,17 @@ class Mapping(Checked):
                 f"{given} of command and error given: expected the command, or instead of it the "
                 "position error"
             )
+        if self.joints and (self.joint or len(set(self.joints)) < len(self.joints)):
+            given = f"joint = {self.joint!r} and " if self.joint else ""
+            raise ValueError(
+                f"{given}joints = {list(self.joints)}: expected one joint, or different ones"
+            )
         sources = dict(self.sources())
         for name, item in sources.items():
             if not all(item.numbers().values()):
                 raise ValueError(f"{name}: source = '': expected a column or the path of a field")
             names_joint = any(_ANY_JOINT in path for path in item.numbers().values())
-            if names_joint and not (item.joint or self.joint):
+            if names_joint and not (item.joint or self.joint or self.joints):
                 raise ValueError(f"{name}: source = {item.source!r} without joint: expected both")
         without = [name for name, item in sources.items() if not item.topic]
         if 0 < len(without) < len(sources):
@@ -281,6 +290,17 @@ class Mapping(Checked):
     def is_table(self) -> bool:
         """Whether the sources are columns of a table."""
         return not self.position.topic
+
+    def of_joint(self, name: str) -> Self:
+        """Return the mapping of one of its joints; ValueError where it has others.
+
+        It is the mapping itself where it has no joints.
+        """
+        if not self.joints:
+            return self
+        if name not in self.joints:
+            raise ValueError(f"joints: {unknown_name('joint', name, self.joints)}")
+        return replace(self, joint=name, joints=())
 
     @property
     def acquisition(self) -> Acquisition:

@@ -20,6 +20,7 @@ from ema_core.wording import unknown_name
 PARQUET: Final = (".parquet", ".pq")
 """Ends of the names of Parquet files; any other file is read as CSV."""
 
+_PAUSE_NS: Final = 2_000_000_000
 _SAMPLE_LINES: Final = 400
 _SEPARATORS: Final = (";", "\t", ",", "|", " ")
 _COMMENT: Final = re.compile(r"^\s*[#%]+\s*")
@@ -85,17 +86,27 @@ class TableColumns:
         ValueError
             When there is none of a name.
         """
-        everything = {**self.values, **self.texts}
-        if unknown := next((name for name in names if name not in everything), None):
-            raise ValueError(f"{self.path}: {unknown_name('column', unknown, everything)}")
-        given = pd.DataFrame({name: everything[name] for name in names}).astype(str)
-        starts = np.flatnonzero((given != given.shift()).any(axis=1))
-        for start, end in pairwise([*starts, len(given)]):
+        for start, end in pairwise(self.bounds(names)):
             values, texts = (
                 {name: column[start:end] for name, column in some.items()}
                 for some in (self.values, self.texts)
             )
-            yield list(given.iloc[start]), replace(self, values=values, texts=texts)
+            shown = [str((self.values | self.texts)[name][start]) for name in names]
+            yield shown, replace(self, values=values, texts=texts)
+
+    def bounds(self, names: Sequence[str]) -> list[int]:
+        """Return the rows at which one of some columns changes, with the first and the end.
+
+        Raises
+        ------
+        ValueError
+            When there is none of a name.
+        """
+        everything = self.values | self.texts
+        if unknown := next((name for name in names if name not in everything), None):
+            raise ValueError(f"{self.path}: {unknown_name('column', unknown, everything)}")
+        given = pd.DataFrame({name: everything[name] for name in names}).astype(str)
+        return [*np.flatnonzero((given != given.shift()).any(axis=1)).tolist(), len(given)]
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:
@@ -153,8 +164,10 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     values = {key: columns.column(text).astype(float) for key, text, _ in mapping.wanted()}
     clock = mapping.clock
     rows = np.arange(len(columns), dtype=np.int64)
+    bounds = columns.bounds([mapping.table.segment]) if mapping.table.segment else []
     if not clock.source:
         stamps = np.rint(rows * (1e9 / clock.rate_hz)).astype(np.int64)
+        stamps = _paused(stamps, stamps, bounds)
         return Series(stamps, stamps, values)
     times = columns.column(clock.source)
     unit = 1 if clock.source in columns.dates else TIMES_NS[clock.unit]
@@ -167,7 +180,18 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     arrivals = first + np.rint(
         np.interp(rows, rows[known], (stamps[known] - first).astype(float))
     ).astype(np.int64)
-    return Series(stamps, arrivals, values)
+    stamps = np.where(known, _paused(stamps, arrivals, bounds), NO_STAMP)
+    return Series(stamps, _paused(arrivals, arrivals, bounds), values)
+
+
+def _paused(
+    stamps: NDArray[np.int64], arrivals: NDArray[np.int64], bounds: Sequence[int]
+) -> NDArray[np.int64]:
+    """Return stamps with a pause [ns] before each record of its own, by when rows arrived."""
+    shifts = np.zeros(len(stamps), dtype=np.int64)
+    for start in bounds[1:-1]:
+        shifts[start:] += _PAUSE_NS - min(_PAUSE_NS, arrivals[start] - arrivals[start - 1])
+    return stamps + shifts
 
 
 def stamps_of(times: NDArray[Any], unit_ns: int) -> NDArray[np.int64]:
