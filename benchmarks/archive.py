@@ -35,7 +35,7 @@ from ema_archive.query import answer
 from ema_archive.running import RunTally, run_bags, run_units, scan, write_summaries
 from ema_archive.tables import WHOLE
 from ema_bags.reader import Bag
-from ema_core.linear_algebra import one_thread
+from ema_core.linear_algebra import array_environment
 from ema_core.tasks import Workers as Tasks
 
 FLEET_BAGS: Final = 6_000_000
@@ -224,7 +224,7 @@ def measure(
     _: Workers, only: Sequence[str], tests: int, unit: int, bags: int, kills: int
 ) -> Figures:
     """Print what an archive takes: of so many tests, tests of a unit, real bags and kills."""
-    os.environ.update(one_thread())
+    os.environ.update(array_environment())
     figures: Figures = {}
     wanted = only or PARTS
     if "size" in wanted:

@@ -22,7 +22,7 @@ from rich.progress import (
 from rich.table import Table
 from targets import Row, target_table
 
-from ema_core.linear_algebra import one_thread
+from ema_core.linear_algebra import array_environment
 from ema_monitor.model.threads import limit_threads
 
 Figures = dict[str, Any]
@@ -38,7 +38,7 @@ class Workers:
 
     @cached_property
     def _pool(self) -> ProcessPoolExecutor:
-        os.environ.update(one_thread())
+        os.environ.update(array_environment())
         # A fork would inherit threads of this process as they stand.
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(os.cpu_count(), context, limit_threads, (1,))

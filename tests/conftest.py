@@ -11,7 +11,7 @@ import pytest
 from click.testing import Result
 
 from ema_cli.processes.domains import Domain
-from ema_core.linear_algebra import one_thread
+from ema_core.linear_algebra import array_environment
 
 from . import commands
 from .leftovers import nothing_left
@@ -40,7 +40,7 @@ os.environ |= {
     # Whatever the shell has: participants of one process must not deliver to each other directly.
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parents[1] / "tools" / "fastdds.xml"),
     # Of the workers of pytest and of what they start.
-    **one_thread(),
+    **array_environment(),
 }
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import click
 
 from ema_core import __version__
-from ema_core.linear_algebra import one_thread
+from ema_core.linear_algebra import array_environment
 from ema_core.start import quiet_imports
 
 _COMMANDS: Final = {
@@ -95,7 +95,7 @@ class _CommandsOnDemand(click.Group):
             from ema_core.wording import unknown_name
 
             ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
-        os.environ.update(one_thread())  # before numpy is imported
+        os.environ.update(array_environment())  # before numpy is imported
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
             command = getattr(import_module(f"ema_cli.commands.{name}"), name)

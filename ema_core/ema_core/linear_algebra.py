@@ -1,24 +1,24 @@
-"""Linear algebra on one thread: what computes here divides its work among processors itself.
+"""Arrays of a few megabytes: linear algebra on one thread, and memory that is used again.
 
-The libraries below numpy start a thread for each processor. For arrays as small as those of a
-window these wait in a loop most of the time and take a processor from the next worker, and their
-number may change the last bits of a result.
+What computes here divides its work among processors itself. The libraries below numpy start a
+thread for each processor, too, which waits in a loop most of the time and takes a processor from
+the next worker; their number may change the last bits of a result. The C library returns each array
+to the system, and a sixth of the time of an estimate goes into the pages of the next one.
 """
 
 import os
 from collections.abc import Mapping
 from typing import Final
 
-_VARIABLES: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_OF_ALL: Final = "OMP_NUM_THREADS"
+_THREADS: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_KEPT: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
+"""Size of arrays that do not come from the heap, and how much of it may lie free [bytes]."""
 
 
-def one_thread(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return what to add to an environment for one thread; what it says already holds.
+def array_environment(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """Return what to add to an environment for such arrays; what it says already holds.
 
-    The libraries read it when they are loaded: it has an effect before numpy is imported, and in
-    processes that are started later.
+    Before numpy is imported it has an effect on threads, in processes started later on both.
     """
-    if _OF_ALL in environment:
-        return {}
-    return {name: "1" for name in _VARIABLES if name not in environment}
+    threads = {} if "OMP_NUM_THREADS" in environment else dict.fromkeys(_THREADS, "1")
+    return {name: value for name, value in (threads | _KEPT).items() if name not in environment}

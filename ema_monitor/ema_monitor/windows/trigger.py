@@ -181,11 +181,9 @@ class WindowTrigger:
 
         It is the refusal of the window that is open, or a defect where none is.
         """
-        event: Refusal | Defect = Defect(stamp_ns, reason)
-        for cut in self.finish():
-            event = Refusal(cut.start_ns, cut.end_ns, reason)
+        refused = [Refusal(cut.start_ns, cut.end_ns, reason) for cut in self.finish()]
         self._reset()
-        return event
+        return refused[0] if refused else Defect(stamp_ns, reason)
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Follow the command through a block, sample by sample."""
@@ -330,8 +328,10 @@ def _columns(missing: tuple[str, ...]) -> str:
 
 def _not_finite(block: Telemetry) -> str:
     """Return which sample is not finite, or so large that computing with it is of no use."""
-    for name in COLUMNS:
-        column = getattr(block, name)
+    columns = [getattr(block, name) for name in COLUMNS]
+    if np.max(np.abs(np.concatenate(columns))) < _LARGEST:
+        return ""
+    for name, column in zip(COLUMNS, columns, strict=True):
         bad = np.flatnonzero(~(np.abs(column) < _LARGEST))
         if bad.size:
             expected = "finite numbers"

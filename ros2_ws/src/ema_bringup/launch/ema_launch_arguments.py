@@ -13,7 +13,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from ema_cli.processes.fleet_commands import file_for, monitor_names, shard_parameters
-from ema_core.linear_algebra import one_thread
+from ema_core.linear_algebra import array_environment
 from launch import LaunchContext, LaunchDescription
 
 AS_CONFIGURED = "of the parameter file"
@@ -139,7 +139,7 @@ def node(
         ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,
-        additional_env=one_thread(),
+        additional_env=array_environment(),
         output="screen",
         **options,
     )
