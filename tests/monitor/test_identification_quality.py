@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.faults import (
-    ECCENTRICITY,
-    ECCENTRICITY_PHASE,
-    estimation_error,
-    fault_vector,
-)
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, estimation_error, fault_vector
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.fitness import FITNESS
@@ -114,6 +109,9 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     # Derivatives over other steps, of a model with dry friction, differ by some percent.
     assert estimate.sigma == pytest.approx(np.sqrt(expected), rel=0.15)
     assert estimate.sigma[ECCENTRICITY] > 2 * MISMATCH_SIGMA[ECCENTRICITY]
+    # Half of the distribution is narrow; the other half ends at 1.28 sigma, with 1.2 for 1.45.
+    low, high = estimate.quantiles[[0, -1], ECCENTRICITY]
+    assert (high - low) / 2 == pytest.approx(1.2 / 1.45 * 1.28 * estimate.sigma[ECCENTRICITY], 0.1)
 
 
 def test_single_window_does_not_tell_the_fit_and_widens_as_the_worst_valid_one(

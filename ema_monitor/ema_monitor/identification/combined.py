@@ -20,12 +20,7 @@ from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.quantiles import within_range
 from ema_monitor.identification.uncertainty import PLANE, widening
-from ema_monitor.identification.verdict import (
-    Misfit,
-    assumed_goodness,
-    contradicted_by,
-    judged,
-)
+from ema_monitor.identification.verdict import Misfit, assumed_goodness, contradicted_by, judged
 
 
 def combined_estimate(
@@ -121,9 +116,7 @@ def _by_name(of_stretches: Iterable[Iterable[CauseEstimate]]) -> dict[str, list[
     return by_name
 
 
-def _most_significant(
-    of_stretches: Iterable[Iterable[CauseEstimate]],
-) -> tuple[CauseEstimate, ...]:
+def _most_significant(of_stretches: Iterable[Iterable[CauseEstimate]]) -> tuple[CauseEstimate, ...]:
     """Return each cause as the stretch has it in which it differs most from nothing."""
     by_name = _by_name(of_stretches)
     return tuple(

@@ -27,7 +27,9 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import (
     GROUPS,
     MISMATCH_FACTOR,
+    MISMATCH_SIGMA,
     PLANE,
+    QUANTILE_FACTOR,
     SIGNIFICANT_CAUSE,
     SPANS,
     Linearisation,
@@ -35,6 +37,7 @@ from ema_monitor.identification.uncertainty import (
     turn_of,
     uncertainty_of_faults,
     widening,
+    with_mismatch,
 )
 from ema_monitor.identification.verdict import (
     Misfit,
@@ -47,6 +50,8 @@ from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import LEARNS_UNIT
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
+
+_FAULTS = slice(0, N_FAULTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +188,9 @@ class Inference:
             surprised = surprise(self._known, knowledge, gained)
         known, unobservable = uncertainty_of_faults(faults, covariance)
         least = spans * self._uncertainty(explanation, 1.0, of_unit=False)
-        variances = [np.diag(uncertainty_of_faults(faults, one)[0]) for one in (least, alone)]
+        wide = with_mismatch(alone[_FAULTS, _FAULTS], MISMATCH_SIGMA, QUANTILE_FACTOR)
+        turn = turn_of(faults)
+        variances = [np.diag(turn @ one @ turn.T) for one in (least[_FAULTS, _FAULTS], wide)]
         quantiles, probability = self._distribution(explanation, faults, np.sqrt(variances))
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, covariance)
@@ -195,11 +202,7 @@ class Inference:
             limit,
             unobservable,
             explanation.alternatives,
-            [
-                *contradicted_by(subject, contradicted),
-                *caveats,
-                *map(str, causes),
-            ],
+            [*contradicted_by(subject, contradicted), *caveats, *map(str, causes)],
             self._calibration.windows,
         )
         estimate = Estimate(
@@ -238,12 +241,12 @@ class Inference:
 
         ``widths``, ``(m, 8)``, are standard deviations about each explanation (M18).
         """
-        found, of_faults = explanation.open, slice(0, N_FAULTS)
-        steps = found.steps[:, of_faults]
-        away = explanation.at.point[of_faults] + steps - self._objective.healthy[of_faults]
+        found = explanation.open
+        steps = found.steps[:, _FAULTS]
+        away = explanation.at.point[_FAULTS] + steps - self._objective.healthy[_FAULTS]
         present = ~np.isclose(away, 0.0)
         present[:, PLANE] = np.any(present[:, PLANE], axis=1, keepdims=True)
-        means = faults + (self._span[of_faults] * steps) @ turn_of(faults).T
+        means = faults + (self._span[_FAULTS] * steps) @ turn_of(faults).T
         return quantiles_of(found.weights, means, widths), found.weights @ present
 
     def _uncertainty(
@@ -299,16 +302,14 @@ class Inference:
         objective, at = self._objective, explanation.at
         shown = explanation.kept | explanation.confused | self._always
         jacobian = at.jacobian[:, shown]
-        step, effects = (
-            -shifts_of(jacobian, rows) for rows in (at.residuals[:, None], self._effects(at))
-        )
+        step = -shifts_of(jacobian, at.residuals[:, None])
+        effects = -shifts_of(jacobian, self._effects(at))
         covariance = objective.covariance(jacobian, at.residuals + jacobian @ step[:, 0])
-        faults = slice(0, N_FAULTS)
         gained = information(np.delete(jacobian, objective.known_rows, axis=0), objective.noise)
         known = Knowledge(
-            at.point[faults] + step[faults, 0],
-            covariance[faults, faults] + explanation.far[faults, faults],
-            effects[faults],
+            at.point[_FAULTS] + step[_FAULTS, 0],
+            covariance[_FAULTS, _FAULTS] + explanation.far[_FAULTS, _FAULTS],
+            effects[_FAULTS],
             max(1.0, objective.misfit(at.residuals)),
             before.gained + before.misfit**2 * gained,
         )

@@ -57,6 +57,9 @@ MISMATCH_FACTOR: Final = 1.45
 """By how much the mismatch of the model widens the standard deviations from the residuals:
 it follows the faults, and so hides in the estimate [-]."""
 
+QUANTILE_FACTOR: Final = 1.2
+"""The same for the wider of the two distributions that give the quantiles [-]."""
+
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
 """Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
 the eccentricity in Cartesian form [-]."""
@@ -149,12 +152,12 @@ def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
     return inverse, ridge
 
 
-def with_mismatch(covariance: Array, floor: Array) -> Array:
+def with_mismatch(covariance: Array, floor: Array, factor: float = MISMATCH_FACTOR) -> Array:
     """Return a covariance widened by what the mismatch of the model hides from the residuals.
 
     ``floor`` is the standard deviation that each component has at least, ``(d,)``.
     """
-    return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
+    return factor**2 * covariance + np.diag(floor**2)
 
 
 def widening(goodness_of_fit: float) -> float:
