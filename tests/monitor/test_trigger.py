@@ -278,7 +278,7 @@ def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
     trigger = WindowTrigger(PARAMETERS)
     # Block 99 ends with index 10000.
     assert feed(two_cycles[:100], trigger) == []
-    [refusal] = trigger.finish()
+    [refusal] = only(Refusal, trigger.finish())
     assert (refusal.start_ns, refusal.end_ns) == (stamp(STARTS[0]), stamp(10_000))
     assert refusal.reason == "the telemetry ends 0.199 s into the window of 0.5 s"
 
