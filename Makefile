@@ -32,7 +32,7 @@ quick: setup ## the tests of the numerics that are done in seconds; they need no
 	$(activate) && $(pytest) -n 2 --without-ros -m "not slow and not long" $(numerics) $(ARGS)
 
 parameters: setup ## docs/parameters.md, from the declarations of the nodes
-	$(activate) && python -m ema_cli.parameter_page
+	$(activate) && python tools/parameter_page.py
 
 policies: setup ## the policies of SROS2, from what the nodes have in the graph
 	$(activate) && python -m ema_cli.policies

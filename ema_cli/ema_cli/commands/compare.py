@@ -15,8 +15,6 @@ from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import Identifying, as_object
 from ema_cli.bags.source import identifiable_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
-from ema_cli.figures.comparison import draw_comparison
-from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.options import REFUSED, NameChoice
 from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS
@@ -55,21 +53,19 @@ class _Algorithms(click.ParamType):
     help="Which window, from 0; by default the first that can be used.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object, an estimate an algorithm.")
-@picture_option("; by default BAG-compare.png")
 def compare(
     bag: Path,
     given: Identifying,
     algorithms: list[str],
     number: int | None,
     as_json: bool,
-    output: Path | None,
 ) -> None:
     """Compare algorithms on one window of BAG: what each finds, how well, and how fast.
 
     Each begins at the healthy actuator with the same seed and budget. Where the bag records the
     true faults, the error is the distance to them in percent of their ranges. The search fitness
     is where the algorithm itself ended; the estimate then drops what is not significant and fits
-    the rest once more.
+    the rest once more. With --json each has its course: evaluations and lowest cost.
     """
     if given.any_motion:
         raise ValueError(
@@ -77,9 +73,6 @@ def compare(
             "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
             "one makes of the stretches combined"
         )
-    named = bag if bag.stem.strip(".") else bag.resolve()
-    picture = output or named.with_name(f"{named.stem}-compare.png")
-    require_drawable(picture)
     given = given.with_calibration_beside([bag])
     calibration = given.calibration_of_model()
     found = identifiable_windows(bag, given)
@@ -93,11 +86,6 @@ def compare(
     else:
         click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
         _print(comparison, title)
-    if comparison.best is not None:
-        unit = found.description
-        name = f"{unit.actuator_id} ({unit.serial_number}), {title}"
-        save_picture(draw_comparison(comparison, name), picture, dpi=150)
-        click.echo(f"{picture}", err=as_json)
     if not all(run.estimate.valid for run in comparison.runs):
         sys.exit(REFUSED)
 
@@ -114,6 +102,10 @@ def _as_object(comparison: AlgorithmComparison, found: BagWindows) -> dict[str, 
             as_object(run.estimate, found)
             | {
                 "generations": len(run.costs),
+                "course": [
+                    [int(n), _number(cost)]
+                    for n, cost in zip(run.evaluations, run.costs, strict=True)
+                ],
                 "search_fitness": _number(run.search_fitness),
                 "error_percent": _number(comparison.error_percent(run)),
             }

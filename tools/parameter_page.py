@@ -1,4 +1,4 @@
-"""The page of all parameters, from their declarations: ``python -m ema_cli.parameter_page``."""
+"""The page of all parameters, from their declarations: ``python tools/parameter_page.py``."""
 
 import json
 from collections.abc import Iterator
