@@ -75,14 +75,13 @@ def _judged(
     if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
     departure = calibration.normal.departure(estimate.start_ns, parts)
-    if departure is None:
+    is_foreign = not estimate.valid and calibration.unit_mismatch(description)
+    if departure is None or is_foreign:
         return estimate
     if not departure.is_significant:
         words = departure.remark
     elif estimate.valid and _is_explained(estimate, departure):
         words = departure.likeness
-    elif not estimate.valid and calibration.unit_mismatch(description):
-        return estimate
     else:
         words = f"{departure}; no fault explains it"
         estimate = replace(estimate, verdict=DEPARTED)
