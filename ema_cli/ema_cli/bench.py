@@ -105,7 +105,7 @@ class Bench:
         if sample_rate is not None:
             sample_period = round(1e6 / sample_rate) * 1e-6
             if abs(sample_period * sample_rate - 1.0) > 1e-6:
-                raise ValueError(
+                raise click.UsageError(
                     f"--sample-rate {sample_rate:g} Hz: the period must be a whole number of "
                     "microseconds"
                 )
@@ -130,11 +130,11 @@ def _command(shape: str | None, parameters: Parameters) -> Command:
     if shape.endswith(".csv"):
         given = [name for name in _FIGURES if f"command.{name}" in parameters.values]
         if given:
-            raise ValueError(f"a command from a file takes no figures, but command.{given[0]}")
+            raise click.UsageError(f"a command of a file has no figures, but command.{given[0]}")
         return Command("custom", samples=_column(Path(shape)))
     shapes = [name for name in COMMAND_SHAPES if name != "custom"]
     if shape not in shapes:
-        raise ValueError(
+        raise click.UsageError(
             f"command {shape!r} is neither one of {', '.join(shapes)} nor a .csv file; a file of "
             "`ema design` is given by --params"
         )

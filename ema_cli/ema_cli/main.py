@@ -134,6 +134,7 @@ class _CommandsOnDemand(click.Group):
 def main() -> None:
     """Simulate electromechanical actuators, and find the faults in their telemetry.
 
-    Exit codes: 0 done, 1 the input cannot be used, 2 wrong usage, 3 some windows have no valid
-    estimate (prognose: none has), or a test cannot reach what is wanted (certify, design).
+    Exit codes: 0 done, 1 the input cannot be used, 2 wrong usage or a wrong value, 3 some windows
+    have no valid estimate (prognose: none has), or a test cannot reach what is wanted (certify,
+    design).
     """

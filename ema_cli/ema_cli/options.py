@@ -29,6 +29,15 @@ def one_clear_line() -> Iterator[None]:
         raise click.ClickException(" ".join(words.split())) from error
 
 
+@contextmanager
+def values_of_options() -> Iterator[None]:
+    """Turn an impossible value of an option into wrong usage, exit code 2."""
+    try:
+        yield
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+
+
 class NameChoice(click.Choice[str]):
     """One of several names, also written as a label; of a slip it says what was probably meant."""
 

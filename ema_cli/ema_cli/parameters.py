@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 
 import click
 
+from ema_cli.options import values_of_options
 from ema_core.faults import FAULT_NAMES
 from ema_core.parameter import parameters_of
 from ema_core.wording import as_identifier, unknown_name
@@ -34,18 +35,18 @@ class Parameters:
 
         Raises
         ------
-        ValueError
+        click.UsageError
             When a value is impossible; the message names the parameter, value, unit and range.
         """
-        given = {
-            one.field.name: one.from_node(one.number_of(self.values[one.name]))
-            for one in parameters_of(settings, prefix)
-            if one.name in self.values
-        }
         try:
+            given = {
+                one.field.name: one.from_node(one.number_of(self.values[one.name]))
+                for one in parameters_of(settings, prefix)
+                if one.name in self.values
+            }
             return replace(settings, **given) if given else settings  # pyright: ignore
         except ValueError as error:
-            raise ValueError(f"{prefix}{error}") from error
+            raise click.UsageError(f"{prefix}{error}") from error
 
     def path(self, name: str) -> Path | None:
         """Return the path that a parameter names; None where there is none."""
@@ -96,7 +97,8 @@ def settings_options(
         ) -> None:
             shared = {name: given.pop(name) for name in list(given) if name not in own}
             values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
-            values |= _assigned(assignments, known)
+            with values_of_options():
+                values |= _assigned(assignments, known)
             # An option with the name of a parameter gives it.
             for name in (name for name in known if name in shared):
                 if (value := shared.pop(name)) is not None:

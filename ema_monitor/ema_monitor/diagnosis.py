@@ -75,14 +75,13 @@ def _judged(
         return estimate
     estimate = replace(estimate, parts=tuple(parts))
     departure = calibration.normal.departure(estimate.start_ns, parts)
-    if departure is None:
+    is_foreign = not estimate.valid and calibration.unit_mismatch(description)
+    if departure is None or is_foreign:
         return estimate
     if not departure.is_significant:
         words = "; ".join(filter(None, [departure.remark, departure.likeness]))
     elif estimate.valid and _is_explained(estimate, departure):
         words = departure.likeness
-    elif not estimate.valid and calibration.unit_mismatch(description):
-        return estimate
     else:
         words = f"{departure}; no fault explains it"
         estimate = replace(estimate, verdict=DEPARTED)

@@ -214,3 +214,14 @@ def test_table_of_moves_is_followed_to_its_limit(ema, tmp_path):
     result = ema(*command)
     assert result.exit_code == 1
     assert "rmss" in result.stderr
+
+
+def test_calibration_of_another_unit_is_the_whole_reason(ema, tmp_path):
+    healthy, case, calibration = (tmp_path / name for name in ("h.mcap", "c.mcap", "c.yaml"))
+    ema("simulate", "--cycles", "6", "-p", "serial_number=S2", "-o", healthy)
+    ema("simulate", "--fault", "friction=0.2", "--start", "2026-01-01", "-o", case)
+    assert ema("calibrate", healthy, "-o", calibration).exit_code == 0
+    result = ema("estimate", case, "--calibration", calibration, "--json")
+    assert result.exit_code == 3
+    reason = json.loads(result.stdout)[0]["reason"]
+    assert reason.startswith("the calibration does not fit: the actuator has serial number")

@@ -100,5 +100,5 @@ def test_window_length_of_a_bag_can_be_given(ema, tmp_path):
     [window] = json.loads(found.stdout)
     assert window["end"] - window["start"] == pytest.approx(0.25)
     wrong = ema("estimate", case, "-p", "window_s=0")
-    assert wrong.exit_code == 1
+    assert wrong.exit_code == 2
     assert "window_s = 0" in wrong.stderr

@@ -149,16 +149,16 @@ def with_growth(
     for kind, given, known in (("limit", limits, by_limit), ("cost", costs, by_cost)):
         for name, value in given.items():
             if name not in known:
-                raise ValueError(f"--{kind}: {unknown_name(kind, name, known)}")
+                raise click.UsageError(f"--{kind}: {unknown_name(kind, name, known)}")
             values[known[name]] = value
     kinds = [item.name for item in fields(KnownLawTexts)]
     for written in laws:
         name, _, law = written.partition("=")
         kind = as_identifier(name)
         if kind not in kinds:
-            raise ValueError(f"--known-law {written!r}: {unknown_name('fault', name, kinds)}")
+            raise click.UsageError(f"--known-law {written!r}: {unknown_name('fault', name, kinds)}")
         if f"known_law.{kind}" in values:
-            raise ValueError("--known-law: a fault has more than one law")
+            raise click.UsageError("--known-law: a fault has more than one law")
         values[f"known_law.{kind}"] = law
     return parameters.with_options(**values)
 

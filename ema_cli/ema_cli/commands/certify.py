@@ -47,9 +47,9 @@ def certify(
     with progress_bar() as progress, deferred_signals() as stop:
         for name, sigma in wanted.items():
             if name not in COMPONENTS:
-                raise ValueError(unknown_name("fault", name, COMPONENTS))
+                raise click.UsageError(unknown_name("fault", name, COMPONENTS))
             if not sigma > 0.0:
-                raise ValueError(f"--require: {name} = {sigma:g}: expected more than 0")
+                raise click.UsageError(f"--require: {name} = {sigma:g}: expected more than 0")
         task = progress.add_task("rehearsing", total=CERTIFIED_WINDOWS + repetitions)
 
         def follow() -> None:

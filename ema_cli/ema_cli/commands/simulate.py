@@ -6,7 +6,7 @@ import click
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.bench import COMMAND_OPTION, Bench
-from ema_cli.options import assignments_option
+from ema_cli.options import assignments_option, values_of_options
 from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, START_OPTION, new_bag, output_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
@@ -50,15 +50,16 @@ def simulate(
     Each cycle: slow approach from below, command, return, rest.
     """
     description = given.description
-    bench = ActuatorBench(
-        description,
-        given.settings,
-        parameters=given.parameters,
-        resolutions=given.resolutions,
-        causes=causes,
-    )
-    bench.set_command(given.command)
-    bench.set_faults(faults)
+    with values_of_options():
+        bench = ActuatorBench(
+            description,
+            given.settings,
+            parameters=given.parameters,
+            resolutions=given.resolutions,
+            causes=causes,
+        )
+        bench.set_command(given.command)
+        bench.set_faults(faults)
     with (
         deferred_signals() as stop,
         new_bag(output, overwrite=overwrite) as bag,

@@ -77,7 +77,7 @@ def up(
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
         elif fleet:
-            raise ValueError(f"--actuators {actuators}: expected the node actuator as well")
+            raise click.UsageError(f"--actuators {actuators}: expected the node actuator as well")
         common = Common(parameter_files, assignments, namespace)
         commands = {}
         for node in names:

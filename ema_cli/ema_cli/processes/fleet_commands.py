@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import click
 import yaml
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
@@ -53,7 +54,7 @@ def monitor_commands(
 def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[str]]:
     """Return the commands of simulated actuators that publish on the topics of one namespace."""
     if len(set(names)) < len(names):
-        raise ValueError(f"--actuators {','.join(names)}: expected names that differ")
+        raise click.UsageError(f"--actuators {','.join(names)}: expected names that differ")
     place = (NAMESPACE if common.namespace is None else common.namespace).rstrip("/")
     commands = {}
     for number, name in enumerate(names):
