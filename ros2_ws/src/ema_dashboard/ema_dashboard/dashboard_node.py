@@ -12,6 +12,7 @@ from rclpy.subscription import Subscription
 
 from ema_core.wording import counted
 from ema_dashboard.access import Access
+from ema_dashboard.alerts import Alerts
 from ema_dashboard.contents import FleetDocument
 from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTopic, known_topics
@@ -20,18 +21,20 @@ from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import (
     DashboardSettings,
     bound_socket,
+    read_address,
     read_token,
     tls_context,
 )
 from ema_dashboard.unit_history import Histories
 from ema_dashboard.web_server import WebServer
+from ema_interfaces.msg import Health
 from ema_ros.claims import Claims
 from ema_ros.managed_node import ManagedNode
 from ema_ros.peers import UNKNOWN_NODE
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
-from ema_ros.status import ERROR, OK, Task
+from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import (
     DESCRIPTION,
     FAULT_ESTIMATE,
@@ -66,6 +69,7 @@ class DashboardNode(ManagedNode):
         namespaces = settings.namespaces or (self.get_namespace(),)
         hosts = (settings.host, *settings.host_names)
         access = Access(hosts, settings.allowed_origins, read_token(settings.token_file))
+        alert_address = read_address(settings.alerts)
         tls = tls_context(settings.tls_certificate, settings.tls_key)
         listener = bound_socket(settings.host, settings.port, settings.ports)
         port = listener.getsockname()[1]
@@ -98,6 +102,9 @@ class DashboardNode(ManagedNode):
             self.report_end,
         )
         self._web.start()
+        self._alerts = (
+            Alerts(self._hub.loop, alert_address, self.address) if alert_address else None
+        )
         self.get_logger().info(f"dashboard at {self.address}")
 
     def activate(self) -> None:
@@ -110,6 +117,8 @@ class DashboardNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Disconnect the clients and free the port."""
+        if self._alerts:
+            self._alerts.close()
         self._web.stop()
 
     def tasks(self) -> list[Task]:
@@ -129,8 +138,13 @@ class DashboardNode(ManagedNode):
         message = f"{counted(own.clients, 'client')} at {self.address}"
         if own.dropped:
             message += f", {counted(own.dropped, 'message')} dropped for slow clients"
-        failure = self._web.thread.failure
-        level, message = (ERROR, failure) if failure else (OK, message)
+        level = OK
+        if self._alerts:
+            values |= {"alerts sent": self._alerts.sent, "alerts lost": self._alerts.lost}
+            if self._alerts.failure:
+                level, message = WARN, f"the latest alert did not arrive: {self._alerts.failure}"
+        if failure := self._web.thread.failure:
+            level, message = ERROR, failure
         return [Task("dashboard", level, message, self.hardware_id, values)]
 
     def _discover(self) -> None:
@@ -167,7 +181,7 @@ class DashboardNode(ManagedNode):
             self._hub.keep(name, held.actuator_id, data, now_ns, stamp_ns)
             self._hub.publish(name, data, now_ns)
             if topic.relative == HEALTH:
-                self._metrics.note(topic.namespace, held)
+                self._note(topic.namespace, held)
 
     def _find_player(self) -> None:
         """Let clients control a player that has come; there is one at a time."""
@@ -222,7 +236,7 @@ class DashboardNode(ManagedNode):
             self._claims.note((topic.name, message.actuator_id), message)
         if topic.relative in (DESCRIPTION, FAULT_ESTIMATE, HEALTH):
             self._histories[topic.namespace].note(message)
-            self._metrics.note(topic.namespace, message)
+            self._note(topic.namespace, message)
         elif topic.relative == PLAYBACK_STATE:
             bounds = stamp_from_message(message.start), stamp_from_message(message.end)
             if bounds != self._hub.playback_range:
@@ -230,6 +244,12 @@ class DashboardNode(ManagedNode):
             if message.jumped:
                 self._note_time(stamp_from_message(message.position))
             self._playback.note_state(message)
+
+    def _note(self, namespace: str, message: Any) -> None:
+        """Take what metrics and alerts rest on; a playback, which is of the past, alerts nobody."""
+        self._metrics.note(namespace, message)
+        if self._alerts and isinstance(message, Health) and self._hub.playback_range is None:
+            self._alerts.note(namespace, message)
 
     def _note_time(self, time_ns: int) -> None:
         """Take the time of the graph; where it jumps back, nothing of later stays."""

@@ -34,6 +34,9 @@ class DashboardSettings(Checked):
     tls_key: str = text("", "PEM file of the certificate's key")
     most_clients: int = quantity(16, "-", 1, 1000, "clients at the same time")
     archive: str = text("", "folder of the archive whose fleet the page shows; empty: none")
+    alerts: str = text(
+        "", "file with the http(s) address that receives each change of level; empty: none"
+    )
     buffer_mb: float = quantity(
         8.0, "MB", 1.0, 1000.0, "messages that wait for a client; beyond it the oldest are dropped"
     )
@@ -78,16 +81,33 @@ def read_token(path: str) -> str:
     """
     if not path:
         return ""
-    try:
-        token = Path(path).expanduser().read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"parameter token_file = {path!r} cannot be read: {error}") from error
+    token = _content("token_file", path)
     if len(token) < _LEAST_TOKEN or not token.isprintable() or " " in token:
         raise ValueError(
             f"parameter token_file = {path!r} holds {len(token)} characters: expected one word of "
             f"at least {_LEAST_TOKEN}, such as `openssl rand -hex 16` prints"
         )
     return token
+
+
+def read_address(path: str) -> str:
+    """Return the address in a file, empty when none is named; ValueError for what is no address.
+
+    As a token, it may be secret.
+    """
+    if not path:
+        return ""
+    address = _content("alerts", path)
+    if not address.startswith(("http://", "https://")) or len(address.split()) != 1:
+        raise ValueError(f"parameter alerts = {path!r}: expected a file with one http(s) address")
+    return address
+
+
+def _content(parameter: str, path: str) -> str:
+    try:
+        return Path(path).expanduser().read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"parameter {parameter} = {path!r} cannot be read: {error}") from error
 
 
 def bound_socket(host: str, port: int, ports: int) -> socket.socket:

@@ -1,0 +1,108 @@
+"""Alerts: each change of a level, posted as JSON to an address."""
+
+import asyncio
+import math
+from concurrent.futures import Future
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from aiohttp import ClientError, ClientSession, ClientTimeout
+
+from ema_core.levels import LEVEL_NAMES, OK, STALE
+from ema_interfaces.msg import Health
+from ema_ros.stamps import stamp_from_message
+
+WAITS_S: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Times to wait before an alert is posted again [s]; then it is lost."""
+
+MOST_WAITING: Final = 100
+"""Alerts that wait; beyond it the oldest is lost."""
+
+_MOST_ACTUATORS: Final = 1000
+_ANSWER_S: Final = 10.0
+
+
+class Alerts:
+    """Posts changes of level one after the other, in an event loop of another thread.
+
+    The level that an actuator has at first is an alert if it is WARN or ERROR.
+
+    Attributes
+    ----------
+    sent, lost
+        Numbers of alerts that the address has taken, and that it never took.
+    failure
+        Why the latest try failed; empty when it did not.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, address: str, page: str) -> None:
+        self.sent = self.lost = 0
+        self.failure = ""
+        self._loop = loop
+        self._address = address
+        self._page = page
+        self._levels: dict[tuple[str, str], int] = {}
+        self._queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_WAITING)
+        self._task: Future[None] = asyncio.run_coroutine_threadsafe(self._post_all(), loop)
+
+    def note(self, namespace: str, health: Health) -> None:
+        """Take a health as it is shown."""
+        key = namespace, health.actuator_id
+        before = self._levels.pop(key, None)
+        self._levels[key] = health.level
+        if len(self._levels) > _MOST_ACTUATORS:
+            del self._levels[next(iter(self._levels))]
+        if before is None and health.level in (OK, STALE):
+            return
+        if before != health.level:
+            alert = _content(namespace, health, before) | {"page": self._page}
+            self._loop.call_soon_threadsafe(self._add, alert)
+
+    def close(self) -> None:
+        """Post nothing any more."""
+        self._task.cancel()
+
+    def _add(self, alert: dict[str, Any]) -> None:
+        if self._queue.full():
+            self._queue.get_nowait()
+            self.lost += 1
+        self._queue.put_nowait(alert)
+
+    async def _post_all(self) -> None:
+        async with ClientSession(timeout=ClientTimeout(_ANSWER_S)) as session:
+            while True:
+                alert = await self._queue.get()
+                for wait_s in (*WAITS_S, 0.0):
+                    self.failure = await self._post(session, alert)
+                    if not self.failure:
+                        self.sent += 1
+                        break
+                    await asyncio.sleep(wait_s)
+                else:
+                    self.lost += 1
+
+    async def _post(self, session: ClientSession, alert: dict[str, Any]) -> str:
+        """Post an alert once; return why that failed, without the address, which may be secret."""
+        try:
+            # A redirected POST would be a GET without content.
+            async with session.post(self._address, json=alert, allow_redirects=False) as answer:
+                return "" if answer.ok and answer.status < 300 else f"status {answer.status}"
+        except (ClientError, OSError) as error:  # a timeout is an OSError
+            return type(error).__name__
+
+
+def _content(namespace: str, health: Health, before: int | None) -> dict[str, Any]:
+    at_s = stamp_from_message(health.measured) * 1e-9
+    hours = health.rul.hours_50 if health.rul.known else math.nan
+    figures = {"health_index": health.health_index, "remaining_hours": hours}
+    return {
+        "namespace": namespace,
+        "actuator_id": health.actuator_id,
+        "serial_number": health.serial_number,
+        "level": LEVEL_NAMES[health.level],
+        "before": None if before is None else LEVEL_NAMES[before],
+        "tested": datetime.fromtimestamp(at_s, UTC).isoformat(),
+        "reason": health.reason if health.level == STALE else health.cause,
+        "removal": health.removal,
+        **{name: value if math.isfinite(value) else None for name, value in figures.items()},
+    }

@@ -1,0 +1,53 @@
+"""A change of level reaches an HTTP server, again after it has failed."""
+
+import json
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from threading import Thread
+
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_dashboard import alerts
+from ema_interfaces.msg import Health
+from ema_ros import topics
+
+from ...waiting import wait_for
+from .session import DashboardSession, wait_for_value
+
+FLAP = {"actuator_id": "flap", "serial_number": "7", "cause": "friction 0.4"}
+
+
+def test_each_change_of_level_is_posted_until_it_is_taken(
+    session: DashboardSession, tmp_path, monkeypatch
+):
+    received, answers = [], [500, 302]
+
+    class Receiver(BaseHTTPRequestHandler):
+        def do_POST(self):
+            received.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(answers.pop(0) if answers else 204)
+            self.end_headers()
+
+    monkeypatch.setattr(alerts, "WAITS_S", (0.01, 0.01))
+    address = tmp_path / "address"
+    address.write_text("ftp://example.org\n")
+    assert not session.unconfigured(alerts=str(address)).bring_up()
+    with HTTPServer(("127.0.0.1", 0), Receiver) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        address.write_text(f"http://127.0.0.1:{server.server_port}/\n")
+        output = session.source.create_publisher(Health, "health", topics.LATCHED)
+        node = session.dashboard(alerts=str(address))
+        assert node._alerts
+        levels = node._alerts._levels
+        for level in (STALE, OK, OK, WARN, WARN, ERROR):
+            output.publish(Health(level=level, **FLAP))
+            wait_for(lambda at=level: levels.get(("/ema", "flap")) == at, f"level {level}")
+        wait_for_value(node, "alerts sent", 3)
+        changes = [(one["before"], one["level"]) for one in received]
+        # The first of them was refused twice.
+        assert changes == [("STALE", "OK")] * 3 + [("OK", "WARN"), ("WARN", "ERROR")]
+        assert received[-1]["reason"] == "friction 0.4"
+        assert received[-1]["remaining_hours"] is None
+        answers += [500, 500, 500]
+        output.publish(Health(level=OK, **FLAP))
+        wait_for_value(node, "alerts lost", 1)
+        assert "status 500" in node.tasks()[0].message
+        server.shutdown()
