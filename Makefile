@@ -51,7 +51,7 @@ $(web)/node_modules: $(web)/package-lock.json
 	@touch $@
 
 page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a change in ros2_ws/src/ema_dashboard/web
-	$(activate) && python $(web)/registry.py
+	$(activate) && python tools/page_registry.py
 	cd $(web) && npx tsc && node build.mjs
 
 test-web: setup $(web)/node_modules ## the page in a real browser; needs Node and Chromium on the path

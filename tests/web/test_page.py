@@ -1,27 +1,18 @@
 """What the shipped page has of the project, without a browser."""
 
-import importlib.util
 import json
 from importlib.resources import files
 from pathlib import Path
-from types import ModuleType
+from runpy import run_path
 
-WEB = Path(__file__).parents[2] / "ros2_ws/src/ema_dashboard/web"
-
-
-def _registry_writer() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("registry", WEB / "registry.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+ROOT = Path(__file__).parents[2]
+WEB = ROOT / "ros2_ws/src/ema_dashboard/web"
 
 
 def test_the_page_knows_faults_causes_and_messages_as_they_are_defined():
-    writer = _registry_writer()
-    assert json.loads(writer.FILE.read_text()) == writer.registry(), "run `make page`"
-    assert writer.INTERFACES.read_text() == writer.interfaces(), "run `make page`"
+    writer = run_path(str(ROOT / "tools" / "page_registry.py"))
+    assert json.loads(writer["FILE"].read_text()) == writer["registry"](), "run `make page`"
+    assert writer["INTERFACES"].read_text() == writer["interfaces"](), "run `make page`"
 
 
 def test_the_shipped_page_names_no_other_host():

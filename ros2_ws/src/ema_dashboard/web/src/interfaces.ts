@@ -1,4 +1,4 @@
-// Written by registry.py of the definitions of the messages; `make page` renews it.
+// Written by `make page` of the definitions of the messages.
 
 export interface ActuatorDescription {
   header: Header;

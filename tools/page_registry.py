@@ -16,7 +16,8 @@ from ema_core.causes import CAUSE_BY_NAME
 from ema_core.faults import FAULTS
 from ema_interfaces import msg
 
-FILE: Final = Path(__file__).parent / "src/registry.json"
+WEB: Final = Path(__file__).parents[1] / "ros2_ws/src/ema_dashboard/web"
+FILE: Final = WEB / "src/registry.json"
 INTERFACES: Final = FILE.with_name("interfaces.ts")
 
 _READ: Final = (
@@ -53,7 +54,7 @@ def registry() -> dict[str, Any]:
 
 def interfaces() -> str:
     """Return the messages that the page reads as types of TypeScript, by their definitions."""
-    head = "// Written by registry.py of the definitions of the messages; `make page` renews it.\n"
+    head = "// Written by `make page` of the definitions of the messages.\n"
     return head + "".join(text for _, text in sorted(_types(_READ, {}).items()))
 
 
