@@ -62,8 +62,8 @@ class Unit:
 
     The outlook depends on the tests in the history and on the settings alone: a replay of the same
     tests, or of the history after a restart, gives the same. The newest test by its stamp gives the
-    level, whether it is valid or refused: one that comes late takes its place in growth and changes
-    no level.
+    level, whether it is valid or refused: one that comes late takes its place in growth, which may
+    move the value of a fault within its sigma.
 
     Parameters
     ----------
@@ -228,8 +228,8 @@ class Unit:
             self._find_growth_anew()
         late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
         text = (
-            f"a test came late, {late_s:g} s older than the latest one: it counts for growth and "
-            "changes no level"
+            f"a test came late, {late_s:g} s older than the latest one: it counts for growth; "
+            "the latest one gives the level"
         )
         self._findings.append(Finding(OTHER, text))
         if estimate.verdict == DEPARTED:

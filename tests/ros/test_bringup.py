@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from click import UsageError
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ema_cli.processes.bringup import NODES, node_class, parameter_file, program, ros_arguments
@@ -329,7 +330,7 @@ def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
     assert (values["actuator_id"], values["seed"]) == ("right", 1)
     assert "telemetry:=/wing/telemetry" in actuators["actuator right"]
     assert "__ns:=/wing/right" in actuators["actuator right"]
-    with pytest.raises(ValueError, match="expected names that differ"):
+    with pytest.raises(UsageError, match="expected names that differ"):
         actuator_commands(["a", "a"], common)
     with pytest.raises(ValueError, match="--actuators 'left wing': expected letters"):
         actuator_commands(["left wing"], common)
