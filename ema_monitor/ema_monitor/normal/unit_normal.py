@@ -79,7 +79,7 @@ class UnitNormal:
             away = _distance(healthy, _load(one.features))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
-                    f"its load is {away:.2g} A away from those of the healthy windows: `ema "
+                    f"its load is {away:.2g} A away from the healthy windows: `ema "
                     "calibrate` needs healthy bags of that load, too"
                 )
 
@@ -138,7 +138,7 @@ class UnitNormal:
         for own in _by_motion(parts):
             healthy = self._like(own[0].motion)
             if len(healthy) < FEWEST_TESTS:
-                found.append(f"the motion, {own[0].motion}, is not that of the healthy windows")
+                found.append(f"no healthy window has the motion, {own[0].motion}")
                 continue
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
             under: dict[int, list[Part]] = {}
@@ -202,7 +202,7 @@ def _judged(
     if len(known) < 2:
         return found
     if (away := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
-        words = f"the load is new, {away:.2g} A from that of the known windows"
+        words = f"the load is new, {away:.2g} A from the known windows"
         return replace(found, unnamed=f"no state is named: {words}")
     features = {name: FEATURES[name] for name in figures}
     return replace(found, states=States(known, features).probabilities(test))
