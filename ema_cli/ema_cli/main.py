@@ -65,14 +65,11 @@ _EXAMPLES: Final = {
     "thesis": "--quick -o study",
     "report": "unit --hours-per-cycle 10 -o unit.html",
     "archive": "run fleet",
-    "watch": "",
     "plot": "dry.mcap --window 0 -o dry.png",
     "info": "dry.mcap",
-    "up": "actuator monitor dashboard",
     "record": "-o night.mcap",
     "play": "night.mcap --rate 2",
     "recover": "broken.mcap -o whole.mcap",
-    "demo": "-o demo",
     "completion": "bash",
 }
 
@@ -99,7 +96,7 @@ class _CommandsOnDemand(click.Group):
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
             command = getattr(import_module(f"ema_cli.commands.{name}"), name)
-        command.epilog = f"Example: ema {cmd_name} {_EXAMPLES[cmd_name]}"
+        command.epilog = f"Example: ema {cmd_name} {_EXAMPLES.get(cmd_name, '')}"
         return command
 
     def invoke(self, ctx: click.Context) -> object:

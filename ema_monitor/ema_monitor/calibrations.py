@@ -80,7 +80,8 @@ def calibrate(
 
 def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> AnyCalibration:
     """Return a calibration with the labels of one that it replaces, if of the same unit."""
-    if replaced.serial_number != calibration.serial_number:
+    one, other = ((item.actuator_id, item.serial_number) for item in (calibration, replaced))
+    if one != other:
         return calibration
     return replace(calibration, normal=calibration.normal.with_labels_of(replaced.normal))
 

@@ -34,15 +34,17 @@ def tables_as_bags(
     ValueError
         When there is no mapping, or the table cannot be used.
     """
-    names = table.with_suffix(".yaml"), table.with_name("mapping.yaml")
+    names = table.with_name("mapping.yaml"), table.with_suffix(".yaml")
     mapping_file = next((name for name in names if name.is_file()), None)
     if mapping_file is None:
         raise ValueError(
-            f"{table} is a table without a mapping beside it, {names[1].name}: `ema import {table} "
-            f"--preview > {names[1]}` guesses one to check"
+            f"{table} is a table without a mapping beside it, {names[0].name}: `ema import {table} "
+            f"--preview > {names[0]}` guesses one to check"
         )
     beside = table.with_name("actuator.yaml")
     actuator_file = actuator_file or (beside if beside.is_file() else None)
+    if actuator_file is None:
+        click.echo(f"note: no --actuator, so {table} is of the built-in actuator", err=True)
     mapping = load_mapping(mapping_file)
     actuators = actuators_of(mapping, actuator_file)
     source = InputFile(table, mapping)

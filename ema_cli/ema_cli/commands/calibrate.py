@@ -1,7 +1,6 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -76,13 +75,17 @@ def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Pa
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
     """Return a calibration with the labels of the one that it replaces, if of the same unit."""
-    with suppress(ValueError, OSError):
+    if not output.exists():
+        return calibration
+    try:
         replaced = calibrations.load_calibration(output)
-        kept = calibrations.with_labels_of(calibration, replaced)
-        if lost := replaced.normal.tests().keys() - kept.normal.tests().keys():
-            words = "labels dropped, as no healthy window of this unit has their motion"
-            click.echo(f"warning: {words}: {', '.join(sorted(lost))}", err=True)
-        if labels := kept.normal.tests().keys() - calibration.normal.tests().keys():
-            click.echo(f"labelled states kept: {', '.join(sorted(labels))}")
-        return kept
-    return calibration
+    except ValueError as error:
+        click.echo(f"warning: if it had labels, they are lost: {error}", err=True)
+        return calibration
+    kept = calibrations.with_labels_of(calibration, replaced)
+    if lost := replaced.normal.tests().keys() - kept.normal.tests().keys():
+        words = "labels dropped, of another unit or a motion that no healthy window has"
+        click.echo(f"warning: {words}: {', '.join(sorted(lost))}", err=True)
+    if labels := kept.normal.tests().keys() - calibration.normal.tests().keys():
+        click.echo(f"labelled states kept: {', '.join(sorted(labels))}")
+    return kept

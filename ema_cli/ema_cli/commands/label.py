@@ -18,6 +18,8 @@ from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
 from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.prognosis.history import read_history
 
+_HEALTHY = (HEALTHY, "normal", "nan", "none", "")
+
 
 @click.command()
 @click.argument("calibration_file", metavar="CALIBRATION", type=click.Path(path_type=Path))
@@ -61,8 +63,8 @@ def label(
     state. Without BAGS the states are listed. A history of the unit, ACTUATOR+SERIAL.sqlite, takes
     the place of the bags of its tests.
     """
-    if bags and (state is None) == (state_column is None):
-        raise click.UsageError("give either --state or --state-column, for all BAGS")
+    if bool(bags) != ((state is None) != (state_column is None)):
+        raise click.UsageError("give BAGS with either --state or --state-column")
     calibration = load_calibration(calibration_file)
     normal = calibration.normal
     if remove is not None:
@@ -92,7 +94,7 @@ def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[
     from ema_cli.bags.records import tables_as_bags  # pandas only where there is a table
 
     for (state, *_), bag in tables_as_bags(table, given.actuator_file, columns):
-        if state.strip().lower() not in (HEALTHY, "normal", "nan", "none", ""):
+        if state.strip().lower() not in _HEALTHY:
             yield state, bag
 
 
@@ -112,8 +114,8 @@ def _of_history(
 ) -> Iterator[tuple[int, Sequence[Part]]]:
     """Yield stamps [ns] and stretches of tests in a history."""
     history = read_history(path)
-    if history.unit[1] != calibration.serial_number:
-        raise ValueError(f"{path} is of {history.unit[1]!r}, not {calibration.serial_number!r}")
+    if history.unit != (calibration.actuator_id, calibration.serial_number):
+        raise ValueError(f"{path} is of {history.unit}, another unit than the calibration's")
     tests = history.tests
     dates = [f"{datetime.fromtimestamp(1e-9 * one.stamp_ns, UTC):%FT%T}" for one in tests]
     for one in chosen or [""]:
@@ -133,7 +135,7 @@ def _with_test(
 ) -> UnitNormal:
     """Return a normal with a test, which is of a path."""
     state = state.strip()
-    if not state or state.lower() in (HEALTHY, NONE_OF_THESE):
+    if state.lower() in (*_HEALTHY, NONE_OF_THESE):
         raise ValueError(
             f"--state {state!r}: expected what is wrong; `ema calibrate` takes all healthy bags "
             "together"

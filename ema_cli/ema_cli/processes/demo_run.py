@@ -46,12 +46,12 @@ def run_demo(
     commands = {
         node: [str(program(node)), *ros_arguments(node, parameter_files=files)] for node in _NODES
     }
-    refuse_running([f"{NAMESPACE}/{node}" for node in _NODES], "demo", stop)
-    if stop:
-        return
     folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
     if folder.exists() and any(folder.iterdir()):
         raise ValueError(f"{folder} is there already and not empty")
+    refuse_running([f"{NAMESPACE}/{node}" for node in _NODES], "demo", stop)
+    if stop:
+        return
     folder.mkdir(parents=True, exist_ok=True)
     bag, picture = folder / "bag", folder / "history.png"
     for node, name, path in (

@@ -94,7 +94,7 @@ class UnitNormal:
         """Return it without the labelled tests of a state; ValueError when there are none."""
         kept = tuple(one for one in self.windows if not one.test or one.state != state)
         if len(kept) == len(self.windows):
-            raise ValueError(unknown_name("state", state, self.tests()))
+            raise ValueError(unknown_name("state", state, self.tests().keys() - {HEALTHY}))
         return type(self)(kept)
 
     def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
