@@ -136,10 +136,8 @@ def _with_test(
     """Return a normal with a test, which is of a path."""
     state = state.strip()
     if state.lower() in (*_HEALTHY, NONE_OF_THESE):
-        raise ValueError(
-            f"--state {state!r}: expected what is wrong; `ema calibrate` takes all healthy bags "
-            "together"
-        )
+        words = "expected what is wrong; `ema calibrate` takes all healthy bags together"
+        raise ValueError(f"state {state!r}: {words}")
     try:
         return normal.with_test(state, stamp_ns, parts)
     except ValueError as error:
