@@ -67,11 +67,16 @@ def actuators_of(
     found = []
     for joint in mapping.joints or (mapping.joint,):
         file = Path(str(actuator_file).replace("{joint}", joint)) if actuator_file else None
-        description = load_description(file) if file else ActuatorDescription()
+        description = described(file)
         if mapping.joints:
             description = replace(description, actuator_id=joint)
         found.append((mapping.of_joint(joint), description))
     return found
+
+
+def described(actuator_file: Path | None) -> ActuatorDescription:
+    """Return the description in a file; without one, the built-in actuator."""
+    return load_description(actuator_file) if actuator_file else ActuatorDescription()
 
 
 def read_record(

@@ -9,12 +9,10 @@ from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_cli.bags.guide import mapping_of
-from ema_cli.bags.records import actuators_of, imported_by, read_record, write_records
+from ema_cli.bags.records import actuators_of, described, imported_by, read_record, write_records
 from ema_cli.bags.source import Source, read_windows
 from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, output_option, require_free
-from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
-from ema_ros.actuator_file import load_description
 
 
 @click.command("import")
@@ -94,7 +92,7 @@ def import_(
         source = InputFile(files[0])
         if guide:
             _comment(source.contents())
-        mapping = mapping_of(source, _described(actuator_file), given, asks=guide)
+        mapping = mapping_of(source, described(actuator_file), given, asks=guide)
     if output is None:
         for file in files:
             _preview(file, mapping, actuator_file)
@@ -144,17 +142,13 @@ def _draw(bag: Path, picture: Path) -> None:
     save_picture(draw_telemetry(read_windows(bag, Source(), outline.add), outline), picture)
 
 
-def _described(actuator_file: Path | None) -> ActuatorDescription:
-    return load_description(actuator_file) if actuator_file else ActuatorDescription()
-
-
 def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) -> None:
     """Print a mapping as YAML, and all else as its comments."""
     source = InputFile(file, mapping)
     lines = [str(file), *source.contents()]
     try:
         if mapping is None:
-            guess = source.guess(_described(actuator_file))
+            guess = source.guess(described(actuator_file))
             mapping = guess.mapping
             lines += [f"guess: {remark}" for remark in guess.remarks]
         for one in actuators_of(mapping, actuator_file):
