@@ -112,6 +112,7 @@ class ActuatorParameters(Checked):
         "bandwidth of field-oriented current loops",
         (100.0, 5e4),
     )
+    lead: float = quantity(0.0, "m", 0.0, 1.0, "linear: way for one turn of the user shaft, else 0")
 
     def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
         """Return these parameters with some values changed.
@@ -130,6 +131,12 @@ class ActuatorParameters(Checked):
     def as_mapping(self) -> dict[str, float]:
         """Return names and values in the order of definition."""
         return dataclasses.asdict(self)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a parameter; empty where there is no such parameter."""
+    units = {item.name: item.metadata["unit"] for item in fields(ActuatorParameters)}
+    return units.get(name, "")
 
 
 class FieldOrientedParameters(ActuatorParameters):

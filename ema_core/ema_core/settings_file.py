@@ -1,5 +1,6 @@
 """Settings, descriptions and mappings from YAML files."""
 
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
@@ -11,8 +12,13 @@ from ema_core.yaml_file import load_yaml
 _Settings = TypeVar("_Settings")
 
 
-def load_settings(path: Path, what: str, kind: type[_Settings]) -> _Settings:
-    """Read a dataclass from a YAML file; ``what`` names the file.
+def load_settings(
+    path: Path,
+    what: str,
+    kind: type[_Settings],
+    prepare: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
+) -> _Settings:
+    """Read a dataclass from a YAML file; ``what`` names the file, ``prepare`` changes sections.
 
     Raises
     ------
@@ -26,6 +32,9 @@ def load_settings(path: Path, what: str, kind: type[_Settings]) -> _Settings:
         why = getattr(error, "strerror", None) or error
         raise ValueError(f"{what} {path} cannot be read: {why}") from error
     try:
+        for section, change in (prepare or {}).items():
+            if isinstance(content, dict) and isinstance(content.get(section), dict):
+                content[section] = change(content[section])
         return settings_from(kind, content)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error

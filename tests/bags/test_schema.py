@@ -161,15 +161,17 @@ def test_definition_that_contains_itself_is_refused():
         decoder("a/msg/B", text)
 
 
-ADDED = {"current_sampling", "current_filter_time", "speed_measured", "drive"}
+ADDED = {"current_sampling", "current_filter_time", "speed_measured", "drive", "lead"}
 DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample_period=1e-3)
 
 
 def older_text() -> str:
-    """The definition without the fields and constants that came with acquisition and drive."""
+    """The definition without what came with acquisition, drive and linear actuators."""
     text = schema_text(DESCRIPTION_TYPE)
-    start, stop = text.index("# acquisition of"), text.index("# controller")
-    return text[:start] + text[stop:]
+    for first, after in (("# acquisition of", "# controller"), ("float64 lead", "\n\n====")):
+        start = text.index(first)
+        text = text[:start] + text[text.index(after, start) :]
+    return text
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """``ema new-actuator``: a description from the figures of a data sheet."""
 
+import math
+
 import pytest
 
 from ema_core.description import ActuatorDescription
@@ -8,9 +10,10 @@ from ema_ros.actuator_file import load_description
 
 # Of the spoiler of docs/your-actuator.md; - is what its data sheet does not have.
 FIGURES = {
-    "supply": "270", "kv": "28", "torque-constant": "0.34", "resistance": "1.6",
+    "gear": "800", "lead": "-", "supply": "270",
+    "kv": "28", "torque-constant": "0.34", "resistance": "1.6",
     "inductance": "4.2", "pole-pairs": "4", "current": "15", "speed": "7000",
-    "inertia": "-", "gear": "800", "sample-rate": "2000",
+    "inertia": "-", "sample-rate": "2000",
 }  # fmt: skip
 OPTIONS = [
     word
@@ -41,6 +44,21 @@ def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_
         assert "kg.m^2, example: inertia of the motor" in file.read_text()
     assert {"J_m", "f_sm"} <= set(unknown)
     assert "GAP / (J_m + J_u)" not in said.stderr
+
+
+def test_linear_actuator_is_described_in_mm_and_n(ema, tmp_path):
+    file = tmp_path / "screw.yaml"
+    figures = ["--gear=1", "--lead=5", "--stroke=120", "--rod-friction=40", "--mass=20"]
+    figures.append("--rod-play=0.02")
+    result = ema("new-actuator", *figures, "-o", file)
+    assert result.exit_code == 0, result.output
+    p = load_description(file).parameters
+    turn = 2.0 * math.pi
+    assert (p.lead, p.theta_stop / turn, p.BLK / turn) == pytest.approx((0.005, 12.0, 0.004))
+    assert (p.f_sm, p.f_su * turn, p.J_u * turn**2) == pytest.approx((0.0, 0.2, 20.0 * 0.005**2))
+    assert "rod-friction 40 N: static friction, user" in file.read_text()
+    result = ema("new-actuator", "--stroke", "120", "--replace", "-o", file)
+    assert (result.exit_code, "expected a lead" in result.stderr) == (1, True)
 
 
 def test_figures_that_contradict_each_other_are_refused(ema, tmp_path):

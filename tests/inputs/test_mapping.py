@@ -224,10 +224,18 @@ def test_registers_of_drives_are_read_within_half_a_count(telemetry, name, count
         np.testing.assert_allclose(found[key], expected, rtol=1e-9, atol=0.501 * count, err_msg=key)
 
 
-def test_lead_is_that_of_a_length():
-    for section in ({"unit": "mm"}, {"unit": "rad", "lead": 0.005}):
-        with pytest.raises(ValueError, match="position: lead = "):
-            converted({}, position={"source": "p", **section})
+def test_lead_is_that_of_a_length_and_of_the_description():
+    with pytest.raises(ValueError, match="position: lead = "):
+        converted({}, position={"source": "p", "unit": "rad", "lead": 0.005})
+    raw = {"position": np.array([0.0, 2.5]), "command": np.zeros(2)}
+    mapping = mapping_from(BASE | {"position": {"source": "p", "unit": "mm"}})
+    screw = replace(FLAP, parameters=FLAP.parameters.replace({"lead": 0.005}))
+    np.testing.assert_allclose(convert(raw, mapping, screw)["position"], [0.0, math.pi])
+    with pytest.raises(ValueError, match=r"lead = 0 with unit = mm: expected the way"):
+        convert(raw, mapping, FLAP)
+    twice = replace(mapping, position=replace(mapping.position, lead=0.01))
+    with pytest.raises(ValueError, match=r"lead = 0.01 .* description \(lead = 0.005\)"):
+        convert(raw, twice, screw)
 
 
 def test_magnitude_of_a_current_has_the_sign_of_the_motion():

@@ -17,6 +17,7 @@ from ema_cli.bags.source import identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS, INDICES
+from ema_core.linear import physical, travel_shown
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, VERDICTS, Estimate
 from ema_monitor.windows.window import MIN_TRAVEL
@@ -132,14 +133,16 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     click.echo(f"{title}\n{one}")
     if not one.valid:
         return
+    unit = found.description.parameters
     found_faults = [
-        f"{FAULTS[i].label} {one.faults[i]:.3f} ({FAULTS[i].physical(one.faults[i])})"
+        f"{FAULTS[i].label} {one.faults[i]:.3f} ({physical(FAULTS[i].name, one.faults[i], unit)})"
         for i in _significant(one)
     ]
+    shown = travel_shown(unit)
     click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
     click.echo(
         f"fitness {one.fitness:.5f} A^2.s; command travels "
-        f"{1e3 * one.excitation:.1f} mrad (limit {1e3 * MIN_TRAVEL:g} mrad)"
+        f"{shown.text(one.excitation)} (limit {shown.text(MIN_TRAVEL)})"
     )
     click.echo(
         f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: "

@@ -11,9 +11,12 @@ import click
 from ema_cli.output import REPLACE_OPTION, output_option, require_free
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
+from ema_core.linear import in_si
 from ema_core.parameters import RPM
 
-_FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, float]]]]] = {
+_FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, Any]]]]] = {
+    "gear": ("-", "Motor turns in one turn of output shaft or screw", lambda x: {"tau": 1 / x}),
+    "lead": ("mm", "Way for one turn of the screw, if linear", lambda x: {"lead": x / 1e3}),
     "supply": ("V", "Supply voltage", lambda x: {"V_max": x}),
     "kv": ("rpm/V", "Speed constant", lambda x: dict.fromkeys(("k_e", "k_t"), 1 / (x * RPM))),
     "torque-constant": ("N.m/A", "Torque constant", lambda x: {"k_t": x, "k_e": x}),
@@ -23,10 +26,15 @@ _FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, float]]]]]
     "current": ("A", "Largest current", lambda x: {"I_max": x}),
     "speed": ("rpm", "Largest speed of the motor", lambda x: {"omega_max": x * RPM}),
     "inertia": ("kg.m^2", "Inertia of the motor", lambda x: {"J_m": x}),
-    "gear": ("-", "Motor turns in one turn of output shaft or screw", lambda x: {"tau": 1 / x}),
+    "stroke": ("mm", "Way of the rod from end to end", lambda x: {"theta_stop": f"{x / 2} mm"}),
+    "rod-speed": ("mm/s", "Largest speed of the rod", lambda x: {"omega_max": f"{x} mm/s"}),
+    "rod-friction": ("N", "Dry friction at the rod", lambda x: {"f_sm": 0.0, "f_su": f"{x} N"}),
+    "rod-play": ("mm", "Play at the rod", lambda x: {"BLK": f"{x} mm"}),
+    "mass": ("kg", "Mass that the rod moves", lambda x: {"J_u": f"{x} kg"}),
     "sample-rate": ("Hz", "Samples per second", lambda x: {"sample_period": 1 / x}),
 }
 """Of each figure: unit, meaning, and the entries of a description that follow from it."""
+_OF_LINEAR: Final = ("stroke", "rod-speed", "rod-friction", "rod-play", "mass")
 _TOLERANCE: Final = 0.1
 _POSITIVE: Final = click.FloatRange(0.0, min_open=True)
 
@@ -61,14 +69,17 @@ def new_actuator(
     if not any(given.values()):
         for name, (unit, meaning, _) in _FIGURES.items():
             words = f"{meaning} [{unit}]; - if unknown"
-            given[name] = click.prompt(words, "-", value_proc=_figure)
+            if given["lead"] or name not in _OF_LINEAR:
+                given[name] = click.prompt(words, "-", value_proc=_figure)
     values: dict[str, float] = {}
     sources: dict[str, str] = {}
     for name, (unit, _, follow) in _FIGURES.items():
         if (figure := given[name]) is None:
             continue
-        for entry, value in follow(figure).items():
-            if abs(value / values.get(entry, value) - 1.0) > _TOLERANCE:
+        shafts = {entry: values[entry] for entry in ("lead", "tau") if entry in values}
+        for entry in (follows := follow(figure)):
+            value = in_si(shafts | follows)[entry]
+            if abs(value - values.get(entry, value)) > _TOLERANCE * abs(value):
                 raise ValueError(
                     f"{name} = {figure:g} {unit} gives {entry} = {value:.4g}, and "
                     f"{sources[entry]} gives {values[entry]:.4g}: expected figures that agree "

@@ -9,6 +9,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from ema_bags.windows import BagWindows
+from ema_core.linear import motor_shown, travel_shown
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.plot.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION, stacked_panels
 from ema_monitor.windows.trigger import Refusal
@@ -73,12 +74,14 @@ _SHADE: Final = 0.12
 
 def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
     """Return a figure of the whole telemetry, windows shaded."""
+    unit = found.description
+    travel, motor = travel_shown(unit.parameters), motor_shown(unit.parameters)
     figure, (angle, current, speed) = stacked_panels([1.0, 1.0, 1.0], 2.3)
     for axes, name, factor, colour, width in (
-        (angle, "command", 1e3, BLUE, 1.0),
-        (angle, "position", 1e3, ORANGE, 1.0),
+        (angle, "command", travel.scale, BLUE, 1.0),
+        (angle, "position", travel.scale, ORANGE, 1.0),
         (current, "current", 1.0, GREEN, 0.6),
-        (speed, "speed", 1.0, PURPLE, 0.8),
+        (speed, "speed", motor.scale, PURPLE, 0.8),
     ):
         t, values = outline.lines(name, found.first_ns)
         axes.plot(t, factor * values, colour, lw=width, label=name)
@@ -95,11 +98,11 @@ def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
         for axes in (angle, current, speed):
             across = axes.get_xaxis_transform()
             axes.fill_between(t, 0.0, 1.0, transform=across, color=colour, alpha=_SHADE, lw=0)
-    angle.set_ylabel("user shaft [mrad]")
+    is_linear = bool(unit.parameters.lead)
+    angle.set_ylabel(f"{'rod' if is_linear else 'user shaft'} [{travel.unit}]")
     current.set_ylabel("current [A]")
-    speed.set_ylabel("motor [rad/s]")
+    speed.set_ylabel(f"{'rod' if is_linear else 'motor'} [{motor.unit}/s]")
     speed.set_xlabel("time since the first sample [s]")
-    unit = found.description
     figure.suptitle(f"{unit.actuator_id} ({unit.serial_number})", ha="left", x=0.01)
     handles: list[Artist] = [line for axes in (angle, current, speed) for line in axes.lines]
     if not all(refused):

@@ -57,7 +57,9 @@ _INKS: Final = re.compile(rf"#000000|{INK}", re.IGNORECASE)
 def report_page(paths: Sequence[Path], course: Course, verdict: UnitVerdict, command: str) -> str:
     """Return a report as HTML that refers to nothing outside of itself."""
     outlooks, unit = course.outlooks, course.record.description
-    faults, requirements, unknown = limited(outlooks[-1]) if outlooks else ([], [], "")
+    faults, requirements, unknown = [], [], ""
+    if outlooks:
+        faults, requirements, unknown = limited(outlooks[-1], unit.parameters)
     calibration = course.calibration
     missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
     return _page(

@@ -12,8 +12,10 @@ from typing import Any, Final, NamedTuple
 from ema_cli.bags.unit_course import Course
 from ema_cli.show.prognosis_table import WIDENED, advice_in_words
 from ema_core.causes import CAUSE_BY_NAME, Place
-from ema_core.faults import FAULT_BY_NAME, FAULTS
+from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.linear import physical
+from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
@@ -96,19 +98,24 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
     return rows
 
 
-def limited(outlook: Outlook) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
+def limited(
+    outlook: Outlook, parameters: ActuatorParameters
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
     """Return faults, required performance, and why no life is known if that is the same for all."""
     groups = outlook.health.faults, outlook.health.requirements
     lives = [outlook.lives.get(item.name, outlook.rul) for group in groups for item in group]
     reasons = {life.reason for life in lives if not life.known}
     common = reasons.pop() if len(reasons) == 1 and not any(life.known for life in lives) else ""
-    faults, requirements = ([_limited(item, outlook, common) for item in group] for group in groups)
+    faults, requirements = (
+        [_limited(item, outlook, common, parameters) for item in group] for group in groups
+    )
     return faults, requirements, common
 
 
-def _limited(item: FaultHealth, outlook: Outlook, common: str) -> dict[str, Any]:
+def _limited(
+    item: FaultHealth, outlook: Outlook, common: str, parameters: ActuatorParameters
+) -> dict[str, Any]:
     life = outlook.lives.get(item.name, outlook.rul)
-    fault = FAULT_BY_NAME.get(item.name)
     words = "unknown" if life.reason in ("", common) else life.reason
     if life.known:
         words = f"{life_in_words(life)} h"
@@ -122,7 +129,7 @@ def _limited(item: FaultHealth, outlook: Outlook, common: str) -> dict[str, Any]
         "sigma": item.sigma,
         "share": item.share,
         "trend": TREND_HOURS * outlook.trends.get(item.name, math.nan),
-        "meaning": fault.physical(item.value) if fault is not None else "",
+        "meaning": physical(item.name, item.value, parameters),
         "life": words,
     }
 
@@ -215,15 +222,15 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
         named.append(worst)
     if not named:
         return "No fault differs from healthy by more than its uncertainty."
-    parts = [_item_in_words(item, last) for item in named]
+    parameters = course.record.description.parameters
+    parts = [_item_in_words(item, last, parameters) for item in named]
     return f"{_sentence('; behind it '.join(parts))}"
 
 
-def _item_in_words(item: FaultHealth, last: Outlook) -> str:
+def _item_in_words(item: FaultHealth, last: Outlook, parameters: ActuatorParameters) -> str:
     what = shown(item)
     words = f"{what.label} {what.value_and_sigma} against its limit {what.limit}"
-    fault = FAULT_BY_NAME.get(item.name)
-    notes = [fault.physical(item.value)] if fault is not None else []
+    notes = list(filter(None, [physical(item.name, item.value, parameters)]))
     if item.share < 1.0:
         notes.append(f"{100.0 * item.share:.0f} % of the way")
     trend = what.scale * TREND_HOURS * last.trends.get(item.name, math.nan)

@@ -320,7 +320,7 @@ class Calibration(StoredCalibration):
         given = content["parameters"]
         content["parameters"] = ActuatorParameters().replace(given)
         for name in content["parameters"].as_mapping():
-            if name not in given and name not in _unused_by(content["form"]):
+            if name not in (*given, *_unused_by(content["form"]), "lead"):
                 raise ValueError(f"parameter {name} is missing")
         for name in (*_ROWS, "unit_covariance"):
             content[name] = numbers(name, content[name])

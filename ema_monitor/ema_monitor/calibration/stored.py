@@ -130,6 +130,8 @@ class StoredCalibration(ABC):
         normal = self.normal if with_labels else replace(self.normal, windows=self.normal.healthy)
         content = self._as_mapping()
         del content["normal"]
+        if not self.parameters.lead:  # rotary ones keep the identity that they always had
+            del content["parameters"]["lead"]
         return content | ({"normal": normal.as_mapping()} if normal.windows else {})
 
     @abstractmethod

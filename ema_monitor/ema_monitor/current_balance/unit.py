@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
+from ema_core.linear import motor_shown
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.stored import StoredCalibration, numbers
@@ -109,7 +110,8 @@ class UnknownDriveUnit(StoredCalibration):
         J, f = self.terms[:2]
         play = "play not shown"
         if math.isfinite(self.play):
-            play = f"play {self.play:.4g} ± {self.play_sigma:.2g} rad"
+            unit, scale = motor_shown(self.parameters)
+            play = f"play {scale * self.play:.4g} ± {scale * self.play_sigma:.2g} {unit}"
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (drive unknown) from "
             f"{counted(self.windows, 'window')}, relative to the torque per ampere: inertia "

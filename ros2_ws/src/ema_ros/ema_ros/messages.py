@@ -53,6 +53,7 @@ PARAMETER_FIELDS: Final = MappingProxyType(
         "tau": "gear_ratio",
         "theta_stop": "end_stop",
         "omega_c": "current_bandwidth",
+        "lead": "lead",
     }
 )
 """Field of the message for each parameter."""
@@ -131,7 +132,11 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
         When a parameter is impossible, the id or serial number is empty, the period is not
         positive or a constant is unknown.
     """
-    parameters = {name: getattr(message, field) for name, field in PARAMETER_FIELDS.items()}
+    parameters = {
+        name: getattr(message, field)
+        for name, field in PARAMETER_FIELDS.items()
+        if hasattr(message, field)
+    }
     return ActuatorDescription(
         **{name: getattr(message, name) for name in IDENTITY},
         drive=_named("drive", getattr(message, "drive", 0), DRIVES),

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.mapping import (
     ENCODINGS,
+    LENGTHS,
+    LINEAR_SPEEDS,
     UNITS,
     AngleSource,
     CurrentSource,
@@ -17,6 +19,7 @@ from ema_bags.inputs.mapping import (
     SpeedSource,
 )
 from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
 
 _PEAK: Final = {"": 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
 """Amplitude of the phase currents over i_q, by its convention."""
@@ -25,6 +28,7 @@ _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
 """Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
 torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
 
+_SAME_LEAD: Final = 1e-6
 _SMOOTHED: Final = 3
 _NOISES: Final = 5.0
 _SLOWEST: Final = 0.02
@@ -44,21 +48,21 @@ def convert(
     raw
         What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)``.
     description
-        Gives torque constant, gear ratio and drive.
+        Gives torque constant, gear ratio, lead and drive.
     breaks
         Places before which the motion breaks off: no direction is taken across them.
     """
-    tau = description.parameters.tau
+    p = description.parameters
     raw = {key: _decoded(raw[key], source.encoding) for key, _, source in mapping.wanted()}
-    position = _turned(raw["position"], mapping.position, tau)
+    position = _turned(raw["position"], mapping.position, p)
     if mapping.command is not None:
-        command = _turned(raw["command"], mapping.command, tau)
+        command = _turned(raw["command"], mapping.command, p)
     else:
         assert mapping.error is not None
-        command = position + _turned(raw["error"], mapping.error, tau)
+        command = position + _turned(raw["error"], mapping.error, p)
     speed, current = np.empty(0), np.empty(0)
     if mapping.speed is not None:
-        speed = _turned(raw["speed"], mapping.speed, tau)
+        speed = _turned(raw["speed"], mapping.speed, p)
     source = mapping.measured_current
     if source is not None:
         is_phases = source.kind == "phase_currents"
@@ -73,12 +77,20 @@ def convert(
 
 
 def _turned(
-    raw: NDArray[np.float64], source: AngleSource | SpeedSource, tau: float
+    raw: NDArray[np.float64], source: AngleSource | SpeedSource, p: ActuatorParameters
 ) -> NDArray[np.float64]:
     """Return an angle of the user shaft [rad], or a speed of the motor shaft [rad/s]."""
-    to_user = tau if source.shaft == "motor" else 1.0
-    shaft = to_user if isinstance(source, AngleSource) else to_user / tau
-    turn = 2.0 * math.pi / source.lead if source.lead else 1.0
+    to_user = p.tau if source.shaft == "motor" else 1.0
+    shaft = to_user if isinstance(source, AngleSource) else to_user / p.tau
+    turn = 1.0
+    if source.unit in (*LENGTHS, *LINEAR_SPEEDS):
+        lead = source.lead or p.lead
+        if not lead or (p.lead and abs(lead / p.lead - 1.0) > _SAME_LEAD):
+            raise ValueError(
+                f"lead = {lead:g} with unit = {source.unit}: expected the way for one turn of the "
+                f"shaft [m], as in the description (lead = {p.lead:g})"
+            )
+        turn = 2.0 * math.pi / lead
     factor = source.sign * source.scale * UNITS[source.unit] * turn * shaft
     return _scaled(raw, factor, source.offset)
 

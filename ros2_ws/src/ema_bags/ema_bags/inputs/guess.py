@@ -205,6 +205,11 @@ def refine(
 ) -> Guess:
     """Return a guess with units, signs and shafts by which its columns agree with each other."""
     mapping, remarks = guess.mapping, list(guess.remarks)
+    if description.parameters.lead:
+        for name in ("position", "command", "error", "speed"):
+            if (source := getattr(mapping, name)) is not None:
+                mapping = replace(mapping, **{name: replace(source, lead=0.0)})
+        remarks = [remark for remark in remarks if ".lead" not in remark]
     for name in ("current", "speed"):
         values = raw.get(name)
         if values is not None and len(np.unique(values[np.isfinite(values)])) < 2:

@@ -117,17 +117,15 @@ class Source(Checked):
 
 @dataclass(frozen=True)
 class _ShaftSource(Source):
-    """Source of an angle or speed; of a linear actuator its lead makes an angle of the way."""
+    """Source of an angle or speed; of a length the lead makes an angle."""
 
     shaft: str = text("user", "shaft of the angle or speed", SHAFTS)
-    lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length: way for one turn of the shaft")
+    lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length, if the description has none")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        is_length = self.unit in LENGTHS or self.unit in LINEAR_SPEEDS
-        if is_length != bool(self.lead):
-            expected = "the way for one turn of the shaft [m]" if is_length else "no lead"
-            raise ValueError(f"lead = {self.lead:g} with unit = {self.unit}: expected {expected}")
+        if self.lead and self.unit not in (*LENGTHS, *LINEAR_SPEEDS):
+            raise ValueError(f"lead = {self.lead:g} with unit = {self.unit}: expected no lead")
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ export interface ActuatorDescription {
   backlash: number;
   gear_ratio: number;
   end_stop: number;
+  lead: number;
 }
 
 export interface Advice {

@@ -74,7 +74,7 @@ function contents(
     evidence: () => <FaultVector estimate={actuator.usable} />,
     telemetry: () => (
       <>
-        <Live actuatorKey={actuator.key} />
+        <Live actuatorKey={actuator.key} description={actuator.description} />
         <Diagnostics state={state} of={address} />
       </>
     ),

@@ -2,6 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 import uPlot from "uplot";
+import type { ActuatorDescription } from "../interfaces.ts";
 import { significant } from "../format.ts";
 import type { LiveSignals } from "../telemetry.ts";
 import { SHOWN_S } from "../telemetry.ts";
@@ -14,8 +15,8 @@ const X = "time before the latest sample [s]";
 const xRange = (): [number, number] => [-SHOWN_S, 0];
 
 /** A slot without samples is a gap, for which uPlot has null. */
-function withGaps(values: Float64Array): (number | null)[] {
-  return Array.from(values, (value) => (Number.isNaN(value) ? null : value));
+function withGaps(values: Float64Array, scale: number): (number | null)[] {
+  return Array.from(values, (value) => (Number.isNaN(value) ? null : scale * value));
 }
 
 interface Drawn {
@@ -24,7 +25,9 @@ interface Drawn {
   columns: (keyof LiveSignals["values"])[];
 }
 
-export function Live({ actuatorKey }: { actuatorKey: string }) {
+export function Live({ actuatorKey, description }: {
+  actuatorKey: string; description?: ActuatorDescription;
+}) {
   const { state } = useApp();
   const [isPaused, setPaused] = useState(false);
   const [period, setPeriod] = useState<number | undefined>();
@@ -32,6 +35,12 @@ export function Live({ actuatorKey }: { actuatorKey: string }) {
   const plots = useRef(new Map<string, Drawn>());
   const paused = useRef(false);
   paused.current = isPaused;
+  const lead = description?.lead ?? 0;
+  const way = lead > 0 ? (1e3 * lead) / (2 * Math.PI) : 1;
+  const scale = useRef({ position: 1, command: 1, speed: 1, current: 1 });
+  scale.current = {
+    position: way, command: way, speed: lead > 0 ? way * description!.gear_ratio : 1, current: 1,
+  };
 
   useEffect(() => {
     let timer: ReturnType<typeof setTimeout>;
@@ -45,7 +54,7 @@ export function Live({ actuatorKey }: { actuatorKey: string }) {
       for (const { plot, isSeen, columns } of plots.current.values()) {
         // The first ones give the axes their size, wherever the plot is.
         if (!isSeen() && plot.data[0].length > 0) continue;
-        const drawn = columns.map((one) => withGaps(signals.values[one]));
+        const drawn = columns.map((one) => withGaps(signals.values[one], scale.current[one]));
         plot.setData([signals.time, ...drawn] as unknown as uPlot.AlignedData);
       }
     });
@@ -82,18 +91,18 @@ export function Live({ actuatorKey }: { actuatorKey: string }) {
             onPlot={keep("current", ["current"])} />
         </figure>
         <figure>
-          <figcaption><strong>motor speed</strong></figcaption>
-          <Plot label="Motor speed of the last ten seconds" height={190} x={X} y="speed [rad/s]"
+          <figcaption><strong>{lead > 0 ? "speed of the rod" : "motor speed"}</strong></figcaption>
+          <Plot label="Motor speed of the last ten seconds" height={190} x={X} y={lead > 0 ? "speed [mm/s]" : "speed [rad/s]"}
             series={[series("speed", "data")]} data={EMPTY} legend={false} xRange={xRange}
             onPlot={keep("speed", ["speed"])} />
         </figure>
         <figure>
           <figcaption>
-            <strong>angle</strong> <span class="key data">position</span>{" "}
+            <strong>{lead > 0 ? "travel" : "angle"}</strong> <span class="key data">position</span>{" "}
             <span class="key model">command</span>
           </figcaption>
           <Plot label="Position and command of the last ten seconds" height={190} x={X}
-            y="angle [rad]" legend={false} xRange={xRange} data={[[], [], []]}
+            y={lead > 0 ? "travel [mm]" : "angle [rad]"} legend={false} xRange={xRange} data={[[], [], []]}
             series={[series("position", "data"), series("command", "model", [6, 4])]}
             onPlot={keep("angle", ["position", "command"])} />
         </figure>

@@ -1,0 +1,94 @@
+"""Linear actuators: what angles, speeds and torques are in mm, mm/s and N by the lead."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+from ema_core.faults import FAULT_BY_NAME
+from ema_core.parameters import ActuatorParameters, unit_of
+from ema_core.quantity import is_finite_number
+
+_IN_SI: Final = {
+    "mm": ("rad", 1e-3, -1),
+    "mm/s": ("rad/s", 1e-3, -1),
+    "N": ("N.m", 1.0, 1),
+    "N.s/m": ("N.m.s/rad", 1.0, 2),
+    "kg": ("kg.m^2", 1.0, 2),
+}
+"""By unit: that of the parameter, its size, and the power of the way for one radian."""
+
+
+class Shown(NamedTuple):
+    """Unit in which a figure is shown, and how many of it are one in SI."""
+
+    unit: str
+    scale: float
+
+    def text(self, value: float) -> str:
+        """Return a value in SI units as a text."""
+        return f"{self.scale * value:.4g} {self.unit}"
+
+
+def travel_shown(parameters: ActuatorParameters) -> Shown:
+    """Return in what unit an angle of the user shaft is shown: mrad, or mm with a lead."""
+    return Shown("mm", 1e3 * _way(parameters)) if parameters.lead else Shown("mrad", 1e3)
+
+
+def motor_shown(parameters: ActuatorParameters) -> Shown:
+    """Return in what unit an angle of the motor is shown: rad, or mm at the rod with a lead."""
+    if not parameters.lead:
+        return Shown("rad", 1.0)
+    return Shown("mm", 1e3 * _way(parameters) * parameters.tau)
+
+
+def physical(name: str, k: float, parameters: ActuatorParameters) -> str:
+    """Return what a fault means, of a linear actuator also by how many N or mm it has grown.
+
+    The friction that grows is the nominal one, as a force at the rod. Empty for no fault.
+    """
+    fault, p = FAULT_BY_NAME.get(name), parameters
+    if fault is None:
+        return ""
+    words, growth = fault.physical(k), fault.slope * (k - fault.healthy)
+    if p.lead and name == "friction":
+        words += f", {growth * (p.f_sm + p.f_su) / (_way(p) * p.tau):+.3g} N"
+    elif p.lead and name == "backlash":
+        words += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"
+    return words
+
+
+def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters of a file in SI units: "60 mm" and the like by ``lead`` and ``tau``.
+
+    Raises
+    ------
+    ValueError
+        When a unit is unknown or not of the parameter, or the lead is missing.
+    """
+    lead, tau = values.get("lead", 0.0), values.get("tau", ActuatorParameters.tau)
+    converted = dict(values)
+    for name, value in values.items():
+        number, _, unit = value.partition(" ") if isinstance(value, str) else ("", "", "")
+        if unit not in _IN_SI:
+            continue
+        if not is_finite_number(lead) or not is_finite_number(tau) or not lead > 0.0 < tau:
+            raise ValueError(
+                f"{name} = {value}: expected a lead, the way [m] for one turn of the user shaft"
+            )
+        wanted, size, power = _IN_SI[unit]
+        if unit_of(name) != wanted:
+            known = [one for one, (si, _, _) in _IN_SI.items() if si == unit_of(name)]
+            expected = " or ".join([unit_of(name), *known])
+            raise ValueError(f"{name} = {value}: expected a value in {expected}")
+        try:
+            size *= float(number)
+        except ValueError:
+            raise ValueError(f"{name} = {value}: expected a number before {unit}") from None
+        way = lead / (2.0 * math.pi) * (1.0 if name == "theta_stop" else tau)
+        converted[name] = size * way**power
+    return converted
+
+
+def _way(parameters: ActuatorParameters) -> float:
+    """Return the way for one radian of the user shaft [m]."""
+    return parameters.lead / (2.0 * math.pi)

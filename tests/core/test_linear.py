@@ -1,0 +1,55 @@
+"""Linear actuators: parameters in mm and N, results in mm and N."""
+
+import math
+
+import pytest
+
+from ema_core.linear import in_si, motor_shown, physical, travel_shown
+from ema_core.parameters import ActuatorParameters
+
+SCREW = {"lead": 0.005, "tau": 0.1}
+
+
+def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
+    given = {"theta_stop": "60 mm", "omega_max": "100 mm/s", "f_su": "200 N", "BLK": "0.02 mm"}
+    found = in_si(SCREW | given | {"C_u": "50 N.s/m", "J_u": "12 kg", "k_t": 0.05})
+    # 5 mm are 1 turn of the screw and 10 of the motor.
+    assert found["theta_stop"] == pytest.approx(12.0 * 2.0 * math.pi)
+    assert found["omega_max"] == pytest.approx(200.0 * 2.0 * math.pi)
+    assert found["BLK"] == pytest.approx(0.04 * 2.0 * math.pi)
+    # The work of a force along the lead is that of the torque over ten turns.
+    assert found["f_su"] * 10.0 * 2.0 * math.pi == pytest.approx(200.0 * 0.005)
+    # So is the kinetic energy, and the power lost to damping.
+    assert 0.5 * found["J_u"] * found["omega_max"] ** 2 == pytest.approx(0.5 * 12.0 * 0.1**2)
+    assert found["C_u"] * found["omega_max"] ** 2 == pytest.approx(50.0 * 0.1**2)
+    assert found["k_t"] == 0.05
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"theta_stop": "60 mm"}, r"theta_stop = 60 mm: expected a lead"),
+        (SCREW | {"f_su": "60 mm"}, r"f_su = 60 mm: expected a value in N.m or N$"),
+        (SCREW | {"k_t": "60 N"}, r"k_t = 60 N: expected a value in N.m/A$"),
+        (SCREW | {"f_su": "much N"}, r"f_su = much N: expected a number"),
+    ],
+)
+def test_unit_that_does_not_fit_is_refused_by_name(values, words):
+    with pytest.raises(ValueError, match=words):
+        in_si(values)
+
+
+def test_results_are_in_mm_and_n_where_there_is_a_lead():
+    values = in_si(SCREW | {"f_sm": 0.0, "f_su": "200 N", "BLK": "0.02 mm"})
+    screw = ActuatorParameters().replace(values)
+    assert travel_shown(screw).text(math.pi) == "2.5 mm"
+    assert motor_shown(screw).text(math.pi) == "0.25 mm"
+    # Friction grows by twice nominal at k = 1, play by 99 times.
+    assert physical("friction", 0.25, screw) == "dry friction 1.500 × nominal, +100 N"
+    assert physical("backlash", 0.1, screw) == "backlash 10.900 × nominal, +0.198 mm"
+    assert physical("gain", 0.5, screw) == "position-loop gain 1.000 × nominal"
+    rotary = ActuatorParameters()
+    assert travel_shown(rotary).text(0.0025) == "2.5 mrad"
+    assert motor_shown(rotary).text(0.5) == "0.5 rad"
+    assert physical("friction", 0.25, rotary) == "dry friction 1.500 × nominal"
+    assert physical("tracking_error", 0.25, screw) == ""
