@@ -301,16 +301,22 @@ def test_calibration_says_what_the_motion_did_not_show():
         calibrate([without], of_speed(measured=True))
 
 
-def test_stretches_of_motion_are_fitted_together(unit):
+@pytest.mark.parametrize(("frequency_hz", "is_claimed"), [(12.0, True), (2.0, False)])
+def test_stretches_of_a_calibrated_motion_are_fitted_together(unit, frequency_hz, is_claimed):
     actuator = SimulatedActuator(sample_period=H)
     actuator.faults = {"friction": 0.3}
     t = np.arange(0.0, 6.0, H)
-    telemetry = actuator.advance(6e-3 * np.sin(2.0 * np.pi * 2.0 * t), 0.05)
+    telemetry = actuator.advance(6e-3 * np.sin(2.0 * np.pi * frequency_hz * t), 0.05)
     finder = WindowFinder(TriggerSettings(windows=ANY_MOTION), UNKNOWN)
     stretches = [event for event in finder.feed(telemetry) if isinstance(event, Segment)]
     found = list(diagnose(stretches, unit, combining=CombinationSettings(pause_s=0.0)))
     assert found
     assert isinstance(found[0], Diagnosed)
+    if not is_claimed:
+        assert not found[0].estimate.valid
+        outside = "outside the calibrated motion: 0.17 times as fast as any healthy window"
+        assert found[0].estimate.reason.startswith(outside)
+        return
     assert found[0].estimate.stretches > 0
     assert found[0].estimate.faults.friction == pytest.approx(0.3, abs=0.03)
 

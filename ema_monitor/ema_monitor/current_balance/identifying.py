@@ -26,6 +26,7 @@ from ema_monitor.health import USUAL_TORQUE_CHANGE
 from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate, refusal
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, UNOBSERVABLE_SIGMA
+from ema_monitor.normal.features import motion_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -49,6 +50,7 @@ _ECCENTRICITY_MISMATCH: Final = (0.02, 0.06)
 _LOAD_HIDES: Final = 0.4
 # How much of the current that a load takes a gear may rub more under it.
 _OF_LOAD: Final = 0.5
+_OUTSIDE: Final = 1.4
 _FEWEST_ROWS: Final = 12
 _FREE: Final = 0.5
 _LATER_S: Final = 3e-4
@@ -95,7 +97,17 @@ def defect_of(
         return MotionDefect(reason)
     if defect := motion_defect(window, description):
         return defect
-    return MotionDefect(f"the calibration does not fit: {mismatch}") if mismatch else None
+    if mismatch:
+        return MotionDefect(f"the calibration does not fit: {mismatch}")
+    for times, how in zip(_beyond(window, unit), ("fast", "far"), strict=True):
+        if not 1.0 / _OUTSIDE <= times <= _OUTSIDE:
+            words = f"{times:.2g} times as {how} as any healthy window"
+            return MotionDefect(f"outside the calibrated motion: {words}; calibrate on it, too")
+    return None
+
+
+def _beyond(window: Window, unit: UnknownDriveUnit) -> tuple[float, float]:
+    return unit.normal.beyond(motion_of(window.telemetry))
 
 
 def identify_unknown(
@@ -231,6 +243,7 @@ class _Conclusion:
         self, windows: Sequence[Window], balances: Sequence[Balance], unit: UnknownDriveUnit
     ) -> None:
         self._unit, self._balances = unit, balances
+        self._faster = max(_beyond(one, unit)[0] for one in windows)
         self._measured = {one.name: one for one in windows[0].measured}
         self._ripples = ripples(unit.parameters.P)
         groups = list(self._ripples.values())
@@ -431,6 +444,9 @@ class _Conclusion:
             is_slow = unit.sample_period > _SLOW_S
             floor, share = _BACKLASH_OF_SLOW_RECORDS if is_slow else _BACKLASH_WITHOUT_SPEED
         sigma = math.hypot(sigma / span, math.hypot(floor, share * value))
+        if not unit.speed_measured:
+            # All of the healthy figure may be lag, which grows with the speed.
+            sigma = math.hypot(sigma, (self._faster - 1.0) * unit.play / span)
         load = float(np.max(np.abs(found.loads[:, 0])))
         # With a measured speed a play as wide as the healthy one is seen to be there; without it,
         # the lag of the drive is part of the figure, and one without play looks alike.

@@ -84,6 +84,12 @@ class Part(NamedTuple):
     samples: int
 
 
+def motion_of(window: Telemetry) -> Motion:
+    """Return what a window of at least two samples commands, with six digits."""
+    _, fastest = _speeds(window)
+    return Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+
+
 def figures_of(window: Telemetry) -> list[Part]:
     """Return the figures of a window; none where it has no current, or no stroke each way.
 
@@ -92,15 +98,14 @@ def figures_of(window: Telemetry) -> list[Part]:
     """
     if not len(window.current) or len(window) < 2:
         return []
-    speed = np.gradient(window.command) / window.sample_period
-    fastest = float(np.percentile(np.abs(speed), _FASTEST))
+    speed, fastest = _speeds(window)
     strokes = {
         way: _strokes(sign * speed > _MOVING * fastest)
         for way, sign in (("forward", 1.0), ("backward", -1.0))
     }
     if not (fastest > 0.0 and all(strokes.values())):
         return []
-    motion = Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+    motion = motion_of(window)
     figures = _figures(window, np.abs(speed) < _RESTING * fastest, strokes)
     return [Part(motion, {name: _short(one) for name, one in figures.items()}, len(window))]
 
@@ -153,6 +158,12 @@ def _figures(
             values[f"{name}_roughness_{way}"] = _log_rms(rough)
     values["friction_current"] = 0.5 * (values["current_forward"] + values["current_backward"])
     return values
+
+
+def _speeds(window: Telemetry) -> tuple[Array, float]:
+    """Return the commanded speed, ``(n,)``, and what all but 1 % of it stay below [rad/s]."""
+    speed = np.gradient(window.command) / window.sample_period
+    return speed, float(np.percentile(np.abs(speed), _FASTEST))
 
 
 def _strokes(moving: Flags) -> list[NDArray[np.intp]]:

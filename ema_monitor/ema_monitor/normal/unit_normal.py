@@ -123,6 +123,16 @@ class UnitNormal:
         mean = sum(loads) / len(loads)
         return min(loads) - mean, max(loads) - mean
 
+    def beyond(self, motion: Motion) -> tuple[float, float]:
+        """Return how many times as fast a motion is as any healthy window, and as far.
+
+        1 between the slowest and the fastest, and where one is as short.
+        """
+        known = [one.part.motion for one in self.healthy] or [motion]
+        speeds, shortest = [one.speed for one in known], min(one.travel for one in known)
+        nearest = min(max(motion.speed, min(speeds)), max(speeds))
+        return motion.speed / nearest, min(1.0, motion.travel / shortest)
+
     def departure(self, stamp_ns: int, parts: Sequence[Part]) -> Departure | None:
         """Return how unlikely a test is for the healthy unit, by its stretches.
 
