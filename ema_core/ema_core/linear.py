@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
+from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_BY_NAME
 from ema_core.parameters import ActuatorParameters, unit_of
 from ema_core.quantity import is_finite_number
@@ -41,16 +42,17 @@ def motor_shown(parameters: ActuatorParameters) -> Shown:
     return Shown("mm", 1e3 * _way(parameters) * parameters.tau)
 
 
-def physical(name: str, k: float, parameters: ActuatorParameters) -> str:
+def physical(name: str, k: float, description: ActuatorDescription) -> str:
     """Return what a fault means, of a linear actuator also by how many N or mm it has grown.
 
-    The friction that grows is the nominal one, as a force at the rod. Empty for no fault.
+    The friction that grows is the nominal one, as a force at the rod; of an unknown drive nobody
+    knows it. Empty for no fault.
     """
-    fault, p = FAULT_BY_NAME.get(name), parameters
+    fault, p = FAULT_BY_NAME.get(name), description.parameters
     if fault is None:
         return ""
     words, growth = fault.physical(k), fault.slope * (k - fault.healthy)
-    if p.lead and name == "friction":
+    if p.lead and name == "friction" and description.drive != "unknown":
         words += f", {growth * (p.f_sm + p.f_su) / (_way(p) * p.tau):+.3g} N"
     elif p.lead and name == "backlash":
         words += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"

@@ -46,7 +46,7 @@ def described(tmp_path):
     return ("--mapping", tmp_path / "mapping.yaml", "--actuator", tmp_path / "slide.yaml")
 
 
-@pytest.mark.parametrize("rate_hz", [10, 67, 500])
+@pytest.mark.parametrize("rate_hz", [10, 25, 50, 67, 100, 500, 1000])
 def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, described, rate_hz):
     monkeypatch.setattr(importing, "_BLOCK_S", 1e-9)  # a sample a block
     duration_s = max(24.0, 1600.0 / rate_hz)

@@ -1,9 +1,11 @@
 """Linear actuators: parameters in mm and N, results in mm and N."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from ema_core.description import ActuatorDescription
 from ema_core.linear import in_si, motor_shown, physical, travel_shown
 from ema_core.parameters import ActuatorParameters
 
@@ -41,15 +43,17 @@ def test_unit_that_does_not_fit_is_refused_by_name(values, words):
 
 def test_results_are_in_mm_and_n_where_there_is_a_lead():
     values = in_si(SCREW | {"f_sm": 0.0, "f_su": "200 N", "BLK": "0.02 mm"})
-    screw = ActuatorParameters().replace(values)
-    assert travel_shown(screw).text(math.pi) == "2.5 mm"
-    assert motor_shown(screw).text(math.pi) == "0.25 mm"
+    screw = ActuatorDescription(parameters=ActuatorParameters().replace(values))
+    assert travel_shown(screw.parameters).text(math.pi) == "2.5 mm"
+    assert motor_shown(screw.parameters).text(math.pi) == "0.25 mm"
     # Friction grows by twice nominal at k = 1, play by 99 times.
     assert physical("friction", 0.25, screw) == "dry friction 1.500 × nominal, +100 N"
     assert physical("backlash", 0.1, screw) == "backlash 10.900 × nominal, +0.198 mm"
     assert physical("gain", 0.5, screw) == "position-loop gain 1.000 × nominal"
-    rotary = ActuatorParameters()
-    assert travel_shown(rotary).text(0.0025) == "2.5 mrad"
-    assert motor_shown(rotary).text(0.5) == "0.5 rad"
+    no_motor = replace(screw, drive="unknown")
+    assert physical("friction", 0.25, no_motor) == "dry friction 1.500 × nominal"
+    rotary = ActuatorDescription()
+    assert travel_shown(rotary.parameters).text(0.0025) == "2.5 mrad"
+    assert motor_shown(rotary.parameters).text(0.5) == "0.5 rad"
     assert physical("friction", 0.25, rotary) == "dry friction 1.500 × nominal"
     assert physical("tracking_error", 0.25, screw) == ""

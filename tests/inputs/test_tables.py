@@ -159,6 +159,26 @@ def guessed(telemetry, tmp_path):
     return guess
 
 
+def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
+    """A bit of its own for the sign of the current, the complement of two for angles."""
+    milliamperes = np.round(1e3 * telemetry.current)
+    counts = np.round(telemetry.position * 1e6)
+    frame = pd.DataFrame(
+        {
+            "timestamp": telemetry.stamps_ns,
+            "goal_position": np.round(telemetry.command * 1e6) % 2.0**32,
+            "present_position": counts % 2.0**32,
+            "present_current_mA": np.where(milliamperes < 0.0, 2**15 - milliamperes, milliamperes),
+        }
+    )
+    frame.astype(np.int64).to_csv(tmp_path / "servo.csv", index=False)
+    mapping = InputFile(tmp_path / "servo.csv").guess(FLAP).mapping
+    assert mapping.current.encoding == "sign_bit_16"
+    assert mapping.current.kind == "equivalent"
+    for source in (mapping.position, mapping.command):
+        assert source.encoding == "twos_complement_32"
+
+
 def as_mapping(sections, clock):
     return mapping_from({**sections, "clock": clock, "table": {"separator": ",", "decimal": "."}})
 

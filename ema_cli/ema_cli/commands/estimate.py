@@ -133,13 +133,14 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     click.echo(f"{title}\n{one}")
     if not one.valid:
         return
-    unit = found.description.parameters
+    unit = found.description
     found_faults = [
         f"{FAULTS[i].label} {one.faults[i]:.3f} ({physical(FAULTS[i].name, one.faults[i], unit)})"
         for i in _significant(one)
     ]
-    shown = travel_shown(unit)
-    click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
+    shown = travel_shown(unit.parameters)
+    if found_faults or one.verdict != DEPARTED:
+        click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
     click.echo(
         f"fitness {one.fitness:.5f} A^2.s; command travels "
         f"{shown.text(one.excitation)} (limit {shown.text(MIN_TRAVEL)})"

@@ -158,15 +158,15 @@ def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) ->
             for defect in found.defects:
                 lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
     except ValueError:
-        _comment(lines)
+        _comment(lines, err=True)  # so that a file it is written to holds a mapping or nothing
         raise
     _comment(lines)
     click.echo(mapping_text(mapping), nl=False)
 
 
-def _comment(lines: list[str]) -> None:
+def _comment(lines: list[str], *, err: bool = False) -> None:
     for line in lines:
-        click.echo(f"# {' '.join(line.split())}")
+        click.echo(f"# {' '.join(line.split())}", err=err)
 
 
 def _facts(imported: Imported) -> list[str]:

@@ -59,7 +59,7 @@ def report_page(paths: Sequence[Path], course: Course, verdict: UnitVerdict, com
     outlooks, unit = course.outlooks, course.record.description
     faults, requirements, unknown = [], [], ""
     if outlooks:
-        faults, requirements, unknown = limited(outlooks[-1], unit.parameters)
+        faults, requirements, unknown = limited(outlooks[-1], unit)
     calibration = course.calibration
     missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
     return _page(

@@ -12,10 +12,10 @@ from typing import Any, Final, NamedTuple
 from ema_cli.bags.unit_course import Course
 from ema_cli.show.prognosis_table import WIDENED, advice_in_words
 from ema_core.causes import CAUSE_BY_NAME, Place
+from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.linear import physical
-from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
@@ -99,7 +99,7 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
 
 
 def limited(
-    outlook: Outlook, parameters: ActuatorParameters
+    outlook: Outlook, description: ActuatorDescription
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
     """Return faults, required performance, and why no life is known if that is the same for all."""
     groups = outlook.health.faults, outlook.health.requirements
@@ -107,13 +107,13 @@ def limited(
     reasons = {life.reason for life in lives if not life.known}
     common = reasons.pop() if len(reasons) == 1 and not any(life.known for life in lives) else ""
     faults, requirements = (
-        [_limited(item, outlook, common, parameters) for item in group] for group in groups
+        [_limited(item, outlook, common, description) for item in group] for group in groups
     )
     return faults, requirements, common
 
 
 def _limited(
-    item: FaultHealth, outlook: Outlook, common: str, parameters: ActuatorParameters
+    item: FaultHealth, outlook: Outlook, common: str, description: ActuatorDescription
 ) -> dict[str, Any]:
     life = outlook.lives.get(item.name, outlook.rul)
     words = "unknown" if life.reason in ("", common) else life.reason
@@ -129,7 +129,7 @@ def _limited(
         "sigma": item.sigma,
         "share": item.share,
         "trend": TREND_HOURS * outlook.trends.get(item.name, math.nan),
-        "meaning": physical(item.name, item.value, parameters),
+        "meaning": physical(item.name, item.value, description),
         "life": words,
     }
 
@@ -222,15 +222,15 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
         named.append(worst)
     if not named:
         return "No fault differs from healthy by more than its uncertainty."
-    parameters = course.record.description.parameters
-    parts = [_item_in_words(item, last, parameters) for item in named]
+    description = course.record.description
+    parts = [_item_in_words(item, last, description) for item in named]
     return f"{_sentence('; behind it '.join(parts))}"
 
 
-def _item_in_words(item: FaultHealth, last: Outlook, parameters: ActuatorParameters) -> str:
+def _item_in_words(item: FaultHealth, last: Outlook, description: ActuatorDescription) -> str:
     what = shown(item)
     words = f"{what.label} {what.value_and_sigma} against its limit {what.limit}"
-    notes = list(filter(None, [physical(item.name, item.value, parameters)]))
+    notes = list(filter(None, [physical(item.name, item.value, description)]))
     if item.share < 1.0:
         notes.append(f"{100.0 * item.share:.0f} % of the way")
     trend = what.scale * TREND_HOURS * last.trends.get(item.name, math.nan)

@@ -170,7 +170,7 @@ class UnitNormal:
             return Departure(1.0, (), unnamed=reasons[0]) if reasons else None
         worst = min(judged, key=lambda one: one.probability)
         if has_labels and not (worst.states or worst.unnamed):
-            words = f"none has {FEWEST_TESTS} tests of this motion and load"
+            words = f"no labelled one has {FEWEST_TESTS} tests of this motion and load"
             worst = replace(worst, unnamed=f"no state is named: {words}")
         return replace(worst, probability=min(1.0, len(judged) * worst.probability))
 

@@ -32,7 +32,7 @@ _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _WORDS: Final = {
     "command": r"cmd|command\w*|set ?points?|sp|ref|reference|target|demand\w*|desired|soll\w*|"
-    r"commanded|input",
+    r"commanded|input|goal",
     "error": r"err|error|deviation|following|tracking",
     "position": r"pos|position|angle|theta|winkel|enc|encoder|ist\w*|deflection|phi|pos estimate",
     "speed": r"vel|velocity|speed|omega|drehzahl|rpm|w|rate",
@@ -216,8 +216,14 @@ def refine(
             mapping = replace(mapping, **{name: None})
             remarks.append(f"{name} never changes: it is taken as not measured")
 
+    for name in ("position", "command", "error", "speed", "current"):
+        encoding = _encoding(raw[name]) if name in raw else ""
+        if encoding and (source := getattr(mapping, name)) is not None:
+            mapping = replace(mapping, **{name: replace(source, encoding=encoding)})
+            remarks.append(f"{name}.encoding {encoding}: its values are of a register without sign")
     current = mapping.current
-    if current and current.kind == "equivalent" and np.nanmin(raw["current"]) >= 0.0:
+    is_unsigned = current and not current.encoding and np.nanmin(raw["current"]) >= 0.0
+    if current and current.kind == "equivalent" and is_unsigned:
         mapping = replace(mapping, current=replace(current, kind="magnitude"))
         remarks.append("current.kind magnitude: it is never negative, or a load holds it above 0")
 
@@ -238,6 +244,22 @@ def refine(
         current = _refined(mapping.current, found, description, remarks)
         mapping = replace(mapping, current=current)
     return Guess(mapping, remarks)
+
+
+def _encoding(values: NDArray[np.float64]) -> str:
+    """Return how a register has the sign of its values: the negative ones are far above others."""
+    values = values[np.isfinite(values)]
+    for bits in (16, 32):
+        half = 2.0 ** (bits - 1)
+        high = values[values >= half]
+        if not len(high) or np.any(values % 1.0) or np.min(values) < 0.0:
+            continue
+        if np.max(values) < 2.0 * half and np.max(values[values < half], initial=0.0) < half / 2.0:
+            if np.min(high) > 1.5 * half:
+                return f"twos_complement_{bits}"
+            if bits == 16 and np.max(high) < 1.5 * half:
+                return "sign_bit_16"
+    return ""
 
 
 def _refined(

@@ -257,7 +257,10 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
     """Return separator and decimal sign: those that make most of the lines rows of numbers."""
     best, chosen = 0.0, None
     # What stands at the top is a heading, if anything.
-    rows = [line for line in lines if line.strip()][-max(1, len(lines) * 2 // 3) :]
+    filled = [line for line in lines if line.strip()]
+    if len(filled) < 2:
+        raise ValueError(f"{path} has {len(filled)} lines: expected a heading and rows of numbers")
+    rows = filled[-max(1, len(lines) * 2 // 3) :]
     for separator in (table.separator,) if table.separator else _SEPARATORS:
         for decimal in (table.decimal,) if table.decimal else (".", ","):
             if separator == decimal:
