@@ -157,6 +157,8 @@ def certify(
     command: Command,
     description: ActuatorDescription | None = None,
     calibration: Calibration | None = None,
+    *,
+    rehearsed: Rehearsed | None = None,
 ) -> Certificate:
     """Return what a test will show, from windows of actuators with known faults.
 
@@ -170,6 +172,8 @@ def certify(
         The actuator; the built-in one when None.
     calibration
         That of the unit; one is made of healthy windows when None.
+    rehearsed
+        Rehearsal of the test; it is made when None.
 
     Raises
     ------
@@ -177,14 +181,7 @@ def certify(
         When the motion makes no window, or does not allow a calibration.
     """
     description = description or ActuatorDescription()
-    rehearsed = rehearse(record, command, description, calibration)
-    return certificate_of(rehearsed, record, command, description)
-
-
-def certificate_of(
-    rehearsed: Rehearsed, record: Recorder, command: Command, description: ActuatorDescription
-) -> Certificate:
-    """Return the certificate of a rehearsed test; parameters are as of `certify`."""
+    rehearsed = rehearsed or rehearse(record, command, description, calibration)
     calibration, window = rehearsed.calibration, rehearsed.window
     causes = [
         _cause(
