@@ -1,6 +1,7 @@
 """The page of all parameters, from their declarations: ``python tools/parameter_page.py``."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -10,6 +11,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.context import Context
 
 from ema_cli.processes.bringup import NODES, node_class
+from ema_core.faults import FAULT_NAMES
 from ema_ros.settings import LIVE, WHILE_UNCONFIGURED
 
 PAGE: Final = Path("docs/parameters.md")
@@ -25,6 +27,8 @@ of a running node. `-p NAME:=VALUE` and parameter files set them at the start
 - **unconfigured**: can be changed while the node is unconfigured. Otherwise the node refuses and
   names the reason.
 - **start**: can be given at the start only.
+
+FAULT stands for the name of each fault, as in `growth.friction.law`.
 """
 _SIM_TIME: Final = "follow /clock instead of the clock of the machine"
 _CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
@@ -32,10 +36,13 @@ _CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
 
 def parameter_page() -> str:
     """Return the page."""
+    rows = {name: list(dict.fromkeys(_rows(name))) for name in NODES}
+    shared = [row for row in rows["monitor"] if all(row in own for own in rows.values())]
     lines = [_HEAD]
-    for name in NODES:
+    for name, own in {"all nodes": shared, **rows}.items():
         lines += [f"## {name}", "", "| parameter | default | unit | values | change | meaning |"]
-        lines += ["|---|---|---|---|---|---|", *_rows(name), ""]
+        kept = [row for row in own if own is shared or row not in shared]
+        lines += ["|---|---|---|---|---|---|", *kept, ""]
     return "\n".join(lines)
 
 
@@ -62,7 +69,9 @@ def _row(descriptor: ParameterDescriptor, value: Any) -> str:
     change = _CHANGES.get(constraint.removesuffix("; "), "start")
     if descriptor.name == "use_sim_time":
         change = "unconfigured"
-    cells = (f"`{descriptor.name}`", f"`{json.dumps(value)}`", unit, values, change, meaning)
+    # Each fault has the same.
+    name = re.sub(rf"^growth\.({'|'.join(FAULT_NAMES)})\.", "growth.FAULT.", descriptor.name)
+    cells = (f"`{name}`", f"`{json.dumps(value)}`", unit, values, change, meaning)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 

@@ -49,11 +49,6 @@ class Command(Checked):
     ----------
     samples
         Samples of a custom command [rad].
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible; the message names it, its value, unit and range.
     """
 
     shape: str = text("chirp", "shape of the command", COMMAND_SHAPES)

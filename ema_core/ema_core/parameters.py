@@ -64,14 +64,7 @@ class MechanicalConstants(NamedTuple):
 
 @dataclass(frozen=True)
 class ActuatorParameters(Checked):
-    """Parameters of an actuator in SI units, referred to the motor shaft.
-
-    Raises
-    ------
-    ValueError
-        When a value is not a finite number within its range; the message names the parameter,
-        its value, unit and range.
-    """
+    """Parameters of an actuator in SI units, referred to the motor shaft."""
 
     G_prop: float = quantity(1e5, "1/s", 0.0, 1e9, "position-error gain")
     GAP: float = quantity(0.05, "N.m.s/rad", 0.0, 1e3, "speed loop, proportional gain")

@@ -36,11 +36,6 @@ class Growth(Checked):
         sigma [-]; of ``drift`` its diffusion s [1/sqrt(h)].
     onset
         Service hour, counted from when the growth was set, at which it begins [h].
-
-    Raises
-    ------
-    ValueError
-        When a figure is impossible; the message names it, its value, unit and range.
     """
 
     law: str = text("constant", "law by which the fault grows", LAWS)

@@ -209,18 +209,6 @@ def test_messages_come_in_the_order_of_their_log_times(path: Path):
     assert (bag.start_ns, bag.end_ns) == (0, 199)
 
 
-def test_equal_log_times_stay_in_the_order_of_the_file(path: Path):
-    chunks = [[250], [100, 250], [250, 300], [50, 250]]
-    with BagWriter(path) as writer:
-        writer.add_topic("/t", String, QOS)
-        for number, log_times_ns in enumerate(chunks):
-            for log_time_ns in log_times_ns:
-                writer.write("/t", String(data=str(number)), log_time_ns)
-            writer.flush()
-    read = [(item.log_time_ns, int(item.message.data)) for item in Bag(path).messages()]
-    assert read == [(50, 3), (100, 1), (250, 0), (250, 1), (250, 2), (250, 3), (300, 2)]
-
-
 def test_only_the_topics_asked_for_are_decoded(path: Path):
     with mcap_writer(path) as writer:
         unknown = writer.register_schema("no_such/msg/Thing", "ros2msg", b"what is this")

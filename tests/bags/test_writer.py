@@ -21,18 +21,13 @@ from rosbags.interfaces import ConnectionExtRosbag2
 from std_msgs.msg import Header, String
 
 import ema_interfaces.msg
-from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.message_type import type_hash, type_name
 from ema_bags.qos import offered_qos
 from ema_bags.reader import Bag
 from ema_bags.schema import schema_text, trimmer
-from ema_bags.windows import read_windows
 from ema_bags.writer import BagWriter
-from ema_core.commands import THESIS_CHIRP, build_cycle
-from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import FaultHealth, Health, TelemetryBlock, Usage
-from ema_sim.actuator import SimulatedActuator
 
 from ..waiting import started, wait_for
 from .recorded_messages import ros_messages
@@ -430,32 +425,6 @@ def test_one_file_cannot_be_split(tmp_path: Path):
     with pytest.raises(ValueError, match=r"flight.mcap is one file: expected a folder"):
         BagWriter(tmp_path / "flight.mcap", max_bytes=1_000_000)
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_windows_are_the_same_in_one_file_in_several_and_in_each(tmp_path: Path):
-    samples = build_cycle(THESIS_CHIRP, 1e-4).samples
-    cycle_s = len(samples) * 1e-4
-
-    def simulate(writer: BagWriter) -> None:
-        actuator = SimulatedActuator()
-        with SimulatedActuatorBag(writer, ActuatorDescription()) as bag:
-            for cycle in range(2):
-                bag.begin_cycle(cycle, actuator.faults, 10.0 * cycle)
-                for part in np.split(samples, range(100, len(samples), 100)):
-                    bag.write_block(actuator.advance(part), 0.0)
-
-    simulate(BagWriter(tmp_path / "one.mcap"))
-    simulate(BagWriter(tmp_path / "several", max_duration_s=cycle_s))
-    whole = read_windows(Bag(tmp_path / "one.mcap").path)
-    split = read_windows(tmp_path / "several")
-    assert len(whole.usable) == 2
-    for one, other in zip(whole.usable, split.usable, strict=True):
-        assert (one.start_ns, one.end_ns) == (other.start_ns, other.end_ns)
-        assert np.array_equal(one.telemetry.current, other.telemetry.current)
-    files = sorted((tmp_path / "several").glob("*.mcap"))
-    alone = [window for path in files for window in read_windows(path).usable]
-    assert [window.start_ns for window in alone] == [window.start_ns for window in whole.usable]
 
 
 def test_messages_end_where_their_content_ends(tmp_path: Path):

@@ -8,17 +8,13 @@ from ema_core.faults import COMPONENTS
 
 
 @pytest.mark.long
-def test_certificate_promises_what_simulated_tests_give(ema):
-    result = ema("certify", "--monte-carlo", "12", "--require", "friction=0.0001", "--json")
+def test_certificate_shows_every_fault_and_names_what_is_required_and_not_reached(ema):
+    result = ema("certify", "--require", "friction=0.0001", "--json")
     assert result.exit_code == 3
     certificate = json.loads(result.stdout)
     assert certificate["unmet"][0].startswith("friction has sigma 0.00")
     assert [one["name"] for one in certificate["faults"]] == list(COMPONENTS)
     assert all(one["shown"] for one in certificate["faults"])
-    for one in certificate["repeated"]:
-        assert one["windows"] == (4 if one["name"].startswith("short") else 12)
-        # Four windows: a spread of some per cent of what they state.
-        assert one["predicted_sigma"] == pytest.approx(one["sigma"], rel=0.25)
     verdicts = {one["name"]: one["verdict"] for one in certificate["causes"]}
     assert verdicts["load_torque"] == "named"
     assert verdicts["winding_temperature"] == "does not show"

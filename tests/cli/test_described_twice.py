@@ -33,13 +33,6 @@ def test_file_is_not_used_beside_a_description_and_the_warning_names_what_differ
     assert "tau" not in result.output.splitlines()[-1]
 
 
-def test_force_uses_the_file(ema, bag: Path, unit: Path):
-    result = ema("info", bag, "--actuator", unit, "--accept-defects")
-    assert "serial number 4711" in result.output
-    assert "R_s 1.9" in result.output
-    assert "against the description in the bag: serial_number SIM-0001" in result.output
-
-
 def test_calibration_by_force_is_of_the_unit_in_the_file(
     ema, bag: Path, unit: Path, tmp_path: Path
 ):

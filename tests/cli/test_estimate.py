@@ -129,13 +129,6 @@ def test_plot_draws_telemetry_and_fit(ema, tmp_path, window):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_info_tells_topics_actuator_and_windows(ema):
-    result = ema("info", SAMPLE)
-    assert result.exit_code == 0
-    for part in ("/ema/telemetry", "SIM-0001", "17000 samples", "windows: 1"):
-        assert part in result.stdout
-
-
 def test_another_command_than_the_calibrated_one_is_estimated(ema, tmp_path):
     bag = tmp_path / "sine.mcap"
     samples = tmp_path / "motion.csv"

@@ -201,9 +201,3 @@ def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
     assert process.returncode == 1
     assert error.strip() == f"Error: stopped: 0 of 100 lives are in {folder}"
     assert list(folder.iterdir()) == []
-    # The same command then begins: the folder holds no life.
-    with started(
-        ["ema", "lives", "-o", folder, "--count", "100"], stderr=subprocess.PIPE, text=True
-    ) as process:
-        wait_for(lambda: any(folder.glob("life_0000.part")) or process.poll() is not None, "a life")
-        assert process.poll() is None

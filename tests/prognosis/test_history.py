@@ -343,17 +343,6 @@ def test_file_that_is_gone_while_in_use_is_written_anew_whole(path: Path, how: s
         assert hours(moved) == ([0.0, 10.0], "")
 
 
-def test_file_of_others_at_the_place_of_one_that_is_gone_is_left_alone(path: Path):
-    history = History(*UNIT, path)
-    history.append(entry(0))
-    path.rename(path.with_name("elsewhere"))
-    other = kept(path, 2)
-    history.append(entry(7))
-    history.close()
-    assert path.read_bytes() == other
-    assert "written by another monitor" in history.problem
-
-
 def test_what_another_monitor_wrote_since_is_not_overwritten(path: Path):
     late = History(*UNIT, path)
     written = kept(path)

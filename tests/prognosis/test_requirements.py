@@ -64,11 +64,6 @@ def test_limit_that_a_healthy_actuator_misses_is_refused_with_both_figures():
         Requirements(ACTUATOR, RequirementLimits(torque_margin=0.9))
 
 
-def test_limits_are_refused_by_name_value_unit_and_range():
-    with pytest.raises(ValueError, match=r"bandwidth = -1 Hz is outside \[0\.1, 1000\] Hz"):
-        RequirementLimits(bandwidth=-1.0)
-
-
 def test_free_play_sigma_is_that_of_the_backlash_times_its_slope(requirements):
     P = covariance()
     P[1, 1] = 0.03**2

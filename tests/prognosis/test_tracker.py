@@ -351,7 +351,6 @@ def test_unobservable_components_need_no_figures():
     ("changes", "message"),
     [
         ({"hours": -1.0}, "hours = -1.0 h"),
-        ({"hours": np.nan}, "hours = nan h"),
         ({"faults": np.zeros(7)}, r"faults of a measurement has shape \(7,\)"),
         ({"covariance": np.zeros(8)}, "covariance of a measurement has shape"),
         ({"faults": np.full(8, np.nan)}, "is not finite"),

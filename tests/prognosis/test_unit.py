@@ -204,15 +204,6 @@ def test_requirement_that_a_healthy_actuator_misses_is_told():
     assert outlooks[-1].lives["tracking_error"].criterion == above
 
 
-def test_criterion_is_the_same_be_its_life_known_or_not(grown):
-    unknown, known = lived(1)[1][0].lives, grown[1][-1].lives
-    assert known["torque_margin"].known
-    assert not unknown["torque_margin"].known
-    for name in REQUIREMENTS:
-        assert unknown[name].criterion == known[name].criterion
-    assert known["bandwidth"].criterion == "bandwidth falls below 12 Hz"
-
-
 def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     """The torque margin suffers from backlash that is well within its own limit."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)

@@ -84,21 +84,6 @@ def test_service_tells_life_at_another_duty_and_changes_nothing(
     assert len(session.healths()) == TESTS
 
 
-@pytest.mark.parametrize(
-    ("request_", "texts"),
-    [
-        ((math.nan, ""), ["duty = nan", "[0.001, 1000]"]),
-        ((1.0, "rudder"), ["rudder", "not monitored", "flap"]),
-    ],
-)
-def test_service_refuses_what_is_impossible_by_name(
-    session: MonitorSession, request_: tuple[float, str], texts: list[str]
-):
-    answer = predict(session, *request_)
-    assert not answer.success
-    assert all(text in answer.message for text in texts), answer.message
-
-
 def test_each_test_has_its_health_forecast_advice_and_fit(session: MonitorSession):
     ends = [item.window_end for item in session.estimates()]
     for topic in (topics.HEALTH, topics.HEALTH_FORECAST, topics.ADVICE, topics.WINDOW_FIT):

@@ -53,16 +53,6 @@ def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
         assert (second.flight_hours, second.cycles) == (123.0, 40)
 
 
-def test_latched_usage_reaches_a_monitor_that_comes_later(cycles: list[Telemetry]):
-    with monitor(up=False) as session:
-        use(session, 50.0, 1)
-        session.bring_up()
-        session.describe()
-        # The count may come after the first test.
-        healths = live(session, cycles[:3])
-        assert healths[-1].flight_hours == 50.0
-
-
 def test_unit_that_is_exchanged_begins_a_history_of_its_own(
     cycles: list[Telemetry], tmp_path: Path
 ):

@@ -15,8 +15,7 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from ema_bags.player_node import PlayerNode
-from ema_bags.reader import Bag, Recorded
-from ema_bags.recorder_node import RecorderNode
+from ema_bags.reader import Recorded
 from ema_bags.writer import BagWriter
 from ema_interfaces.msg import (
     ActuatorDescription,
@@ -30,7 +29,6 @@ from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import LATCHED_BY_MANY
 
-from ..bags.recorded_messages import ros_messages
 from ..waiting import DEADLINE_S, wait_for
 from .spinning import Spinning
 
@@ -133,30 +131,6 @@ def test_failure_while_playing_ends_the_player(graph: Spinning, bag: Path, monke
     assert player.finished.wait(DEADLINE_S)
     assert (task(player).level, player.exit_code) == (ERROR, 1)
     assert "the middleware is gone" in task(player).message
-
-
-def test_recording_what_is_played_gives_the_same_messages(
-    graph: Spinning, bag: Path, tmp_path: Path
-):
-    topics = ["/ema/latched", "/ema/t0", "/ema/t1"]
-    player = player_of(graph, bag, rate=5.0, wait_s=8.0)
-    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    recorder = graph.managed(RecorderNode, output=str(tmp_path / "again"), topics=topics)
-    assert recorder.bring_up()
-    wait_for(
-        lambda: all(item.get_subscription_count() for item in player._outputs.publishers.values()),
-        "the recorder",
-    )
-    player.trigger_activate()
-    assert player.finished.wait(DEADLINE_S)
-    wait_for(lambda: recorder._recorded.messages == 102, "all messages")
-    recorder.trigger_shutdown()
-    first, again = Bag(bag), Bag(tmp_path / "again")
-    for topic in topics:
-        assert [item.message for item in ros_messages(again, [topic])] == [
-            item.message for item in ros_messages(first, [topic])
-        ]
-        assert again.topics[topic].type_hash == first.topics[topic].type_hash
 
 
 def test_player_that_is_ended_does_not_wait_for_the_next_message(graph: Spinning, tmp_path: Path):

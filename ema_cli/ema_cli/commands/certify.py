@@ -19,26 +19,13 @@ from ema_monitor.design.certificate import certify as certify_test
 
 @click.command()
 @settings_options(Bench, "actuator", more=[COMMAND_OPTION])
-@click.option(
-    "--monte-carlo",
-    "repetitions",
-    default=0,
-    type=click.IntRange(0, 100_000),
-    help="Simulate and identify so many tests with several faults each, and print what they give "
-    "beside what was predicted.",
-)
 @assignments_option(
     "--require",
     "wanted",
     "Largest sigma of a fault, e.g. friction=0.01; exit code 3 where it is not reached.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
-def certify(
-    given: Bench,
-    repetitions: int,
-    wanted: dict[str, float],
-    as_json: bool,
-) -> None:
+def certify(given: Bench, wanted: dict[str, float], as_json: bool) -> None:
     """Predict which faults a test will show, how well, and which it cannot separate.
 
     No telemetry is needed: tests of the described actuator are simulated with the given sensors,
@@ -50,7 +37,7 @@ def certify(
                 raise click.UsageError(unknown_name("fault", name, COMPONENTS))
             if not sigma > 0.0:
                 raise click.UsageError(f"--require: {name} = {sigma:g}: expected more than 0")
-        task = progress.add_task("rehearsing", total=CERTIFIED_WINDOWS + repetitions)
+        task = progress.add_task("rehearsing", total=CERTIFIED_WINDOWS)
 
         def follow() -> None:
             if stop:
@@ -58,9 +45,7 @@ def certify(
             progress.advance(task)
 
         record = Rehearsal(given, follow)
-        certificate = certify_test(
-            record, given.command, given.description, repetitions=repetitions
-        )
+        certificate = certify_test(record, given.command, given.description)
     unmet = certificate.unmet(wanted)
     if as_json:
         click.echo(json.dumps(certificate.record() | {"unmet": unmet}, indent=2))

@@ -15,7 +15,7 @@ from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.rehearsal import Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
-from ema_monitor.design.certificate import certificate_of
+from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import UNITS, MotionLimits
 
@@ -102,7 +102,7 @@ def design(
         record = Rehearsal(given, follow)
         found = design_command(record, description, limits, wanted or None, on_progress=say)
         say("judging hidden causes")
-        certificate = certificate_of(found.rehearsed, record, found.command, description)
+        certificate = certify(record, found.command, description, rehearsed=found.rehearsed)
         if found.reached:
             sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in found.sigma.items())
             heading = "A test command of `ema design`. Standard deviations to expect:"

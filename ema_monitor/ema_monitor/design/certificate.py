@@ -6,13 +6,10 @@ from dataclasses import asdict, dataclass
 from textwrap import wrap
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
-from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS, healthy_faults
+from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_core.wording import text_table
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.rehearsal import (
@@ -24,7 +21,6 @@ from ema_monitor.design.rehearsal import (
     claimed,
     confused_with,
     fewest,
-    present,
     rehearse,
 )
 from ema_monitor.diagnosis import identify
@@ -50,31 +46,6 @@ class CauseProspect(NamedTuple):
     verdict: str
 
 
-class Repeated(NamedTuple):
-    """What many simulated tests of actuators with several faults gave for one fault.
-
-    Attributes
-    ----------
-    name, windows
-        The fault, and in how many windows it was present and found.
-    predicted_sigma
-        What was predicted for these actuators, root mean square over them [-].
-    sigma, scatter, error
-        Standard deviation that the estimates stated, that they have about the mean of each
-        actuator, and rms of their errors [-].
-    covers
-        Share of the stated 90 % intervals that hold the truth [-].
-    """
-
-    name: str
-    windows: int
-    predicted_sigma: float
-    sigma: float
-    scatter: float
-    error: float
-    covers: float
-
-
 @dataclass(frozen=True)
 class Certificate:
     """What a test of an actuator will show.
@@ -89,8 +60,6 @@ class Certificate:
         Scatter of a healthy window in its band [A, rad/s].
     faults, causes
         What is expected of each fault and each hidden cause.
-    repeated
-        What many simulated tests gave; empty where there were none.
     """
 
     actuator_id: str
@@ -102,7 +71,6 @@ class Certificate:
     healthy_speed_rms: float
     faults: tuple[FaultProspect, ...]
     causes: tuple[CauseProspect, ...]
-    repeated: tuple[Repeated, ...] = ()
 
     def sigma(self, name: str) -> float:
         """Return the standard deviation that is expected of a fault; NaN where it is not shown."""
@@ -123,8 +91,7 @@ class Certificate:
     def record(self) -> dict[str, Any]:
         """Return all fields as plain values; what is not a number is None."""
         rows = {
-            name: [one._asdict() for one in getattr(self, name)]
-            for name in ("faults", "causes", "repeated")
+            name: [one._asdict() for one in getattr(self, name)] for name in ("faults", "causes")
         }
         for row, one in zip(rows["faults"], self.faults, strict=True):
             row |= {"half_width": HALF_WIDTH * one.sigma, "smallest_means": one.meaning}
@@ -137,10 +104,7 @@ class Certificate:
             f"scatter of a healthy window {_scatter(self.healthy_rms, 'A')} and "
             f"{_scatter(self.healthy_speed_rms, 'rad/s')}"
         )
-        parts = [title, self._fault_table(), *self._summary()]
-        if self.repeated:
-            parts += ["", self._repeated_table()]
-        return "\n".join(parts)
+        return "\n".join([title, self._fault_table(), *self._summary()])
 
     def _fault_table(self) -> str:
         rows = [
@@ -183,29 +147,9 @@ class Certificate:
             lines += wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="    ")
         return lines
 
-    def _repeated_table(self) -> str:
-        rows = [
-            (
-                FAULTS[FAULT_NAMES.index(one.name)].label,
-                str(one.windows),
-                _figure(one.sigma, 5),
-                _figure(one.predicted_sigma / one.sigma if one.sigma else math.nan, 2),
-                _figure(one.scatter, 5),
-                _figure(one.error, 5),
-                _figure(100.0 * one.covers, 0),
-            )
-            for one in self.repeated
-        ]
-        headings = ("simulated tests", "windows", "sigma", "predicted", "scatter", "error")
-        return text_table((*headings, "90 % covers %"), rows)
-
 
 def _scatter(value: float, unit: str) -> str:
     return f"{value:.4f} {unit}" if math.isfinite(value) else f"unknown [{unit}]"
-
-
-def _figure(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
 
 
 def certify(
@@ -214,7 +158,7 @@ def certify(
     description: ActuatorDescription | None = None,
     calibration: Calibration | None = None,
     *,
-    repetitions: int = 0,
+    rehearsed: Rehearsed | None = None,
 ) -> Certificate:
     """Return what a test will show, from windows of actuators with known faults.
 
@@ -228,9 +172,8 @@ def certify(
         The actuator; the built-in one when None.
     calibration
         That of the unit; one is made of healthy windows when None.
-    repetitions
-        Number of further tests that the prediction is compared with, of actuators with several
-        faults.
+    rehearsed
+        Rehearsal of the test; it is made when None.
 
     Raises
     ------
@@ -238,19 +181,7 @@ def certify(
         When the motion makes no window, or does not allow a calibration.
     """
     description = description or ActuatorDescription()
-    rehearsed = rehearse(record, command, description, calibration)
-    return certificate_of(rehearsed, record, command, description, repetitions=repetitions)
-
-
-def certificate_of(
-    rehearsed: Rehearsed,
-    record: Recorder,
-    command: Command,
-    description: ActuatorDescription,
-    *,
-    repetitions: int = 0,
-) -> Certificate:
-    """Return the certificate of a rehearsed test; parameters are as of `certify`."""
+    rehearsed = rehearsed or rehearse(record, command, description, calibration)
     calibration, window = rehearsed.calibration, rehearsed.window
     causes = [
         _cause(
@@ -272,7 +203,6 @@ def certificate_of(
         *calibration.reference(window).scatter,
         rehearsed.faults,
         tuple(causes),
-        _repeated(rehearsed, record, command, description, repetitions) if repetitions else (),
     )
 
 
@@ -294,50 +224,3 @@ def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
     else:
         verdict = f"taken for {', '.join(wrong)}" if wrong else "does not show"
     return CauseProspect(cause.name, cause.sigma, verdict)
-
-
-def _repeated(
-    rehearsed: Rehearsed,
-    record: Recorder,
-    command: Command,
-    description: ActuatorDescription,
-    repetitions: int,
-) -> tuple[Repeated, ...]:
-    """Return what tests of some actuators give, identified without knowing their faults."""
-    prospects = rehearsed.combined
-    found = []
-    for number, one in enumerate(prospects):
-        count = (repetitions + number) // len(prospects)
-        windows = record(command, one.faults, count, {})
-        found.append([identify(window, description, rehearsed.calibration) for window in windows])
-    rows = []
-    for name in COMPONENTS:
-        i = FAULT_NAMES.index(name)
-        groups = [
-            (one, [estimate for estimate in estimates if i in claimed(estimate)])
-            for one, estimates in zip(prospects, found, strict=True)
-            if present(one.faults)[i]
-        ]
-        groups = [(one, estimates) for one, estimates in groups if len(estimates) > 1]
-        errors = [np.array([e.faults[i] for e in those]) - one.faults[i] for one, those in groups]
-        sigmas = [np.array([e.sigma[i] for e in those]) for _, those in groups]
-        rows.append(
-            Repeated(
-                name,
-                sum(map(len, errors)),
-                _rms([one.sigma[i] for one, _ in groups]),
-                _rms([_rms(values) for values in sigmas]),
-                _rms([np.std(values, ddof=1) for values in errors]),
-                _rms([_rms(values) for values in errors]),
-                float(
-                    np.mean(np.abs(np.concatenate(errors)) <= HALF_WIDTH * np.concatenate(sigmas))
-                )
-                if groups
-                else math.nan,
-            )
-        )
-    return tuple(rows)
-
-
-def _rms(values: ArrayLike) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else math.nan

@@ -22,13 +22,7 @@ _MOST_MISSING: Final = 8
 
 @dataclass(frozen=True)
 class Costs(Checked):
-    """What removal, failure and inspection cost, in one unit of the user's own.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
+    """What removal, failure and inspection cost, in one unit of the user's own."""
 
     inspection: float = quantity(
         0.0, "-", 0.0, 1e12, "cost of an inspection, in costs.unit; 0: none is offered"

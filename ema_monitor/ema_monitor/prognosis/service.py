@@ -35,13 +35,7 @@ _MOST_HOURS_A_DAY: Final = 24.0
 
 @dataclass(frozen=True)
 class Service(Checked):
-    """What a monitor assumes of use.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
+    """What a monitor assumes of use."""
 
     duty: float = quantity(
         1.0, "-", 1e-3, 1e3, "growth of the faults in a future flight hour, relative to a past one"

@@ -69,13 +69,7 @@ class Defect:
 
 @dataclass(frozen=True)
 class TriggerSettings(Checked):
-    """When a window begins and how long it is.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
+    """When a window begins and how long it is."""
 
     windows: str = text(
         TEST_CYCLE,

@@ -66,13 +66,7 @@ NOTHING_FLOWN: Final = FlownDuty()
 
 @dataclass(frozen=True)
 class DamageSettings(Checked):
-    """How duty does damage (P23).
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
+    """How duty does damage (P23)."""
 
     growth_per: str = text(
         "damage",

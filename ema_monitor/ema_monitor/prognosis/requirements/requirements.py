@@ -39,11 +39,6 @@ class RequirementLimits(Checked):
 
     A healthy built-in actuator has a tracking error of 2.14 mrad, a bandwidth of 32.9 Hz, a free
     play of 0.01 mrad and a torque margin of 0.653.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
     """
 
     tracking_error: float = quantity(

@@ -11,7 +11,6 @@ from typing import Final, NamedTuple
 from aiohttp import web
 
 _MOST_WAITING: Final = 16
-_OTHER: Final = "application/octet-stream"
 # Not those of the machine: a browser runs no script of another type.
 _CONTENT_TYPES: Final = {
     ".css": "text/css",
@@ -20,12 +19,6 @@ _CONTENT_TYPES: Final = {
     ".svg": "image/svg+xml",
     ".txt": "text/plain",
 }
-_NOT_BUILT: Final = b"""<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>EMA dashboard</title>
-<h1>The page is not built</h1>
-<p>Run <code>make page</code>. Foxglove can connect to this address meanwhile.</p>
-</html>
-"""
 _LIMIT_S: Final = 5.0
 _MOST_WORST: Final = 100
 _NUMBERS: Final = frozenset(map(str, range(1, _MOST_WORST + 1)))
@@ -48,12 +41,12 @@ def read_page() -> dict[str, Made]:
         When a file cannot be read.
     """
     folder = files("ema_dashboard").joinpath("page")
-    found = {"/": Made(_NOT_BUILT, _CONTENT_TYPES[".html"])}
-    for item in folder.iterdir() if folder.is_dir() else ():
-        if item.is_file() and not item.name.startswith("."):
-            content_type = _CONTENT_TYPES.get(PurePath(item.name).suffix, _OTHER)
-            path = "/" if item.name == "index.html" else f"/{item.name}"
-            found[path] = Made(item.read_bytes(), content_type)
+    found = {
+        f"/{item.name}": Made(item.read_bytes(), _CONTENT_TYPES[PurePath(item.name).suffix])
+        for item in folder.iterdir()
+        if item.is_file() and not item.name.startswith(".")
+    }
+    found["/"] = found.pop("/index.html")
     return found
 
 

@@ -42,13 +42,7 @@ class _Part(NamedTuple):
 
 @dataclass(frozen=True)
 class BridgeSettings(Checked):
-    """What a bridge listens to, and how long it waits.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible.
-    """
+    """What a bridge listens to, and how long it waits."""
 
     mapping_file: str = text("", "mapping of topics to telemetry, a YAML file")
     actuator_file: str = text("", "description of the actuator; empty: the built-in one")
