@@ -15,7 +15,7 @@ from rich.text import Text
 from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
 from ema_core.causes import CauseEstimate
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_core.wording import counted
+from ema_core.wording import beside_limit, counted
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
 from ema_ros.claims import SILENT_S, worth
 from ema_ros.stamps import stamp_from_message
@@ -176,8 +176,8 @@ def _dominant_in_words(health: Any) -> str:
             unit = f" {unit}" if unit else ""
             side = "≥" if item.limit_is_lower else "≤"
             sigma = f" ± {scale * item.sigma:.2g}" if math.isfinite(item.sigma) else ""
-            value = f"{scale * item.value:.3g}{sigma}{unit}"
-            return f"{label_of(item.name)} {value} ({side} {scale * item.limit:.3g})"
+            value, limit = beside_limit(scale * item.value, scale * item.limit)
+            return f"{label_of(item.name)} {value}{sigma}{unit} ({side} {limit})"
     return ""
 
 

@@ -44,8 +44,11 @@ _COMMANDS: Final = {
     "bag with an index.",
     "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
     "completion": "Print the completion of commands and options for SHELL.",
+    "man": "Print the manual page of all commands, made from their help.",
 }
 """Commands and their first sentences, so that help imports none of them."""
+
+_OTHER_NAMES: Final = {"predict": "prognose", "learn-fleet": "learn"}
 
 _EXAMPLES: Final = {
     "simulate": "--fault friction=0.25 -o dry.mcap",
@@ -85,18 +88,21 @@ class _CommandsOnDemand(click.Group):
         return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
+        return [*_COMMANDS, *_OTHER_NAMES]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        cmd_name = _OTHER_NAMES.get(cmd_name, cmd_name)
         if cmd_name not in _COMMANDS:
             from ema_core.wording import unknown_name
 
-            ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
+            ctx.fail(unknown_name("command", cmd_name, self.list_commands(ctx)))
         os.environ.update(array_environment())  # before numpy is imported
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
             command = getattr(import_module(f"ema_cli.commands.{name}"), name)
-        command.epilog = f"Example: ema {cmd_name} {_EXAMPLES.get(cmd_name, '')}"
+        others = [f"Or: ema {new}. " for new, old in _OTHER_NAMES.items() if old == cmd_name]
+        example = f"Example: ema {cmd_name} {_EXAMPLES.get(cmd_name, '')}"
+        command.epilog = "".join([*others, example])
         return command
 
     def invoke(self, ctx: click.Context) -> object:

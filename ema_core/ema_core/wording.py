@@ -9,6 +9,14 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("ch") else "s")
 
 
+def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]:
+    """Return a value and its limit with so many digits, or as many as tell them apart."""
+    told = f"{value:.{digits}g}", f"{limit:.{digits}g}"
+    if told[0] == told[1] and value != limit and digits < 17:
+        return beside_limit(value, limit, digits + 1)
+    return told
+
+
 def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
     """Return the message for an unknown name of a kind, with the closest and all known names."""
     by_lower_case = {item.lower(): item for item in known}

@@ -13,9 +13,10 @@ complete_last() {
 }
 complete_last ema esti
 complete_last ema archive sc
+complete_last ema pred
 """
 
 
 def test_bash_completes():
     done = subprocess.run(["bash", "-c", ASK], capture_output=True, text=True, check=False)
-    assert done.stdout.split() == ["estimate", "scan"], done.stderr
+    assert done.stdout.split() == ["estimate", "scan", "predict"], done.stderr

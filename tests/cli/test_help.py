@@ -1,6 +1,8 @@
 """The help of commands: the list, without importing any, and its length."""
 
 import shlex
+import shutil
+import subprocess
 
 import click
 import pytest
@@ -36,3 +38,28 @@ def test_example_of_a_command_is_one_that_it_takes(name, tmp_path, monkeypatch):
     words = shlex.split(said.rpartition("Example: ema ")[2])
     assert words[0] == name
     main.get_command(click.Context(main), name).make_context(name, words[1:])
+
+
+@pytest.mark.parametrize(("other", "name"), [("predict", "prognose"), ("learn-fleet", "learn")])
+def test_command_has_another_name(other, name):
+    said = CliRunner().invoke(main, [other, "--help"]).stdout
+    assert said.startswith(f"Usage: main {other} [OPTIONS]")
+    assert f"Or: ema {other}. Example: ema {name} " in said
+
+
+def test_manual_page_has_the_help_of_each_command():
+    page = CliRunner().invoke(main, ["man"]).stdout
+    for name in [*_COMMANDS, "archive run"]:
+        assert f".SH EMA {name.upper()}\n" in page
+    assert "predict" in page
+    assert ".SH EMA PREDICT\n" not in page
+    if groff := shutil.which("groff"):
+        read = subprocess.run(
+            [groff, "-man", "-Tascii", "-ww"],
+            input=page,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "  --hours-per-cycle" in read.stdout
+        assert not read.stderr

@@ -173,9 +173,10 @@ def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
     )
     frame.astype(np.int64).to_csv(tmp_path / "servo.csv", index=False)
     mapping = InputFile(tmp_path / "servo.csv").guess(FLAP).mapping
-    assert mapping.current.encoding == "sign_bit_16"
-    assert mapping.current.kind == "equivalent"
+    assert mapping.current is not None
+    assert (mapping.current.encoding, mapping.current.kind) == ("sign_bit_16", "equivalent")
     for source in (mapping.position, mapping.command):
+        assert source is not None
         assert source.encoding == "twos_complement_32"
 
 

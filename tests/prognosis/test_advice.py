@@ -287,6 +287,8 @@ def test_cause_names_what_has_the_level_with_value_and_limit():
     assert cause_of_level(outlook(WARN, MARGIN)) == "torque margin 0.59 (fails below 0.5)"
     failed = outlook(ERROR, MARGIN, PLAY)
     assert cause_of_level(failed) == "free play 0.6 mrad (failed: above 0.5 mrad)"
+    margin = replace(MARGIN, value=0.49996, level=ERROR)
+    assert cause_of_level(outlook(ERROR, margin)) == "torque margin 0.49996 (failed: below 0.5)"
     stale = outlook(STALE, reason="no telemetry for 3 s")
     assert cause_of_level(stale) == "no telemetry for 3 s"
 

@@ -59,9 +59,10 @@ def learn(
             is_fleet = file.suffix == SUFFIX
             other = Fleet.read(file) if is_fleet else fleet_of([read_history(file)], chosen)
             fleet = fleet.together(other)
-    if name:
-        fleet = Fleet(fleet.grid, fleet.units, frozenset([name]))
-    prior = fleet.prior(chosen)
+        if name:
+            fleet = Fleet(fleet.grid, fleet.units, frozenset([name]))
+        progress.add_task("learning", total=None)
+        prior = fleet.prior(chosen)
     fleet.write(output)
     table = Table("fault", "units that show its growth")
     for kind, count in sorted(prior.counts.items()):

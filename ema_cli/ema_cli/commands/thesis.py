@@ -85,11 +85,12 @@ def thesis(
             if missing:
                 with executor.open(stopped, kept) as workers, progress_bar() as progress:
                     task = progress.add_task("study", total=len(missing), state="starting")
-                    for result in execute(missing, workers):
+                    for done, result in enumerate(execute(missing, workers), 1):
                         store.add(result)
                         job, error = result.job, result.error_percent
-                        state = f"{job.model}: {job.algorithm}, {job.case}, run {job.run}"
-                        progress.update(task, advance=1, state=f"{state}: {error:.2f} %")
+                        state = f"{done} of {len(missing)} runs, {job.model}: {job.algorithm}"
+                        state += f", {job.case}, run {job.run}: {error:.2f} %"
+                        progress.update(task, advance=1, state=state)
             timing = _timing(folder, models)
         minutes = (time.perf_counter() - started) / 60.0
         click.echo("writing tables, figures and report")

@@ -16,7 +16,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.linear import physical
-from ema_core.wording import counted
+from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.growth.prediction import RemainingLife
@@ -48,10 +48,11 @@ def shown(item: FaultHealth) -> Shown:
     """Return a fault or requirement as it is shown."""
     unit, scale = shown_in(RequirementLimits.unit(item.name) if item.name in REQUIREMENTS else "1")
     unit = f" {unit}" if unit else ""
-    value, sigma, limit = (scale * one for one in (item.value, item.sigma, item.limit))
+    value, limit = beside_limit(scale * item.value, scale * item.limit)
+    sigma = scale * item.sigma
     uncertainty = f" ± {sigma:.2g}" if math.isfinite(sigma) else ""
     side = "≥" if item.limit_is_lower else "≤"
-    words = f"{value:.3g}{uncertainty}{unit}", f"{side} {limit:.3g}{unit}"
+    words = f"{value}{uncertainty}{unit}", f"{side} {limit}{unit}"
     return Shown(label_of(item.name), scale, unit, *words)
 
 

@@ -1,34 +1,103 @@
-"""Progress bars on standard error, so that standard output stays clean."""
+"""Progress on standard error, so that standard output stays clean: a bar, or lines."""
 
 import sys
-from collections.abc import Iterable
-from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, Any, cast
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
+from operator import length_hint
+from typing import TYPE_CHECKING, Any, Final, Self, cast
+
+import click
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+FIRST_LINE_S: Final = 5.0
+LINES_S: Final = 10.0
 
-class _Hidden:
-    """What commands call of a progress bar, without effect."""
 
-    def add_task(self, *_: Any, **__: Any) -> int:
+class _Lines:
+    """What commands call of a progress bar, as lines about the newest task.
+
+    A thread prints them, as a task may say nothing for minutes.
+    """
+
+    def __init__(self) -> None:
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._print, daemon=True)
+        self.add_task("starting")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def add_task(self, description: str, total: float | None = None, state: str = "") -> int:
+        self._description, self._total, self._state = description, total, state
+        self._completed, self._began_s = 0.0, time.monotonic()
         return 0
 
-    def update(self, *_: Any, **__: Any) -> None:
-        pass
+    def update(
+        self,
+        _: int,
+        *,
+        total: float | None = None,
+        completed: float | None = None,
+        advance: float = 0.0,
+        state: str | None = None,
+        **_unused: Any,
+    ) -> None:
+        self._total = self._total if total is None else total
+        self._completed = self._completed + advance if completed is None else completed
+        self._state = self._state if state is None else state
 
-    advance = update
+    def advance(self, task: int, advance: float = 1.0) -> None:
+        self.update(task, advance=advance)
 
-    def track(self, items: Iterable[Any], **_: Any) -> Iterable[Any]:
-        return items
+    def track(
+        self, items: Iterable[Any], total: float | None = None, description: str = "working"
+    ) -> Iterator[Any]:
+        task = self.add_task(description, total or length_hint(items) or None)
+        for item in items:
+            yield item
+            self.advance(task)
+
+    def _print(self) -> None:
+        wait_s = FIRST_LINE_S
+        while not self._ended.wait(wait_s):
+            click.echo(str(self), err=True)
+            wait_s = LINES_S
+
+    def __str__(self) -> str:
+        parts, passed_s = [self._state], time.monotonic() - self._began_s
+        if self._total and self._completed:
+            parts.insert(0, f"{self._completed / self._total:.0%}")
+            left_s = passed_s * max(self._total / self._completed - 1.0, 0.0)
+            parts.append(f"about {_rough(left_s)} left")
+        else:
+            parts.append(f"{_rough(passed_s)} so far")
+        return f"{self._description}: {', '.join(filter(None, parts))}"
+
+
+def _rough(seconds: float) -> str:
+    for size, unit in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def progress_bar() -> AbstractContextManager["Progress"]:
-    """Return a progress bar that shows only on a terminal; a task may say its ``state``."""
+    """Return a bar, or without a terminal what prints a line after 5 s, then each 10 s.
+
+    A task may say its ``state``.
+    """
     if not sys.stderr.isatty():
         # rich is not imported for nobody: it takes as long as `ema info` has.
-        return nullcontext(cast("Progress", _Hidden()))
+        return cast("Progress", _Lines())
     from rich.console import Console
     from rich.progress import (
         BarColumn,

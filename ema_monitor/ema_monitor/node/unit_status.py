@@ -2,6 +2,7 @@
 
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
+from ema_core.wording import beside_limit
 from ema_monitor.health import FaultHealth
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -109,7 +110,10 @@ def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> T
     is_known = is_finite_number(item.value)
     level = unit.level_of(item) if is_known and not is_stale else STALE
     of = _unit(item, " {}")
-    message = f"{item.value:.4g}{of}, limit {item.limit:.4g}{of}" if is_known else "not known"
+    message = "not known"
+    if is_known:
+        value, limit = beside_limit(item.value, item.limit, 4)
+        message = f"{value}{of}, limit {limit}{of}"
     if is_finite_number(item.held):
         message = f"{item.held:.4g}{of} in the latest test, before {message}"
     elif level != STALE and item.level < level:

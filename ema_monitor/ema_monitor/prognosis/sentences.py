@@ -5,6 +5,7 @@ from typing import Final
 
 from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import ERROR, OK, WARN
+from ema_core.wording import beside_limit
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -54,14 +55,14 @@ def in_words(item: FaultHealth) -> str:
         unit = f" {unit}" if unit else ""
     state = "failed:" if item.level == ERROR else "fails"
     side = "below" if item.limit_is_lower else "above"
-    value, limit = scale * item.value, scale * item.limit
+    value, limit = beside_limit(scale * item.value, scale * item.limit)
     if math.isfinite(item.held):
         held = scale * item.held
         return (
             f"{label_of(item.name)} {held:.3g}{unit} in the latest test, which the next one has to "
-            f"confirm, {value:.3g}{unit} before (fails {side} {limit:.3g}{unit})"
+            f"confirm, {value}{unit} before (fails {side} {limit}{unit})"
         )
-    return f"{label_of(item.name)} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})"
+    return f"{label_of(item.name)} {value}{unit} ({state} {side} {limit}{unit})"
 
 
 def reason_of(outlook: Outlook) -> str:

@@ -6,7 +6,7 @@ from threading import Thread
 
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_dashboard import alerts
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Health, PlaybackState
 from ema_ros import topics
 
 from ...waiting import wait_for
@@ -16,7 +16,7 @@ FLAP = {"actuator_id": "flap", "serial_number": "7", "cause": "friction 0.4"}
 
 
 def test_each_change_of_level_is_posted_until_it_is_taken(
-    session: DashboardSession, tmp_path, monkeypatch
+    session: DashboardSession, tmp_path, monkeypatch, caplog
 ):
     received, answers = [], [500, 302]
 
@@ -50,4 +50,18 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
         output.publish(Health(level=OK, **FLAP))
         wait_for_value(node, "alerts lost", 1)
         assert "status 500" in node.tasks()[0].message
+        # What a player shows is of the past, also before the player tells its range.
+        player = session.source.create_publisher(PlaybackState, "playback_state", topics.LATCHED)
+        wait_for(node._is_playback, "the player")
+        output.publish(Health(level=WARN, **FLAP | {"actuator_id": "of_a_bag"}))
+        kept = node._hub._channels["/ema/health"].kept
+        wait_for(lambda: "of_a_bag" in kept, "health of the bag")
+        session.source.destroy_publisher(player)
+        wait_for(lambda: not node._is_playback(), "the end of the player")
+        tries = len(received)
+        answers += [429, 404]
+        output.publish(Health(level=WARN, **FLAP))
+        wait_for_value(node, "alerts lost", 2)
+        assert [one["actuator_id"] for one in received[tries:]] == ["flap"] * 2
+        assert "flap: an alert of WARN is lost: status 404" in caplog.messages
         server.shutdown()

@@ -1,6 +1,7 @@
 """Alerts: each change of a level, posted as JSON to an address."""
 
 import asyncio
+import logging
 import math
 from concurrent.futures import Future
 from datetime import UTC, datetime
@@ -19,6 +20,7 @@ MOST_WAITING: Final = 100
 """Alerts that wait; beyond it the oldest is lost."""
 
 _MOST_ACTUATORS: Final = 1000
+_TRY_AGAIN: Final = (408, 429)  # of the refusals, those that pass: timeout, too many requests
 _ANSWER_S: Final = 10.0
 
 
@@ -72,23 +74,37 @@ class Alerts:
         async with ClientSession(timeout=ClientTimeout(_ANSWER_S)) as session:
             while True:
                 alert = await self._queue.get()
-                for wait_s in (*WAITS_S, 0.0):
-                    self.failure = await self._post(session, alert)
-                    if not self.failure:
-                        self.sent += 1
-                        break
-                    await asyncio.sleep(wait_s)
+                if await self._is_taken(session, alert):
+                    self.sent += 1
                 else:
                     self.lost += 1
+                    what = f"{alert['actuator_id']}: an alert of {alert['level']} is lost"
+                    logging.getLogger("ema_dashboard").error(f"{what}: {self.failure}")
 
-    async def _post(self, session: ClientSession, alert: dict[str, Any]) -> str:
-        """Post an alert once; return why that failed, without the address, which may be secret."""
+    async def _is_taken(self, session: ClientSession, alert: dict[str, Any]) -> bool:
+        """Post an alert until it is taken, or refused for what it is."""
+        for wait_s in (*WAITS_S, 0.0):
+            status = await self._post(session, alert)
+            if not self.failure:
+                return True
+            if 400 <= status < 500 and status not in _TRY_AGAIN:
+                return False
+            await asyncio.sleep(wait_s)
+        return False
+
+    async def _post(self, session: ClientSession, alert: dict[str, Any]) -> int:
+        """Post an alert once; return the status, 0 without an answer, and keep the failure.
+
+        The failure does not have the address, which may be secret.
+        """
         try:
             # A redirected POST would be a GET without content.
             async with session.post(self._address, json=alert, allow_redirects=False) as answer:
-                return "" if answer.ok and answer.status < 300 else f"status {answer.status}"
+                self.failure = "" if 200 <= answer.status < 300 else f"status {answer.status}"
+                return answer.status
         except (ClientError, OSError) as error:  # a timeout is an OSError
-            return type(error).__name__
+            self.failure = type(error).__name__
+            return 0
 
 
 def _content(namespace: str, health: Health, before: int | None) -> dict[str, Any]:

@@ -248,8 +248,13 @@ class DashboardNode(ManagedNode):
     def _note(self, namespace: str, message: Any) -> None:
         """Take what metrics and alerts rest on; a playback, which is of the past, alerts nobody."""
         self._metrics.note(namespace, message)
-        if self._alerts and isinstance(message, Health) and self._hub.playback_range is None:
+        if self._alerts and isinstance(message, Health) and not self._is_playback():
             self._alerts.note(namespace, message)
+
+    def _is_playback(self) -> bool:
+        """Return whether a player is there; one that has just come has not told its range yet."""
+        names = (one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE)
+        return self._hub.playback_range is not None or any(map(self.count_publishers, names))
 
     def _note_time(self, time_ns: int) -> None:
         """Take the time of the graph; where it jumps back, nothing of later stays."""

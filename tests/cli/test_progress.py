@@ -1,0 +1,40 @@
+"""Progress where there is no terminal: lines on standard error, with the time left."""
+
+import json
+import re
+
+import pytest
+
+from ema_cli.show import progress
+
+from ..commands import SAMPLE, ema
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch):
+    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.02)
+    monkeypatch.setattr(progress, "LINES_S", 0.02)
+
+
+def test_long_command_says_how_far_it_is_and_how_long_it_takes(tmp_path):
+    said = ema("simulate", "--cycles", "6", "-o", tmp_path / "six.mcap")
+    line = r"simulating: \d+%, cycle \d of 6, about \d+ s left"
+    assert re.search(f"^{line}$", said.stderr, re.MULTILINE), said.stderr
+    assert "left" not in said.stdout
+
+
+def test_json_stays_alone_on_standard_output():
+    said = ema("estimate", SAMPLE, "--json")
+    assert json.loads(said.stdout)
+    assert re.search(r"^identifying: .* so far$", said.stderr, re.MULTILINE), said.stderr
+
+
+@pytest.mark.parametrize(
+    ("passed_s", "words"), [(20.0, "60 s left"), (60.0, "3 min left"), (3600.0, "3 h left")]
+)
+def test_time_left_is_told_in_a_fitting_unit(passed_s, words, monkeypatch):
+    monkeypatch.setattr(progress.time, "monotonic", lambda: 0.0)
+    lines = progress._Lines()
+    lines.advance(lines.add_task("learning", total=4))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: passed_s)
+    assert str(lines) == f"learning: 25%, about {words}"
