@@ -1,12 +1,16 @@
 // The registries of faults and hidden causes, as src/registry.json has them.
 
-import { decimalsOf, fixed, percent } from "./format.ts";
+import { decimalsOf, fixed, percent, significant } from "./format.ts";
+import type { ActuatorDescription } from "./messages.ts";
 import registry from "./registry.json";
 
 export type Fault = (typeof registry.faults)[number];
 
 export const FAULTS: Fault[] = registry.faults;
 export const ASSESSED = FAULTS.filter((fault) => fault.assessed);
+
+/** DRIVE_UNKNOWN of the description. */
+const UNKNOWN_DRIVE = 2;
 
 const byName = new Map(FAULTS.map((fault) => [fault.name, fault]));
 const causes: Record<string, string> = registry.causes;
@@ -31,9 +35,23 @@ export function inPercent(fault: Fault, value: number): string {
 }
 
 /** The physical meaning of a normalised value, with the digits that its sigma leaves. */
-export function physical(fault: Fault, value: number, sigma: number): string {
+export function physical(
+  fault: Fault, value: number, sigma: number, unit?: ActuatorDescription,
+): string {
   const scaled = Math.abs(fault.slope) * sigma;
   const digits = Number.isFinite(scaled) && scaled > 0 ? decimalsOf(scaled) : 3;
   const at = fault.base + fault.slope * value;
-  return `${fault.quantity} ${at.toFixed(digits)} ${fault.unit}`.trim();
+  const words = `${fault.quantity} ${at.toFixed(digits)} ${fault.unit}`.trim();
+  return words + atTheRod(fault, fault.slope * (value - fault.healthy), unit);
+}
+
+/** By how much a fault of a linear actuator has grown, empty for others. */
+function atTheRod(fault: Fault, growth: number, unit?: ActuatorDescription): string {
+  if (!unit || !(unit.lead > 0)) return "";
+  const way = (unit.lead / (2 * Math.PI)) * unit.gear_ratio;
+  const told = (amount: number, name: string) =>
+    `, ${amount < 0 ? "−" : "+"}${significant(Math.abs(amount), 3)} ${name}`;
+  if (fault.name === "backlash") return told(1e3 * growth * unit.backlash * way, "mm");
+  if (fault.name !== "friction" || unit.drive === UNKNOWN_DRIVE) return "";
+  return told((growth * (unit.motor_static_friction + unit.user_static_friction)) / way, "N");
 }

@@ -5,6 +5,7 @@ import { mock, test } from "node:test";
 import { load } from "./sources.mjs";
 
 const format = await load("format.ts");
+const faults = await load("faults.ts");
 const { Telemetry } = await load("telemetry.ts");
 const { UnitRecord } = await load("unit_history.ts");
 const { levelNow } = await load("levels.ts");
@@ -19,6 +20,18 @@ test("a value has the digits that its sigma leaves", () => {
   assert.equal(format.withSigma(-0.02, 0.01), "−0.020 ± 0.010");
   assert.equal(format.withSigma(0.25, NaN), "0.250");
   assert.equal(format.withSigma(NaN, 0.1), "–");
+});
+
+test("faults of a linear actuator are in N and mm, too", () => {
+  const screw = {
+    lead: 0.005, gear_ratio: 0.1, backlash: 0.08 * Math.PI, drive: 0,
+    motor_static_friction: 0, user_static_friction: (200 * 0.0005) / (2 * Math.PI),
+  };
+  const of = (name, value, unit) => faults.physical(faults.faultOf(name), value, 0.01, unit);
+  assert.match(of("friction", 0.25, screw), /nominal, \+100 N$|× nominal, \+100 N$/);
+  assert.match(of("backlash", 0.1, screw), /× nominal, \+0\.198 mm$/);
+  assert.match(of("friction", 0.25, { ...screw, drive: 2 }), /× nominal$/);
+  assert.match(of("friction", 0.25, { ...screw, lead: 0 }), /× nominal$/);
 });
 
 test("hours of a life are rounded to what its interval leaves", () => {

@@ -71,7 +71,7 @@ function contents(
       </>
     ),
     test: () => <LastWindow actuator={actuator} />,
-    evidence: () => <FaultVector estimate={actuator.usable} />,
+    evidence: () => <FaultVector estimate={actuator.usable} description={actuator.description} />,
     telemetry: () => (
       <>
         <Live actuatorKey={actuator.key} description={actuator.description} />

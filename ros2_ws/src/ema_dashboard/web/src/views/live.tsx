@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 import uPlot from "uplot";
-import type { ActuatorDescription } from "../interfaces.ts";
+import type { ActuatorDescription } from "../messages.ts";
 import { significant } from "../format.ts";
 import type { LiveSignals } from "../telemetry.ts";
 import { SHOWN_S } from "../telemetry.ts";

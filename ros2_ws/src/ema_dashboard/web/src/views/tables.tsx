@@ -3,7 +3,7 @@
 import { useState } from "preact/hooks";
 import { FAULTS, faultOf, inPercent, labelOf, physical } from "../faults.ts";
 import { fixed, shownUnit, significant, unit, withSigma } from "../format.ts";
-import type { FaultEstimate, FaultHealth, Health } from "../messages.ts";
+import type { ActuatorDescription, FaultEstimate, FaultHealth, Health } from "../messages.ts";
 import type { Actuator } from "../state.ts";
 import { Life } from "./life.tsx";
 import { Badge, Empty, Section, itemLevel } from "./parts.tsx";
@@ -107,7 +107,9 @@ function growth(value: number, sigma: number, unitText: string): string {
   return (value > 0 ? "+" : "") + significant(value, 2) + unitText;
 }
 
-export function FaultVector({ estimate }: { estimate?: FaultEstimate }) {
+export function FaultVector({ estimate, description }: {
+  estimate?: FaultEstimate; description?: ActuatorDescription;
+}) {
   const [shows, setShows] = useState<"correlation" | "covariance">("correlation");
   if (!estimate) {
     return (
@@ -146,7 +148,7 @@ export function FaultVector({ estimate }: { estimate?: FaultEstimate }) {
                     <td>
                       {isHidden ? "not observable in this window"
                         : isHealthy ? "healthy (not significant)"
-                          : physical(faultOf(fault.name)!, value, sigma[k]!)}
+                          : physical(faultOf(fault.name)!, value, sigma[k]!, description)}
                     </td>
                   </tr>
                 );
