@@ -124,7 +124,8 @@ def test_note_of_a_person_is_an_event_once_and_survives_restarts_and_tests(path:
     lived(path, [0.02, 0.3])
     unit = Unit(History(*UNIT, path), TEN_HOURS)
     unit.note("Ada: seen", stamp_ns=5)
-    events = [unit.resume(None, TEN_HOURS).events for _ in range(2)]
+    outlooks = [unit.resume(None, TEN_HOURS) for _ in range(2)]
+    events = [one.events for one in outlooks if one]
     assert events == [(UnitEvent(5, 20.0, "note", "Ada: seen"),), ()]
     for _ in range(MOST_NOTES - 1):
         unit.note("Ada: again")
