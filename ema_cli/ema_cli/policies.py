@@ -130,7 +130,13 @@ def node_access(
             "monitor",
             publishes=full(topics.MONITOR_TOPICS),
             subscribes=full(heard_by_monitor),
-            replies=("calibrate", "forget_actuator", "get_history", "predict_remaining_life"),
+            replies=(
+                "calibrate",
+                "forget_actuator",
+                "get_history",
+                "note_event",
+                "predict_remaining_life",
+            ),
             executes=("identify_faults",),
         ),
         _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
@@ -141,7 +147,11 @@ def node_access(
             "dashboard",
             subscribes=shown,
             requests=full(
-                ("monitor/get_history", *(f"player/{name}" for name in _STEERED_BY_DASHBOARD))
+                (
+                    "monitor/get_history",
+                    "monitor/note_event",
+                    *(f"player/{name}" for name in _STEERED_BY_DASHBOARD),
+                )
             ),
         ),
         # Nodes of commands, which publish nothing, in namespaces of their names.

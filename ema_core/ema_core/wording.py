@@ -17,6 +17,14 @@ def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]
     return told
 
 
+def one_line(name: str, text: str, most: int) -> str:
+    """Return a text that somebody typed as one line; ValueError unless it has 1 to most letters."""
+    line = " ".join(text.split())
+    if not 0 < len(line) <= most or not line.isprintable():
+        raise ValueError(f"{name}: expected 1 to {most} printable characters, not {len(line)}")
+    return line
+
+
 def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
     """Return the message for an unknown name of a kind, with the closest and all known names."""
     by_lower_case = {item.lower(): item for item in known}

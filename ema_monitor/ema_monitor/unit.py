@@ -26,6 +26,7 @@ from ema_monitor.prognosis.history_entry import (
     FAULT,
     GAP,
     HISTORY,
+    NOTE,
     OTHER,
     RESTART,
     SERVICE_HOURS,
@@ -41,6 +42,9 @@ from ema_monitor.prognosis.requirements.requirements import requirements_of
 from ema_monitor.prognosis.sentences import in_words
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
+
+MOST_NOTES: Final = 50
+"""Notes of persons between one valid test and the next."""
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
@@ -101,6 +105,7 @@ class Unit:
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
         self._kept_tests = self.growth.kept_tests
+        self._notes: list[UnitEvent] = []
         self._findings = [Finding(HISTORY, history.problem)] if history.problem else []
         self._ignores_usage = False
         # When it was opened, and how many tests it had.
@@ -280,6 +285,26 @@ class Unit:
             self._apply(settings)
             return self._outlook_with_events(parameters) if self.history.newest else None
 
+    def note(self, text: str, stamp_ns: int = 0) -> None:
+        """Take a note of a person on an event, of the newest valid test without its stamp [ns].
+
+        The next outlook has it as an event; ``resume`` gives one at once.
+
+        Raises
+        ------
+        ValueError
+            When there is no valid test that it could be kept with, or that has too many.
+        """
+        with self._lock:
+            if not self.history.entries:
+                raise ValueError("there is no history yet: no valid test so far")
+            newest_ns, hours = self.history.entries[-1].stamp_ns, self.history.entries[-1].hours
+            known = self.history.assessments.get(newest_ns)
+            kept = [*self._notes, *(known.events if known else ())]
+            if sum(event.kind == NOTE for event in kept) >= MOST_NOTES:
+                raise ValueError(f"the newest test has {MOST_NOTES} notes already")
+            self._notes.append(UnitEvent(stamp_ns or newest_ns, hours, NOTE, text))
+
     def outlook(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook:
@@ -439,8 +464,9 @@ class Unit:
         return since
 
     def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
-        """Return the events that no test reveals: a restart, and another calibration."""
-        events, entries = [], self.history.entries
+        """Return the events that no test reveals: notes, a restart, and another calibration."""
+        events, entries = self._notes, self.history.entries
+        self._notes = []
         if self._restarted:
             opened_ns, tests = self._restarted
             self._restarted = None

@@ -10,6 +10,8 @@ import pytest
 
 from ema_core import __version__
 from ema_core.faults import FAULT_NAMES
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.history_entry import Assessment, UnitEvent
 
 from ..commands import SAMPLE
 from ..pages import Page
@@ -51,6 +53,18 @@ def estimated(ema, bag: Path) -> list[list[float]]:
         row = [(one["faults"][name], one["sigma"][name]) for name in FAULT_NAMES]
         rows.append([value for pair in row for value in pair if value is not None])
     return rows
+
+
+def test_report_has_the_notes_of_persons_in_the_history(ema, tmp_path):
+    unit = ("flap", "SIM-0001")
+    history = History(*unit, history_path(tmp_path, *unit))
+    note = UnitEvent(10**9, 5.0, "note", "Ada: greased <b>")
+    history.assess(Assessment(10**9, 5.0, 0, 1.0, "", None, events=(note,)))
+    history.close()
+    said = ema("report", SAMPLE, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
+    assert said.exit_code == 0, said.stderr
+    [line] = [line for line in Page(tmp_path / "a.html").said["li"] if "Ada" in line]
+    assert line.startswith("Ada: greased <b>")
 
 
 @pytest.mark.slow

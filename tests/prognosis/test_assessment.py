@@ -27,7 +27,7 @@ from ema_monitor.prognosis.history_entry import (
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.unit import Unit
+from ema_monitor.unit import MOST_NOTES, Unit
 
 from .lived_units import TEN_HOURS, Cycle, drawn_count, follow, plain, worn
 from .made_tests import SIGMA, UNIT, entry, made_test
@@ -118,6 +118,22 @@ def test_fault_restart_and_calibration_are_events_once(path: Path):
     unit.update(other, None, TEN_HOURS)
     [changed] = [text for _, kind, text in kinds(unit) if kind == "calibration"]
     assert changed == "another instead of some-calibration"
+
+
+def test_note_of_a_person_is_an_event_once_and_survives_restarts_and_tests(path: Path):
+    lived(path, [0.02, 0.3])
+    unit = Unit(History(*UNIT, path), TEN_HOURS)
+    unit.note("Ada: seen", stamp_ns=5)
+    outlooks = [unit.resume(None, TEN_HOURS) for _ in range(2)]
+    events = [one.events for one in outlooks if one]
+    assert events == [(UnitEvent(5, 20.0, "note", "Ada: seen"),), ()]
+    for _ in range(MOST_NOTES - 1):
+        unit.note("Ada: again")
+    with pytest.raises(ValueError, match="50 notes"):
+        unit.note("Ada: again")
+    unit.history.close()
+    unit, _ = lived(path, [0.3], first=2)
+    assert (20.0, "note", "Ada: seen") in kinds(unit)
 
 
 def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):

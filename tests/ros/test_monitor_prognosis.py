@@ -13,7 +13,7 @@ import pytest
 
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Advice, Health, HealthForecast
-from ema_interfaces.srv import GetHistory
+from ema_interfaces.srv import GetHistory, NoteEvent
 from ema_monitor.identification.window_fit import MOST_VALUES
 from ema_monitor.node.follow_ups import MOST_WAITING, FollowUps
 from ema_monitor.unit import Unit
@@ -144,6 +144,21 @@ def test_history_is_limited_to_the_latest_tests(session: MonitorSession):
     assert refused.message == "most = 5001: expected at most 5000 tests"
     unknown = get_history(session, actuator_id="rudder")
     assert "rudder" in unknown.message
+
+
+def test_note_of_a_person_is_published_and_in_the_history(session: MonitorSession):
+    def note(text: str) -> Any:
+        request = NoteEvent.Request(actuator_id=FLAP.actuator_id, person=" Ada\n", text=text)
+        return session.call(NoteEvent, "/ema/monitor/note_event", request)
+
+    assert note("x" * 501).message == "text: expected 1 to 500 printable characters, not 501"
+    assert note("bell \a").message.startswith("text: expected")
+    assert note("greased").success
+    session.until(lambda: [one.kind for one in session.healths()[-1].events] == ["note"])
+    [event] = session.healths()[-1].events
+    assert event.text.startswith("Ada, 20")
+    assert event.text.endswith(" UTC: greased")
+    assert event in get_history(session, actuator_id=FLAP.actuator_id).history.events
 
 
 def test_the_oldest_are_dropped_and_counted():

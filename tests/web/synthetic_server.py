@@ -23,6 +23,7 @@ import threading
 import time
 from array import array
 from typing import Any
+from unittest.mock import AsyncMock
 
 import numpy as np
 import synthetic_fleet as made
@@ -109,7 +110,9 @@ class Server:
                 hub.keep(full_name(name), actuator_id, serialize_message(message), 0)
         listener = bound_socket("127.0.0.1", port, 1)
         access = Access([], [], "")
-        self.server = WebServer(listener, None, access, hub, self.ask, 16, 2**27, {}, print)
+        self.server = WebServer(
+            listener, None, access, hub, self.ask, AsyncMock(), 16, 2**27, {}, print
+        )
         self.server.start()
         self.hub = hub
         return listener.getsockname()[1]

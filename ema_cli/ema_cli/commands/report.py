@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -16,6 +17,8 @@ from ema_cli.parameters import settings_options
 from ema_cli.report.page import fleet_page, report_page
 from ema_cli.report.verdict import verdict_of
 from ema_core.files import complete_file
+from ema_monitor.prognosis.history import read_history
+from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
 
 
 @click.command()
@@ -34,11 +37,14 @@ def report(
     """Write what the tests in each BAG or folder of bags say of a unit as one page.
 
     All tests are of one unit, as for `ema prognose`. The page needs no other file and no network.
+    A history ACTUATOR+SERIAL.sqlite of the monitor among them adds the notes of persons.
     Without a BAG, --fleet ARCHIVE names an archive of `ema archive`: the page shows its fleet.
 
     Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """
     archive = given.archive
+    histories = [path for path in bags if path.suffix == ".sqlite"]
+    bags = tuple(path for path in bags if path not in histories)
     if (archive is None) == (not bags):
         raise click.UsageError("give one BAG or several, or --fleet ARCHIVE")
     command = shlex.join(context.meta[ARGUMENTS])
@@ -58,10 +64,22 @@ def report(
             verdict.lines,
             not course.outlooks or bool(course.now.finding),
         )
-        page = report_page(bags, course, verdict, command)
+        notes = _notes(histories, course.record.description.unit_key)
+        page = report_page(bags, course, verdict, command, notes)
     with complete_file(output) as partial:
         partial.write_text(page, encoding="utf-8")
     for line in (*lines, output):
         click.echo(f"{line}")
     if is_useless:
         sys.exit(REFUSED)
+
+
+def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
+    """Return what persons have noted of a unit in histories, the oldest first."""
+    found = [read_history(path) for path in histories]
+    for path, history in zip(histories, found, strict=True):
+        if history.unit != unit:
+            raise ValueError(f"{path}: expected a history of {unit[0]} ({unit[1]})")
+    kept = (one.events for history in found for one in history.assessments.values())
+    notes = [event for events in kept for event in events if event.kind == NOTE]
+    return sorted(notes, key=lambda event: event.stamp_ns)

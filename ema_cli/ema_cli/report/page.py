@@ -6,7 +6,7 @@ import math
 import platform
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -31,6 +31,7 @@ from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.plot.style import BLUE, INK, stacked_panels, tidy
+from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.sentences import label_of
 
 _PACKAGES: Final = ("numpy", "numba", "mcap", "rosbags", "pyyaml", "matplotlib", "jinja2")
@@ -54,7 +55,13 @@ _NAME: Final = re.compile(r'( id="|href="#|url\(#)')
 _INKS: Final = re.compile(rf"#000000|{INK}", re.IGNORECASE)
 
 
-def report_page(paths: Sequence[Path], course: Course, verdict: UnitVerdict, command: str) -> str:
+def report_page(
+    paths: Sequence[Path],
+    course: Course,
+    verdict: UnitVerdict,
+    command: str,
+    notes: Iterable[UnitEvent] = (),
+) -> str:
     """Return a report as HTML that refers to nothing outside of itself."""
     outlooks, unit = course.outlooks, course.record.description
     faults, requirements, unknown = [], [], ""
@@ -76,6 +83,7 @@ def report_page(paths: Sequence[Path], course: Course, verdict: UnitVerdict, com
         causes=hidden_causes(course),
         confusions=confusions(course),
         remarks=course.record.remarks,
+        notes=[(moment(note.stamp_ns), note.text) for note in notes],
         pictures=list(_pictures(course)),
         files=list(_files_read(paths, course)),
         calibration={

@@ -14,6 +14,7 @@ from ema_monitor.health import FaultHealth, LevelFilter
 from ema_monitor.identification.tally import Tally
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.duty.meter import DutyMeter
+from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
@@ -235,6 +236,12 @@ class Actuator:
         ):
             return None
         return self._show(description, outlook.at(now_ns), 0)
+
+    def tell(self, events: tuple[UnitEvent, ...]) -> None:
+        """Publish the health as it is, with events, unless none is shown."""
+        if self._assessed is not None and not self._is_withdrawn:
+            self.outlook = replace(self.outlook, events=(*self.outlook.events, *events))
+            self._publish_health()
 
     def publish_if_stale(self, good_for_s: float, now_ns: int) -> HealthMessage | None:
         """Publish the health if it has just become stale; return it if it was published."""

@@ -12,6 +12,7 @@ from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.prognosis.duty.damage import FlownDuty
+from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
@@ -301,6 +302,13 @@ class Actuators(dict[str, Actuator]):
             change = unit.resume(description, outlook, self.now_ns())
         self._follow(description, None if change is None else outlook, change)
         self._node.report(self._node.tasks(description.actuator_id))
+
+    def tell(self, actuator_id: str, events: tuple[UnitEvent, ...]) -> None:
+        """Publish the health of an actuator as it is, with events."""
+        with self.lock:
+            unit = self.get(actuator_id)
+            if unit is not None and self._node.is_active:
+                unit.tell(events)
 
     def _follow(
         self, description: ActuatorDescription, outlook: Outlook | None, change: str | None

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
-from ema_core.wording import counted
+from ema_core.wording import counted, one_line
 from ema_interfaces.msg import ScenarioLife
-from ema_interfaces.srv import GetHistory, PredictRemainingLife
+from ema_interfaces.srv import GetHistory, NoteEvent, PredictRemainingLife
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import SKIPPED, Estimate
 from ema_monitor.node.messages import (
@@ -116,6 +116,7 @@ class MonitorPrognosis:
         for kind, name, callback in (
             (PredictRemainingLife, "predict_remaining_life", self._predict),
             (GetHistory, "get_history", self._tell_history),
+            (NoteEvent, "note_event", self._keep_note),
         ):
             group = WaitingCallbackGroup()
             self._node.create_service(kind, f"~/{name}", callback, callback_group=group)
@@ -329,6 +330,20 @@ class MonitorPrognosis:
         found = self._of(description).latest_tests(request.most or _USUAL_TESTS)
         response.history = history_to_message(*found, description)
         response.success = True
+        return response
+
+    def _keep_note(
+        self, request: NoteEvent.Request, response: NoteEvent.Response
+    ) -> NoteEvent.Response:
+        person, text = one_line("person", request.person, 60), one_line("text", request.text, 500)
+        _, description = self._node.units.find(request.actuator_id)
+        unit, now = self._of(description), datetime.now(UTC)
+        words = f"{person}, {now:%Y-%m-%d %H:%M} UTC: {text}"
+        unit.note(words, stamp_from_message(request.stamp))
+        outlook = unit.resume(self._parameters(description), self.settings)
+        assert outlook is not None
+        self._node.units.tell(description.actuator_id, outlook.events)
+        response.success, response.message = True, unit.history.problem
         return response
 
     def write_assessment(self, description: ActuatorDescription) -> None:

@@ -25,6 +25,7 @@ GAP: Final = "gap"
 SERVICE_HOURS: Final = "service hours"
 HISTORY: Final = "history"
 OTHER: Final = "other"
+NOTE: Final = "note"
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,11 +42,15 @@ class Web:
         """Begin a coroutine; its future can be cancelled."""
         return asyncio.run_coroutine_threadsafe(work, self._loop)
 
-    def get(self, url: str, **options: Any) -> tuple[int, dict[str, str], bytes]:
+    def get(
+        self, url: str, method: str = "get", **options: Any
+    ) -> tuple[int, dict[str, str], bytes]:
         """Return status, headers and content of an answer."""
 
         async def request() -> tuple[int, dict[str, str], bytes]:
-            async with self.session.get(url, allow_redirects=False, **options) as answer:
+            async with self.session.request(
+                method, url, allow_redirects=False, **options
+            ) as answer:
                 return answer.status, dict(answer.headers), await answer.read()
 
         return self.run(request())

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import threading
+from unittest.mock import AsyncMock
 
 import pytest
 
@@ -24,6 +25,7 @@ def server():
         Access([], [], ""),
         Hub(),
         lambda _: None,
+        AsyncMock(),
         4,
         1000,
         {},

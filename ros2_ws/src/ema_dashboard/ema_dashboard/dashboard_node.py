@@ -25,7 +25,7 @@ from ema_dashboard.settings import (
     read_token,
     tls_context,
 )
-from ema_dashboard.unit_history import Histories
+from ema_dashboard.unit_history import Histories, read_note
 from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import Health
 from ema_ros.claims import Claims
@@ -56,7 +56,7 @@ class DashboardNode(ManagedNode):
 
     Topics are received as they are and sent on without decoding; those that are neither latched nor
     needed for the history only while a client looks at them. The node changes nothing in the
-    graph, but for the player, which clients may control.
+    graph, but for the player, which clients may control, and the notes that monitors keep.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -93,6 +93,7 @@ class DashboardNode(ManagedNode):
             access,
             self._hub,
             self._playback.ask,
+            self._keep_note,
             settings.most_clients,
             round(settings.buffer_mb * 1e6),
             {
@@ -255,6 +256,13 @@ class DashboardNode(ManagedNode):
         """Return whether a player is there; one that has just come has not told its range yet."""
         names = (one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE)
         return self._hub.playback_range is not None or any(map(self.count_publishers, names))
+
+    async def _keep_note(self, content: Any) -> None:
+        namespace, note = read_note(content)
+        histories = self._histories.get(namespace or "/")
+        if histories is None:
+            raise ValueError("the namespace is not one of this dashboard")
+        await histories.keep_note(note)
 
     def _note_time(self, time_ns: int) -> None:
         """Take the time of the graph; where it jumps back, nothing of later stays."""

@@ -10,11 +10,11 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ema_dashboard.hub import Hub
+from ema_dashboard.service_call import call
 from ema_interfaces.msg import PlaybackState
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
-_ANSWER_S: Final = 10.0  # a seek reads the bag for what is latched
 _TOLD_S: Final = 2.0
 _MOST_WAITING: Final = 8
 _REQUEST: Final = struct.Struct("<BBfBQI")
@@ -133,23 +133,7 @@ class PlaybackControl:
             await self._call("resume", Trigger.Request())
 
     async def _call(self, name: str, request: Any) -> None:
-        """Call a service of the player; ValueError when it refuses or does not answer."""
-        client = self._clients.get(name)
-        if client is None or not client.service_is_ready():
-            raise ValueError(f"there is no service {self._player}/{name}")
-        answered = asyncio.Event()
-        future = client.call_async(request)
-        future.add_done_callback(lambda _: self._hub.in_loop(answered.set))
-        try:
-            await asyncio.wait_for(answered.wait(), _ANSWER_S)
-        except TimeoutError:
-            client.remove_pending_request(future)
-            raise ValueError(
-                f"{self._player}/{name} has not answered for {_ANSWER_S:g} s"
-            ) from None
-        response: Any = future.result()
-        if not response.success:
-            raise ValueError(f"{name}: {response.message}")
+        await call(self._hub, self._clients.get(name), f"{self._player}/{name}", request)
 
 
 def _has_rate(request: Request, state: PlaybackState) -> bool:

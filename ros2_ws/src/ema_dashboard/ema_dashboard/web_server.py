@@ -1,11 +1,12 @@
 """The one public port: the page over HTTP, and the protocol of Foxglove over WebSocket."""
 
 import asyncio
+import json
 import logging
 import socket
 import ssl
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 from aiohttp import web
@@ -24,6 +25,7 @@ _ANSWER_S: Final = 30.0
 _SHUTDOWN_S: Final = 1.0
 _LOG_PERIOD_S: Final = 30.0
 _MOST_LOGGED: Final = 300
+_MOST_BODY_BYTES: Final = 4096
 _SPARE_CONNECTIONS: Final = 32  # for the page's files, beside the clients
 _SEND_BUFFER_BYTES: Final = 256 * 1024
 _HEADERS: Final = {
@@ -40,7 +42,8 @@ class WebServer:
     """Serves page, documents by their paths and WebSocket in a thread, in the hub's event loop.
 
     The listener, a bound socket, is closed with the server; ``control`` is as of ``Client``,
-    ``most_bytes`` may wait for each of ``most_clients``.
+    ``most_bytes`` may wait for each of ``most_clients``. ``keep_note`` takes the JSON of a note,
+    and raises ValueError where it is not kept.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class WebServer:
         access: Access,
         hub: Hub,
         control: Callable[[bytes], None],
+        keep_note: Callable[[Any], Awaitable[None]],
         most_clients: int,
         most_bytes: int,
         documents: Mapping[str, Document],
@@ -60,6 +64,7 @@ class WebServer:
         self._access = access
         self._hub = hub
         self._control = control
+        self._keep_note = keep_note
         self._most_clients = most_clients
         self._most_bytes = most_bytes
         self._scheme = "https" if tls else "http"
@@ -99,8 +104,9 @@ class WebServer:
         self._loop.run_forever()
 
     async def _open(self) -> None:
-        application = web.Application(client_max_size=1024, middlewares=[self._guard])
+        application = web.Application(client_max_size=_MOST_BODY_BYTES, middlewares=[self._guard])
         application.router.add_get("/{path:.*}", self._serve)
+        application.router.add_post("/note", self._take_note)
         self._runner = web.AppRunner(
             application,
             access_log=None,
@@ -210,6 +216,16 @@ class WebServer:
         if file is None:
             return self._refuse(404, f"there is no {request.path[:100]}")
         return self._file(request, file)
+
+    async def _take_note(self, request: web.Request) -> web.StreamResponse:
+        # A page of another origin may send this type only if we allow it first, which we do not.
+        if request.content_type != "application/json":
+            return self._refuse(415, "expected application/json")
+        try:
+            await self._keep_note(json.loads(await request.read()))
+        except (ValueError, RecursionError) as error:
+            return self._refuse(400, str(error))
+        return web.Response(status=204, headers=_HEADERS)
 
     def _file(self, request: web.Request, file: Made) -> web.Response:
         # WebSockets are named, as not all browsers take them for part of 'self'.

@@ -220,6 +220,30 @@ describe("a fleet of nine", () => {
       (await page.locator("ol.events").innerText()).includes(reason));
   });
 
+  test("a note on an event is sent with its name, and stays typed where it is not kept", async () => {
+    page = await open(stage, addressOf(WORN, "events"));
+    const answers = [{ status: 400, body: "not today" }, { status: 204 }];
+    const sent = [];
+    await page.route("**/note", (route) => {
+      sent.push(route.request().postDataJSON());
+      return route.fulfill(answers.shift());
+    });
+    await page.locator("ol.events button").first().click();
+    const form = page.locator("form.note");
+    await form.getByLabel("Name").fill("Ada");
+    await form.getByLabel("Note").fill("greased");
+    await form.getByRole("button").click();
+    await until("the refusal", async () => (await form.innerText()).includes("not today"));
+    await stage.source.order({ do: "test", actuator: WORN });
+    await page.setViewportSize({ width: 390, height: 844 });
+    assert.ok((await overflow(page)) <= 0);
+    await form.getByRole("button").click();
+    await form.waitFor({ state: "detached" });
+    const { namespace, actuator_id, person, text, sec } = sent[1];
+    assert.deepEqual([namespace, actuator_id, person, text], ["/ema", WORN, "Ada", "greased"]);
+    assert.ok(sec > 0);
+  });
+
   test("a test that departs is a warning with the features that make it, and an event", async () => {
     page = await open(stage, addressOf(WORN, "events"));
     await page.waitForSelector(".why");

@@ -78,7 +78,7 @@ function contents(
         <Diagnostics state={state} of={address} />
       </>
     ),
-    events: () => <Events events={columns?.events} now={state.now()} />,
+    events: () => <Events events={columns?.events} now={state.now()} of={address} />,
   };
 }
 

@@ -1,7 +1,9 @@
 // What happened to a unit, on a time line and as a list.
 
+import { useState } from "preact/hooks";
 import { clockTime, dateTime, hours } from "../format.ts";
 import { type UnitEvent, seconds } from "../messages.ts";
+import type { Address } from "../protocol.ts";
 import { Empty, Section } from "./parts.tsx";
 import { useBox } from "./hooks.ts";
 
@@ -20,13 +22,18 @@ const KINDS: Record<string, { sign: string; colour: string; word: string }> = {
   restart: { sign: "↻", colour: "data", word: "restart" },
   "service hours": { sign: "◷", colour: "data", word: "service hours" },
   history: { sign: "▤", colour: "stale", word: "history" },
+  note: { sign: "✎", colour: "data", word: "note" },
 };
 const OTHER = { sign: "●", colour: "stale", word: "other" };
 
 const kindOf = (event: UnitEvent) => KINDS[event.kind] ?? OTHER;
 
-export function Events({ events, now }: { events?: UnitEvent[]; now: number }) {
+export function Events({ events, now, of }: {
+  events?: UnitEvent[]; now: number; of: Address;
+}) {
   const count = events?.length ?? 0;
+  const [open, setOpen] = useState("");
+  const noted = new Set(events?.filter(({ kind }) => kind === "note").map(timeOf));
   return (
     <Section title="Events" id="events" note={count > 0 && `${count} kept`}>
       {!events ? <Empty>Loading the history…</Empty> : count === 0 ? (
@@ -35,10 +42,11 @@ export function Events({ events, now }: { events?: UnitEvent[]; now: number }) {
         <>
           <TimeLine events={events} now={now} />
           <ol class="events" tabIndex={0} aria-label="Events, the latest first">
-            {events.slice(-MOST_LISTED).reverse().map((event, i) => {
+            {events.slice(-MOST_LISTED).reverse().map((event) => {
               const kind = kindOf(event);
+              const key = `${timeOf(event)} ${event.kind} ${event.text}`;
               return (
-                <li key={`${i} ${event.text}`}>
+                <li key={key}>
                   <span class="event-sign" style={{ color: `var(--${kind.colour})` }}
                     aria-hidden="true">{kind.sign}</span>
                   <strong>{kind.word}</strong>
@@ -46,7 +54,17 @@ export function Events({ events, now }: { events?: UnitEvent[]; now: number }) {
                   <span class="soft event-time">
                     {Number.isFinite(event.flight_hours) && `${hours(event.flight_hours)} h · `}
                     {dateTime(seconds(event.stamp))}
+                    {event.kind !== "note" && (
+                      <>
+                        {noted.has(timeOf(event)) && " · ✓ noted"}{" "}
+                        <button type="button" aria-expanded={open === key}
+                          onClick={() => setOpen(open === key ? "" : key)}>Note</button>
+                      </>
+                    )}
                   </span>
+                  {open === key && (
+                    <NoteForm event={event} of={of} close={() => setOpen("")} />
+                  )}
                 </li>
               );
             })}
@@ -55,6 +73,38 @@ export function Events({ events, now }: { events?: UnitEvent[]; now: number }) {
         </>
       )}
     </Section>
+  );
+}
+
+const timeOf = ({ stamp }: UnitEvent) => `${stamp.sec}.${stamp.nanosec}`;
+
+/** Acknowledges an event: the monitor keeps name and note, and publishes them as an event. */
+function NoteForm({ event, of, close }: { event: UnitEvent; of: Address; close: () => void }) {
+  const [refusal, setRefusal] = useState("");
+  const send = async (submitted: SubmitEvent) => {
+    submitted.preventDefault();
+    const typed = new FormData(submitted.currentTarget as HTMLFormElement);
+    const { sec, nanosec } = event.stamp;
+    const content = { namespace: of.namespace, actuator_id: of.id, sec, nanosec };
+    try {
+      const answer = await fetch("/note", {
+        method: "POST",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify({ ...content, ...Object.fromEntries(typed) }),
+      });
+      if (answer.ok) close();
+      else setRefusal(await answer.text());
+    } catch {
+      setRefusal("The dashboard does not answer: the note is not kept.");
+    }
+  };
+  return (
+    <form class="note" onSubmit={send}>
+      <input name="person" required maxLength={60} placeholder="Name" aria-label="Name" />
+      <input name="text" required maxLength={500} placeholder="Note" aria-label="Note" />
+      <button type="submit">Keep</button>
+      {refusal && <span role="alert">{refusal}</span>}
+    </form>
   );
 }
 

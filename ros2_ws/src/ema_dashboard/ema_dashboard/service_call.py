@@ -1,0 +1,27 @@
+"""Calls of services from the event loop of the hub."""
+
+import asyncio
+from typing import Any, Final
+
+from rclpy.client import Client
+
+from ema_dashboard.hub import Hub
+
+_ANSWER_S: Final = 10.0  # a seek reads the bag for what is latched
+
+
+async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None:
+    """Call a service; ValueError when it is not there, refuses or does not answer."""
+    if client is None or not client.service_is_ready():
+        raise ValueError(f"there is no service {name}")
+    answered = asyncio.Event()
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: hub.in_loop(answered.set))
+    try:
+        await asyncio.wait_for(answered.wait(), _ANSWER_S)
+    except TimeoutError:
+        client.remove_pending_request(future)
+        raise ValueError(f"{name} has not answered for {_ANSWER_S:g} s") from None
+    response: Any = future.result()
+    if not response.success:
+        raise ValueError(f"{name}: {response.message}")

@@ -1,0 +1,32 @@
+// The page of `ema report` on a phone.
+
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdtempSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { overflow } from "./access.mjs";
+import { browse } from "./stage.mjs";
+
+const SAMPLE = fileURLToPath(new URL("../../../../../bags/faulty_flap.mcap", import.meta.url));
+
+test("a report on a phone has whole captions and legible pictures, and scrolls down alone", async () => {
+  const report = path.join(mkdtempSync(path.join(tmpdir(), "report-")), "report.html");
+  execFileSync("ema", ["report", SAMPLE, "-o", report]);
+  const browser = await browse();
+  try {
+    const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
+    await page.goto(`file://${report}`);
+    assert.ok((await overflow(page)) <= 0);
+    const ends = await page.locator("caption, figcaption").evaluateAll((all) =>
+      all.map((one) => one.getBoundingClientRect().right));
+    assert.ok(ends.length > 4 && Math.max(...ends) <= 390, String(ends));
+    const heights = await page.locator("svg text").evaluateAll((all) =>
+      all.map((one) => one.getBoundingClientRect().height));
+    assert.ok(Math.min(...heights) >= 9, String(Math.min(...heights)));
+  } finally {
+    await browser.close();
+  }
+});
