@@ -15,7 +15,7 @@ from rich.text import Text
 from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
 from ema_core.causes import CauseEstimate
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_core.wording import beside_limit, counted
+from ema_core.wording import beside_limit, counted, time_in_words
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
 from ema_ros.claims import SILENT_S, worth
 from ema_ros.stamps import stamp_from_message
@@ -237,19 +237,9 @@ class FleetTable(TerminalDisplay):
                 Text(row.dominant or "-"),
                 _life(row),
                 row.remove_before or "-",
-                age_in_words(row.test_age_s),
+                time_in_words(row.test_age_s),
             )
         return table
-
-
-def age_in_words(seconds: float) -> str:
-    """Return a time that has passed [s] in the unit that suits it."""
-    if not math.isfinite(seconds):
-        return "-"
-    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def _index(row: Row) -> str:
@@ -274,7 +264,7 @@ def _line(row: Row) -> str:
         f"RUL {life}{' h' * (row.life is not None)}",
         f"remove before {row.remove_before}" if row.remove_before.endswith("h") else "",
         "remove now" if row.remove_before == "now" else "",
-        f"last test {age_in_words(row.test_age_s)} ago",
+        f"last test {time_in_words(row.test_age_s)} ago",
         row.why,
     )
     return "  ".join(filter(None, parts))

@@ -41,6 +41,12 @@ _OF_LIFECYCLES: Final = (
 )
 _SAID_BY_ALL: Final = ("/rosout", "/parameter_events")
 _STEERED_BY_DASHBOARD: Final = ("pause", "resume", "seek", "set_rate")
+_HISTORY: Final = ("get_history", "note_event")
+_ASKED_OF_MONITOR: Final = ("calibrate", "forget_actuator", *_HISTORY, "predict_remaining_life")
+_ASKED_BY_DASHBOARD: Final = (
+    *(f"monitor/{name}" for name in _HISTORY),
+    *(f"player/{name}" for name in _STEERED_BY_DASHBOARD),
+)
 _STEERING: Final = (
     *_STEERED_BY_DASHBOARD,
     "burst",
@@ -130,13 +136,7 @@ def node_access(
             "monitor",
             publishes=full(topics.MONITOR_TOPICS),
             subscribes=full(heard_by_monitor),
-            replies=(
-                "calibrate",
-                "forget_actuator",
-                "get_history",
-                "note_event",
-                "predict_remaining_life",
-            ),
+            replies=_ASKED_OF_MONITOR,
             executes=("identify_faults",),
         ),
         _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
@@ -146,13 +146,7 @@ def node_access(
             prefix,
             "dashboard",
             subscribes=shown,
-            requests=full(
-                (
-                    "monitor/get_history",
-                    "monitor/note_event",
-                    *(f"player/{name}" for name in _STEERED_BY_DASHBOARD),
-                )
-            ),
+            requests=full(_ASKED_BY_DASHBOARD),
         ),
         # Nodes of commands, which publish nothing, in namespaces of their names.
         _node("/watch", "watch", subscribes=full(_WATCHED), is_managed=False),

@@ -1,5 +1,6 @@
 """Wording shared by messages to users."""
 
+import math
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
@@ -23,6 +24,16 @@ def one_line(name: str, text: str, most: int) -> str:
     if not 0 < len(line) <= most or not line.isprintable():
         raise ValueError(f"{name}: expected 1 to {most} printable characters, not {len(line)}")
     return line
+
+
+def time_in_words(seconds: float) -> str:
+    """Return a length of time [s] in the unit that suits it."""
+    if not math.isfinite(seconds):
+        return "-"
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:

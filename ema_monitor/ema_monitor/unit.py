@@ -288,12 +288,8 @@ class Unit:
     def note(self, text: str, stamp_ns: int = 0) -> None:
         """Take a note of a person on an event, of the newest valid test without its stamp [ns].
 
-        The next outlook has it as an event; ``resume`` gives one at once.
-
-        Raises
-        ------
-        ValueError
-            When there is no valid test that it could be kept with, or that has too many.
+        The next outlook has it as an event; ``resume`` gives one at once. ValueError when there is
+        no valid test that it could be kept with, or that has too many notes.
         """
         with self._lock:
             if not self.history.entries:

@@ -14,8 +14,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 
-from ema_cli.fleet import SILENT_S, FleetTable, HeardFleet, age_in_words
+from ema_cli.fleet import SILENT_S, FleetTable, HeardFleet
 from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.wording import time_in_words
 from ema_interfaces.msg import FaultEstimate, FaultHealth, Health, HiddenCause, RemainingUsefulLife
 from ema_ros.stamps import stamp_to_message
 from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE
@@ -128,7 +129,7 @@ def test_age_of_a_stamp_of_another_clock_is_that_of_its_reception():
 
 
 def test_ages_are_in_units_that_suit_them():
-    ages = [age_in_words(seconds) for seconds in (0.4, 119.0, 7199.0, 7200.0, 864000.0, math.nan)]
+    ages = [time_in_words(seconds) for seconds in (0.4, 119.0, 7199.0, 7200.0, 864000.0, math.nan)]
     assert ages == ["0 s", "119 s", "120 min", "2 h", "10 d", "-"]
 
 

@@ -36,9 +36,8 @@ def report(
 ) -> None:
     """Write what the tests in each BAG or folder of bags say of a unit as one page.
 
-    All tests are of one unit, as for `ema prognose`. The page needs no other file and no network.
-    A history ACTUATOR+SERIAL.sqlite of the monitor among them adds the notes of persons.
-    Without a BAG, --fleet ARCHIVE names an archive of `ema archive`: the page shows its fleet.
+    All tests are of one unit, as for `ema prognose`. Its history ACTUATOR+SERIAL.sqlite adds notes.
+    The page needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
 
     Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 import click
 
+from ema_core.wording import time_in_words
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -41,19 +43,10 @@ class _Lines:
         self._completed, self._began_s = 0.0, time.monotonic()
         return 0
 
-    def update(
-        self,
-        _: int,
-        *,
-        total: float | None = None,
-        completed: float | None = None,
-        advance: float = 0.0,
-        state: str | None = None,
-        **_unused: Any,
-    ) -> None:
-        self._total = self._total if total is None else total
-        self._completed = self._completed + advance if completed is None else completed
-        self._state = self._state if state is None else state
+    def update(self, _: int, **fields: Any) -> None:
+        self._total = fields.get("total", self._total)
+        self._completed = fields.get("completed", self._completed) + fields.get("advance", 0.0)
+        self._state = fields.get("state", self._state)
 
     def advance(self, task: int, advance: float = 1.0) -> None:
         self.update(task, advance=advance)
@@ -77,17 +70,10 @@ class _Lines:
         if self._total and self._completed:
             parts.insert(0, f"{self._completed / self._total:.0%}")
             left_s = passed_s * max(self._total / self._completed - 1.0, 0.0)
-            parts.append(f"about {_rough(left_s)} left")
+            parts.append(f"about {time_in_words(left_s)} left")
         else:
-            parts.append(f"{_rough(passed_s)} so far")
+            parts.append(f"{time_in_words(passed_s)} so far")
         return f"{self._description}: {', '.join(filter(None, parts))}"
-
-
-def _rough(seconds: float) -> str:
-    for size, unit in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def progress_bar() -> AbstractContextManager["Progress"]:

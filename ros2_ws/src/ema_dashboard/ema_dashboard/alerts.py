@@ -93,17 +93,14 @@ class Alerts:
         return False
 
     async def _post(self, session: ClientSession, alert: dict[str, Any]) -> int:
-        """Post an alert once; return the status, 0 without an answer, and keep the failure.
-
-        The failure does not have the address, which may be secret.
-        """
+        """Post an alert once; return the status, 0 without an answer, and keep the failure."""
         try:
             # A redirected POST would be a GET without content.
             async with session.post(self._address, json=alert, allow_redirects=False) as answer:
                 self.failure = "" if 200 <= answer.status < 300 else f"status {answer.status}"
                 return answer.status
         except (ClientError, OSError) as error:  # a timeout is an OSError
-            self.failure = type(error).__name__
+            self.failure = type(error).__name__  # without the address, which may be secret
             return 0
 
 
