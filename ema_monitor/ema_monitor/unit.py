@@ -294,11 +294,12 @@ class Unit:
         with self._lock:
             if not self.history.entries:
                 raise ValueError("there is no history yet: no valid test so far")
-            newest_ns, hours = self.history.entries[-1].stamp_ns, self.history.entries[-1].hours
-            known = self.history.assessments.get(newest_ns)
+            newest_ns, assessments = self.history.entries[-1].stamp_ns, self.history.assessments
+            known, of = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
             kept = [*self._notes, *(known.events if known else ())]
             if sum(event.kind == NOTE for event in kept) >= MOST_NOTES:
                 raise ValueError(f"the newest test has {MOST_NOTES} notes already")
+            hours = of.hours if of else math.nan
             self._notes.append(UnitEvent(stamp_ns or newest_ns, hours, NOTE, text))
 
     def outlook(

@@ -250,9 +250,23 @@ def test_what_only_the_dashboard_sees_stays_in_the_history():
     history.note_gap(restart.stamp, 1)
     [gap] = news(history).events
     assert (gap.kind, gap.text, gap.flight_hours) == ("gap", "1 sample of telemetry missing", 50.0)
-    base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(9)])
+    base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(5), unit_test(9)])
     history.set_base(base)  # as when the monitor is asked again
     assert history.message().events == [missing, restart, gap]
+
+
+def test_tests_that_a_monitor_has_lost_are_told_where_they_were():
+    history = ActuatorHistory("flap", "1")
+    base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(n) for n in (1, 2)])
+    history.set_base(base)
+    base.tests, base.omitted = [unit_test(2), unit_test(3)], 1
+    history.set_base(base)
+    assert not history.message().events
+    base.tests, base.omitted = [unit_test(8)], 0
+    history.set_base(base)
+    [told] = history.message().events
+    assert (told.stamp.sec, told.kind) == (8, "history")
+    assert told.text == "the monitor began its history anew, without 2 earlier tests"
 
 
 def test_a_restart_that_the_monitor_tells_of_is_not_told_twice():

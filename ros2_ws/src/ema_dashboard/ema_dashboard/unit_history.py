@@ -61,11 +61,15 @@ class ActuatorHistory:
         events = {_identity(event): event for event in history.events}
         with self._lock:
             later = {stamp: test for stamp, test in self._tests.items() if stamp > latest}
+            lost = 0 if history.omitted else len(self._tests.keys() - later.keys() - base.keys())
             self._tests = base | later
             every = self._events | events
             self._events = dict(sorted(every.items(), key=lambda item: item[0][0]))
             self._omitted = history.omitted
             self._trim()
+        if lost:
+            text = f"the monitor began its history anew, without {counted(lost, 'earlier test')}"
+            self._happened(next(iter(history.tests)).stamp, "history", text)
 
     def note_estimate(self, estimate: FaultEstimate) -> bool:
         """Take an estimate; return whether the monitor has begun anew since the one before.
