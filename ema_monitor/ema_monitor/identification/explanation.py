@@ -126,7 +126,7 @@ class Explainer:
         at = self._objective.linearise(point, fitted)
         # So far with the columns of faults alone: setting to healthy needs no others.
         self._tried = self._worth_trying(at)
-        at, kept = self._reduced(at, fitted, self._tried)
+        at, kept = self._reduced(at, fitted)
         at = self._objective.extended(at, self._tried)
         at, kept = self._with_causes(at, kept)
         if self._is_doubtful(at, kept):
@@ -297,7 +297,7 @@ class Explainer:
         there = self._objective.linearise(point, trial)
         if not np.all(np.isfinite(there.jacobian)):
             return None  # two phases without turns: the model has no finite response
-        found, shown = self._reduced(there, trial, trial)
+        found, shown = self._reduced(there, trial)
         more = components(shown) - components(kept)
         wanted = COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
         if self._evidence.against(found, at) >= -wanted:
@@ -349,8 +349,8 @@ class Explainer:
             trials = point + _STEPS[:, None] * (target - point)
         return point
 
-    def _reduced(self, at: Linearisation, fitted: Components, wanted: Components) -> Fitted:
-        """Set what is not significant to healthy, and fit anew, with the ``wanted`` derivatives."""
+    def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
+        """Set what is not significant to healthy, and fit anew, with derivatives of the rest."""
         objective = self._objective
         floor = np.pad(FLOOR, (0, objective.dimension - N_FAULTS))
         groups = self._evidence.singles(fitted)
@@ -359,17 +359,17 @@ class Explainer:
         )
         if np.all(kept == fitted):
             return at, kept
-        optimum, at = at, self._objective.linearise(point, wanted)
+        optimum, at = at, objective.linearise(point, kept)
         loss = math.log(MOST_LOSS) * objective.fitness.effective
         if np.any(fitted[self._suspects]):
             loss = max(loss, COMPONENT_EVIDENCE * (components(fitted) - components(kept)))
         if self._evidence.against(at, optimum) > loss:
-            at = self._objective.linearise(self._descended(point[None], kept), kept)
+            at = objective.linearise(self._descended(point[None], kept), kept)
         if self._evidence.against(at, optimum) > loss:
             return optimum, fitted
         point = refitted(at, objective.healthy, kept)
         left = at.residuals + at.jacobian @ (point - at.point)
         if left @ left > (1.0 - _SETTLED) * at.cost:
             return at, kept
-        again = self._objective.linearise(point, wanted)
+        again = objective.linearise(point, kept)
         return (again if again.cost < at.cost else at), kept
