@@ -16,6 +16,7 @@ from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
+from ema_monitor.identification.memory import Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
@@ -38,6 +39,7 @@ def _identified(
     settings: SearchSettings,
     force: bool,
     previous: ArrayLike | None,
+    memory: Memory,
 ) -> Generator[Generation, None, Estimate]:
     """Yield the state after each generation, and return the estimate of any drive."""
     if isinstance(calibration, UnknownDriveUnit):
@@ -45,7 +47,7 @@ def _identified(
     else:
         faults = None if previous is None else fault_vector(previous)
         result = yield from ModelIdentification(
-            window, description, calibration, settings, force, faults
+            window, description, calibration, settings, force, faults, memory=memory
         ).run()
         found = result.estimate
     return _judged(found, _figures(window, calibration), calibration, description)
@@ -140,8 +142,9 @@ class Identification:
         *,
         force: bool = False,
         previous: ArrayLike | None = None,
+        memory: Memory = Memory(),
     ) -> None:
-        self._run = _identified(window, description, calibration, settings, force, previous)
+        self._run = _identified(window, description, calibration, settings, force, previous, memory)
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
@@ -158,6 +161,7 @@ def identify(
     force: bool = False,
     previous: ArrayLike | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
+    memory: Memory = Memory(),
 ) -> Estimate:
     """Identify the faults in a window, without progress.
 
@@ -185,6 +189,7 @@ def identify(
         settings or SearchSettings(),
         force=force,
         previous=previous,
+        memory=memory,
     )
     for _ in identification:
         pass
@@ -312,7 +317,7 @@ class Diagnosis:
             yield from self._combine(found, calibration, search, combining, previous, force)
         else:
             estimate = yield from _identified(
-                found.window, found.description, calibration, search, force, previous
+                found.window, found.description, calibration, search, force, previous, Memory()
             )
             yield Diagnosed(found.number, found.number, found.description, estimate)
             self.begin_at(found.description, estimate)

@@ -1,6 +1,6 @@
 """How explanations of a window compare: by what they leave, and by how usual they are (M27)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -63,10 +63,15 @@ class Evidence:
         Of the window.
     suspects
         Numbers of the components that are hidden causes which need evidence.
+    remembered
+        Returns how much points, ``(..., d)``, surprise after the earlier tests, ``(...)``.
     """
 
-    def __init__(self, objective: Objective, suspects: Sequence[int]) -> None:
+    def __init__(
+        self, objective: Objective, suspects: Sequence[int], remembered: Callable[[Array], Array]
+    ) -> None:
         self._objective = objective
+        self._remembered = remembered
         self._suspects = suspects
         # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
         self._quadratic: tuple[Linearisation, Array, Array] | None
@@ -153,6 +158,7 @@ class Evidence:
         objective = self._objective
         surprise = objective.surprise(point)
         of_window = np.maximum(cost - objective.noise * surprise, 1e-12 * cost)
+        surprise = surprise + self._remembered(point)
         return objective.fitness.effective * np.log(of_window) + surprise
 
     def named(self, group: list[int], other: list[int]) -> tuple[str, str]:

@@ -8,7 +8,7 @@ other places too.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -101,6 +101,8 @@ class Explainer:
         Number of model evaluations after which no further cause is tried.
     seeds
         Where to look for hidden causes besides, by name, in their units.
+    remembered
+        As of `Evidence`.
     """
 
     def __init__(
@@ -110,13 +112,14 @@ class Explainer:
         *,
         most_evaluations: int,
         seeds: Mapping[str, Sequence[float]],
+        remembered: Callable[[Array], Array],
     ) -> None:
         self._objective = objective
         self._always = always
         self._most_evaluations = most_evaluations
         self._causes = range(objective.first_cause, objective.dimension)
         self._suspects = [cause for cause in self._causes if not always[cause]]
-        self._evidence = Evidence(objective, self._suspects)
+        self._evidence = Evidence(objective, self._suspects, remembered)
         self._tried = np.ones_like(always)
         self._seeds = seeds
 

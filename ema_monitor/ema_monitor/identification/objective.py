@@ -296,9 +296,9 @@ class Objective:
         last = len(self._priors)
         return slice(-(len(self._known_rows) + last), -last or None)
 
-    def causes(self, point: Array) -> Array:
-        """Return the hidden causes of a point in their units, ``(n_causes,)``."""
-        return self._coordinates.causes(point[None])[0]
+    def causes(self, points: Array) -> Array:
+        """Return the hidden causes of points in their units, ``(m, n_causes)``."""
+        return self._coordinates.causes(points)
 
     def _deviations(self, points: Array) -> Array:
         """Return the columns at points, ``(m, 28)``: the measured ones and the components."""
