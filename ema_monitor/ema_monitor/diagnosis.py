@@ -16,7 +16,7 @@ from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
-from ema_monitor.identification.memory import Memory
+from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
@@ -39,7 +39,7 @@ def _identified(
     settings: SearchSettings,
     force: bool,
     previous: ArrayLike | None,
-    memory: Memory,
+    memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
     """Yield the state after each generation, and return the estimate of any drive."""
     if isinstance(calibration, UnknownDriveUnit):
@@ -126,6 +126,8 @@ class Identification:
     previous
         Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
         want a warm start.
+    memory
+        What earlier tests tell at the time of the window.
 
     Attributes
     ----------
@@ -142,7 +144,7 @@ class Identification:
         *,
         force: bool = False,
         previous: ArrayLike | None = None,
-        memory: Memory = Memory(),
+        memory: Memory = NOTHING,
     ) -> None:
         self._run = _identified(window, description, calibration, settings, force, previous, memory)
         self.estimate: Estimate | None = None
@@ -161,13 +163,13 @@ def identify(
     force: bool = False,
     previous: ArrayLike | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
-    memory: Memory = Memory(),
+    memory: Memory = NOTHING,
 ) -> Estimate:
     """Identify the faults in a window, without progress.
 
     Parameters
     ----------
-    window, description, calibration, settings, force, previous
+    window, description, calibration, settings, force, previous, memory
         As of ``Identification``. Description and calibration are those of the built-in actuator
         when None.
     measured
@@ -266,15 +268,17 @@ class _Motion:
 class Diagnosis:
     """Diagnoses one actuator, window by window.
 
-    A search begins at the faults of the last valid estimate, if that was of the same description
-    and calibration. Stretches of ordinary motion are combined; under another description,
-    calibration or other settings a new combination begins. The estimates depend on the windows and
-    their order alone: live, in a replay and offline, the same windows give the same estimates.
+    A search begins at the faults of the last valid estimate, and earlier tests are its prior, if
+    they were of the same description and calibration. Stretches of ordinary motion are combined;
+    under another description, calibration or other settings a new combination begins. The estimates
+    depend on the windows and their order alone: live, in a replay and offline, the same windows
+    give the same estimates.
     """
 
     def __init__(self) -> None:
         # Description and calibration of the last valid estimate, and its faults.
         self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
+        self._memory = NOTHING
         self._motion: _Motion | None = None
         self._combined = 0
         self._looked_at = 0
@@ -312,12 +316,14 @@ class Diagnosis:
         """
         self._looked_at = found.number
         described = found.description, _identity(calibration)
-        previous = self._last[1] if self._last[0] == described else None
+        previous, memory = None, NOTHING
+        if search.follows and self._last[0] == described:
+            previous, memory = self._last[1], self._memory.before(found.window.start_ns)
         if combining is not None:
             yield from self._combine(found, calibration, search, combining, previous, force)
         else:
             estimate = yield from _identified(
-                found.window, found.description, calibration, search, force, previous, Memory()
+                found.window, found.description, calibration, search, force, previous, memory
             )
             yield Diagnosed(found.number, found.number, found.description, estimate)
             self.begin_at(found.description, estimate)
@@ -335,14 +341,20 @@ class Diagnosis:
         return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
-        """Let the next search begin at an estimate, if it is valid and knows every fault."""
+        """Let the next search begin at an estimate, if it is valid and knows every fault.
+
+        The estimates of a history, one after the other, are the memory of the unit.
+        """
         if estimate.valid and np.all(np.isfinite(estimate.faults)):
-            self._last = (description, estimate.calibration_id), np.array(estimate.faults)
+            described = description, estimate.calibration_id
+            known = self._memory if self._last[0] == described else NOTHING
+            self._memory = known.updated(estimate)
+            self._last = described, np.array(estimate.faults)
 
     def stopped(self) -> "Diagnosis":
         """Return a diagnosis that begins at the same faults, with no stretches combined."""
         twin = Diagnosis()
-        twin._last = self._last
+        twin._last, twin._memory = self._last, self._memory
         return twin
 
     def _combine(

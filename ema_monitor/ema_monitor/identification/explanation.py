@@ -21,6 +21,7 @@ from ema_monitor.identification.evidence import (
     ADDED_EVIDENCE,
     AMBIGUOUS_EVIDENCE,
     COMPONENT_EVIDENCE,
+    REMEMBERED_EVIDENCE,
     REPLACED_EVIDENCE,
     Components,
     Evidence,
@@ -112,7 +113,7 @@ class Explainer:
         *,
         most_evaluations: int,
         seeds: Mapping[str, Sequence[float]],
-        remembered: Callable[[Array], Array],
+        remembered: Callable[[Array], Array] | None = None,
     ) -> None:
         self._objective = objective
         self._always = always
@@ -157,7 +158,7 @@ class Explainer:
         at, evidence = explanation.at, self._evidence
         for group, other, starts in self._weaker_motors(explanation):
             trial = including(excluding(explanation.kept | self._always, group), other)
-            if evidence.worse(at, trial[None])[0] > FAR_EVIDENCE:
+            if evidence.worse(at, trial[None], REMEMBERED_EVIDENCE)[0] > FAR_EVIDENCE:
                 continue
             if not self._can_afford_more:
                 break
@@ -165,7 +166,7 @@ class Explainer:
             there = self._objective.linearise(self._descended(starts, trial), trial)
             if not np.all(np.isfinite(there.jacobian)):
                 continue
-            worse = evidence.against(there, at)
+            worse = evidence.against(there, at, REMEMBERED_EVIDENCE)
             if worse < AMBIGUOUS_EVIDENCE:
                 away, found = there.point - at.point, explanation.open
                 return replace(

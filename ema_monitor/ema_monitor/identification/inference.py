@@ -21,7 +21,7 @@ from ema_monitor.identification.knowledge import (
     needs_no_evidence,
     surprise,
 )
-from ema_monitor.identification.memory import Memory
+from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.quantiles import quantiles_of
 from ema_monitor.identification.settings import SearchSettings
@@ -88,7 +88,7 @@ class Inference:
 
     Parameters
     ----------
-    window, calibration, settings, known
+    window, calibration, settings, known, memory
         As of ``ModelIdentification``.
     """
 
@@ -98,7 +98,7 @@ class Inference:
         calibration: Calibration,
         settings: SearchSettings,
         known: Knowledge | None = None,
-        memory: Memory = Memory(),  # noqa: B008 - frozen
+        memory: Memory = NOTHING,
     ) -> None:
         self._memory = memory
         self._window = window
@@ -175,7 +175,7 @@ class Inference:
             self._always,
             most_evaluations=left,
             seeds={} if self._known is not None else {"position_offset": (window.start_offset,)},
-            remembered=self._remembered,
+            remembered=self._remembered if self._memory.causes else None,
         )
         optimum = objective.encode(faults, play)
         first = objective.first_cause
@@ -244,9 +244,10 @@ class Inference:
     def _remembered(self, points: Array) -> Array:
         """Return how much points, ``(..., d)``, surprise after the earlier tests, ``(...)``."""
         objective, flat = self._objective, np.atleast_2d(points)
-        causes = dict(zip((one.name for one in objective.hidden_causes), objective.causes(flat).T))
+        names = [one.name for one in objective.hidden_causes]
+        causes = dict(zip(names, objective.causes(flat).T, strict=True))
         surprise = self._memory.surprise(objective.decode(flat)[0], causes)
-        return surprise if points.ndim > 1 else surprise[0]
+        return surprise.reshape(points.shape[:-1])
 
     def _distribution(
         self, explanation: Explanation, faults: Array, widths: Array
@@ -341,7 +342,7 @@ class Inference:
                 MISMATCH_FACTOR * 2.0 * one.reach * math.sqrt(covariance[first + i, first + i]),
             )
             for i, (one, value) in enumerate(
-                zip(objective.hidden_causes, objective.causes(explanation.at.point[None])[0], strict=True)
+                zip(objective.hidden_causes, objective.causes(explanation.at.point), strict=True)
             )
             if explanation.kept[first + i]
         ]

@@ -78,7 +78,9 @@ class Memory:
         causes = {
             name: one._replace(
                 sigma=float(
-                    np.sqrt(one.sigma**2 + SLOW[name].resolution**2 + months * SLOW[name].pace**2)
+                    np.sqrt(
+                        one.sigma**2 + SLOW[name].resolution ** 2 + months * SLOW[name].pace ** 2
+                    )
                 )
             )
             for name, one in self.causes.items()
@@ -132,7 +134,7 @@ class Memory:
         more = tuple(one for one in self.expected if one.name not in known)
         return replace(window, measured=window.measured + more) if more else window
 
-    def contradicted(self, estimate: Estimate) -> set[str]:
+    def contradicted_by(self, estimate: Estimate) -> set[str]:
         """Return the names of expected causes that an estimate has otherwise; all if not valid."""
         if not estimate.valid:
             return {one.name for one in self.expected}
@@ -140,7 +142,7 @@ class Memory:
         return {
             one.name
             for one in self.expected
-            if abs(found.get(one.name, 0.0) - one.value) > CONTRADICTED * one.sigma
+            if abs(found.get(one.name, one.value) - one.value) > CONTRADICTED * one.sigma
         }
 
     def surprise(self, faults: Array, causes: Mapping[str, Array]) -> Array:
@@ -159,3 +161,7 @@ class Memory:
                 squares.append(((causes[name][:, None] - one.value) / one.sigma) ** 2)
         every = np.concatenate(squares, axis=1)
         return (_TAIL + 1.0) * np.sum(np.log1p(every / _TAIL), axis=1)
+
+
+NOTHING: Final = Memory()
+"""The memory of a unit without earlier tests."""

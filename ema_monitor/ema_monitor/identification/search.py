@@ -16,7 +16,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Finding, Inference
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge, needs_no_evidence
-from ema_monitor.identification.memory import Memory
+from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import expected_causes
@@ -77,6 +77,8 @@ class ModelIdentification:
         What is known of the faults before a stretch of motion; None before a test window.
     load
         Where the search for the load of a stretch begins, in the unit box.
+    memory
+        What earlier tests tell of this one.
     """
 
     window: Window | Refusal
@@ -87,7 +89,7 @@ class ModelIdentification:
     previous: Array | None = None
     known: Knowledge | None = None
     load: float | None = None
-    memory: Memory = Memory()  # noqa: RUF009 - frozen
+    memory: Memory = NOTHING
 
     def run(self) -> Search:
         """Yield the state after each generation; there is none where a window is refused."""
@@ -107,16 +109,16 @@ class ModelIdentification:
                 return end.value.estimate
 
     def _search(self, window: Window, calibration: Calibration) -> Search:
-        """Search, and again without what was measured and the window contradicts."""
+        """Search, and again without what was measured or remembered and is contradicted."""
         started, spent = time.perf_counter(), 0
         contradicted: tuple[CauseEstimate, ...] = ()
-        memory = self.memory
+        memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
         while True:
             found = yield from self._search_once(window, calibration, contradicted, started, memory)
             spent += found.estimate.evaluations
             named = {cause.name for cause in found.estimate.causes}
             wrong = tuple(one for one in found.estimate.measured if one.name in named)
-            otherwise = memory.contradicted(found.estimate)
+            otherwise = memory.contradicted_by(found.estimate)
             memory = memory.without(otherwise)
             if not wrong and not otherwise:
                 return replace(found, estimate=replace(found.estimate, evaluations=spent))
@@ -183,7 +185,7 @@ class ModelIdentification:
             causes=causes,
             known=self.known,
         )
-        previous = self.previous if settings.warm_start else None
+        previous = self.previous if settings.follows else None
         start = objective.encode(healthy_faults() if previous is None else previous)
         # That place is relative to what was measured of the load.
         if self.load is not None and not contradicted:
