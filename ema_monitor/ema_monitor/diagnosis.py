@@ -126,8 +126,6 @@ class Identification:
     previous
         Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
         want a warm start.
-    memory
-        What earlier tests tell at the time of the window.
 
     Attributes
     ----------
@@ -144,9 +142,8 @@ class Identification:
         *,
         force: bool = False,
         previous: ArrayLike | None = None,
-        memory: Memory = NOTHING,
     ) -> None:
-        self._run = _identified(window, description, calibration, settings, force, previous, memory)
+        self._run = _identified(window, description, calibration, settings, force, previous)
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
@@ -163,13 +160,12 @@ def identify(
     force: bool = False,
     previous: ArrayLike | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
-    memory: Memory = NOTHING,
 ) -> Estimate:
     """Identify the faults in a window, without progress.
 
     Parameters
     ----------
-    window, description, calibration, settings, force, previous, memory
+    window, description, calibration, settings, force, previous
         As of ``Identification``. Description and calibration are those of the built-in actuator
         when None.
     measured
@@ -191,7 +187,6 @@ def identify(
         settings or SearchSettings(),
         force=force,
         previous=previous,
-        memory=memory,
     )
     for _ in identification:
         pass
@@ -343,11 +338,13 @@ class Diagnosis:
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
         """Let the next search begin at an estimate, if it is valid and knows every fault.
 
-        The estimates of a history, one after the other, are the memory of the unit.
+        The estimates of a history, one after the other, become the memory of the unit; one that
+        began cold begins another.
         """
         if estimate.valid and np.all(np.isfinite(estimate.faults)):
             described = description, estimate.calibration_id
-            known = self._memory if self._last[0] == described else NOTHING
+            is_next = self._last[0] == described and estimate.warm_start
+            known = self._memory if is_next else NOTHING
             self._memory = known.updated(estimate)
             self._last = described, np.array(estimate.faults)
 
