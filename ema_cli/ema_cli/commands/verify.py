@@ -222,7 +222,7 @@ def _made_again(
     calibrations: Mapping[str, AnyCalibration],
 ) -> Iterator[Verified]:
     """Make estimates of an actuator again in their order, each from its window."""
-    earlier, last = Diagnosis(), ""
+    earlier, last, is_whole = Diagnosis(), "", False
     known = next(iter(windows.values()), None)
     for number, one in tests:
         told = Verified(actuator_id, number)
@@ -231,8 +231,9 @@ def _made_again(
         is_there = last == one.calibration_id
         before = earlier.stopped() if one.warm_start else Diagnosis()
         known = window or known
-        if known is not None and one.valid and (is_there or not one.warm_start):
+        if known is not None and one.valid:
             earlier.begin_at(known.description, one)
+            is_whole = (is_whole and is_there) or not one.warm_start
             last = one.calibration_id
         if one.stretches:
             yield replace(told, reason="it combines stretches of ordinary motion")
@@ -249,4 +250,8 @@ def _made_again(
             search = SearchSettings(one.algorithm, seed=one.seed, goodness_limit=one.goodness_limit)
             *_, again = before.add(window, calibration, search)
             if isinstance(again, Diagnosed):
-                yield told.compared(one, again.estimate)
+                told = told.compared(one, again.estimate)
+                if told.state == DIFFERENT and one.warm_start and not is_whole:
+                    words = "it follows from tests before the first one that is there"
+                    told = replace(told, state=CANNOT, reason=words)
+                yield told

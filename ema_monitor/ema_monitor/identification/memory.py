@@ -1,6 +1,6 @@
 """What a unit's earlier tests tell of the next one: a prior for slow hidden causes and faults."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple, Self
 
@@ -91,7 +91,7 @@ class Memory:
     def before(self, stamp_ns: int) -> "Memory":
         """Return what is known at a time; nothing at one before the latest test."""
         if not self.stamp_ns or stamp_ns < self.stamp_ns:
-            return Memory()
+            return NOTHING
         return self.advanced((stamp_ns - self.stamp_ns) / _DAY_NS)
 
     def updated(self, estimate: Estimate) -> "Memory":
@@ -116,11 +116,6 @@ class Memory:
         faults = np.where(np.isfinite(variances), estimate.faults, 0.0)
         return Memory(estimate.end_ns, causes, frozenset(clear), faults, variances)
 
-    def without(self, names: Iterable[str]) -> Self:
-        """Return a memory that knows nothing of some causes."""
-        causes = {name: one for name, one in self.causes.items() if name not in names}
-        return replace(self, causes=causes, clear=self.clear - set(names))
-
     @property
     def expected(self) -> tuple[CauseEstimate, ...]:
         """Causes that the next test has, too."""
@@ -134,16 +129,23 @@ class Memory:
         more = tuple(one for one in self.expected if one.name not in known)
         return replace(window, measured=window.measured + more) if more else window
 
-    def contradicted_by(self, estimate: Estimate) -> set[str]:
-        """Return the names of expected causes that an estimate has otherwise; all if not valid."""
+    def left_by(self, estimate: Estimate) -> "Memory":
+        """Return the memory without what an estimate, made with it, contradicts.
+
+        Nothing is left where the estimate is not valid.
+        """
         if not estimate.valid:
-            return {one.name for one in self.expected}
+            return NOTHING
         found = {one.name: one.value for one in estimate.causes}
-        return {
+        wrong = {
             one.name
             for one in self.expected
             if abs(found.get(one.name, one.value) - one.value) > CONTRADICTED * one.sigma
         }
+        if not wrong:
+            return self
+        causes = {name: one for name, one in self.causes.items() if name not in wrong}
+        return replace(self, causes=causes, clear=self.clear - wrong)
 
     def surprise(self, faults: Array, causes: Mapping[str, Array]) -> Array:
         """Return -2 ln of the density of explanations, ``(n,)``, over the highest one.

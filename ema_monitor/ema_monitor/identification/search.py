@@ -118,9 +118,8 @@ class ModelIdentification:
             spent += found.estimate.evaluations
             named = {cause.name for cause in found.estimate.causes}
             wrong = tuple(one for one in found.estimate.measured if one.name in named)
-            otherwise = memory.contradicted_by(found.estimate)
-            memory = memory.without(otherwise)
-            if not wrong and not otherwise:
+            before, memory = memory, memory.left_by(found.estimate)
+            if not wrong and memory is before:
                 return replace(found, estimate=replace(found.estimate, evaluations=spent))
             contradicted += wrong
             window = _without(window, wrong)
