@@ -312,7 +312,7 @@ class Diagnosis:
         self._looked_at = found.number
         described = found.description, _identity(calibration)
         previous, memory = None, NOTHING
-        if search.follows and self._last[0] == described:
+        if search.warm_start and search.memory and self._last[0] == described:
             previous, memory = self._last[1], self._memory.before(found.window.start_ns)
         if combining is not None:
             yield from self._combine(found, calibration, search, combining, previous, force)

@@ -55,7 +55,7 @@ class Identifying(Source):
             "memory",
             flag_value=False,
             default=None,
-            help="Identify each window alone, without what earlier tests tell of it.",
+            help="Identify each window alone, without earlier tests.",
         ),
         click.option(
             "--calibration",

@@ -13,46 +13,42 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.evidence import EQUAL_SHORTS
 from ema_monitor.windows.window import Window
 
-_DAY_NS: Final = 86_400 * 10**9
-_MONTH: Final = 30.0
-_TAIL: Final = 4.0
-"""Degrees of freedom of the prior: what is far from it costs little more than what is near."""
-
-CONTRADICTED: Final = 3.0
-"""Standard deviations from which on a window contradicts what is remembered."""
+_MONTH_NS: Final = 30 * 86_400 * 10**9
+# Degrees of freedom of the prior: what is far from it costs little more than what is near.
+_TAIL = 4.0
+# Standard deviations from which on a window contradicts what is remembered.
+_CONTRADICTED = 3.0
 
 
-class Slow(NamedTuple):
-    """How a cause of one unit changes: by what in a month, and what two tests differ by at least.
+class Pace(NamedTuple):
+    """Standard deviations of what changes in a month, and between any two tests, in its unit."""
 
-    Attributes
-    ----------
-    pace, resolution
-        Standard deviations, in the unit of the cause.
-    """
+    in_month: float
+    at_least: float
 
-    pace: float
-    resolution: float
+    def widened(self, variance: Array | float, months: float) -> Array | float:
+        """Return a variance after some months."""
+        return variance + self.at_least**2 + months * self.in_month**2
 
 
-SLOW: Final[Mapping[str, Slow]] = {
-    "torque_constant": Slow(0.01, 0.01),
-    "viscous_friction": Slow(0.2, 0.1),
-    "inertia": Slow(0.01, 0.02),
-    "current_gain": Slow(0.005, 0.005),
-    "speed_gain": Slow(0.002, 0.001),
+SLOW: Final[Mapping[str, Pace]] = {
+    "torque_constant": Pace(0.01, 0.01),
+    "viscous_friction": Pace(0.2, 0.1),
+    "inertia": Pace(0.01, 0.02),
+    "current_gain": Pace(0.005, 0.005),
+    "speed_gain": Pace(0.002, 0.001),
 }
 """Hidden causes that have a memory; all others come and go."""
 
-_FAULT: Final = Slow(0.02, 0.02)
-_MAY_GROW: Final = np.array(
+_FAULT = Pace(0.02, 0.02)
+_MAY_GROW = np.array(
     [not one.is_two_sided and i != ECCENTRICITY_PHASE for i, one in enumerate(FAULTS)]
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What is remembered of a unit.
+    """What is remembered of a unit (M27).
 
     Attributes
     ----------
@@ -72,27 +68,19 @@ class Memory:
     faults: Array = field(default_factory=lambda: np.zeros(N_FAULTS))
     variances: Array = field(default_factory=lambda: np.full(N_FAULTS, np.inf))
 
-    def advanced(self, days: float) -> Self:
-        """Return what is still known after some days."""
-        months = days / _MONTH
+    def after(self, months: float) -> Self:
+        """Return what is still known after some months."""
         causes = {
-            name: one._replace(
-                sigma=float(
-                    np.sqrt(
-                        one.sigma**2 + SLOW[name].resolution ** 2 + months * SLOW[name].pace ** 2
-                    )
-                )
-            )
+            name: one._replace(sigma=float(np.sqrt(SLOW[name].widened(one.sigma**2, months))))
             for name, one in self.causes.items()
         }
-        variances = self.variances + _FAULT.resolution**2 + months * _FAULT.pace**2
-        return replace(self, causes=causes, variances=variances)
+        return replace(self, causes=causes, variances=_FAULT.widened(self.variances, months))
 
     def before(self, stamp_ns: int) -> "Memory":
-        """Return what is known at a time; nothing at one before the latest test."""
+        """Return what is known at a time; nothing before the end of the latest test."""
         if not self.stamp_ns or stamp_ns < self.stamp_ns:
             return NOTHING
-        return self.advanced((stamp_ns - self.stamp_ns) / _DAY_NS)
+        return self.after((stamp_ns - self.stamp_ns) / _MONTH_NS)
 
     def updated(self, estimate: Estimate) -> "Memory":
         """Return what is known after a test, which was identified with this memory."""
@@ -102,10 +90,10 @@ class Memory:
         found = {one.name: one for one in estimate.causes if one.name in SLOW}
         words = "; ".join(label for pair in estimate.alternatives for label in pair)
         causes, clear = dict(known.causes), set(known.clear)
-        for name, slow in SLOW.items():
+        for name, pace in SLOW.items():
             is_doubtful = CAUSE_BY_NAME[name].label in words
             if not is_doubtful:
-                causes[name] = found.get(name, CauseEstimate(name, 0.0, slow.resolution))
+                causes[name] = found.get(name, CauseEstimate(name, 0.0, pace.at_least))
                 clear.add(name)
             elif name in found and name not in clear:
                 causes[name] = found[name]
@@ -130,17 +118,14 @@ class Memory:
         return replace(window, measured=window.measured + more) if more else window
 
     def left_by(self, estimate: Estimate) -> "Memory":
-        """Return the memory without what an estimate, made with it, contradicts.
-
-        Nothing is left where the estimate is not valid.
-        """
+        """Return the memory without what an estimate contradicts; nothing if it is not valid."""
         if not estimate.valid:
             return NOTHING
         found = {one.name: one.value for one in estimate.causes}
         wrong = {
             one.name
             for one in self.expected
-            if abs(found.get(one.name, one.value) - one.value) > CONTRADICTED * one.sigma
+            if abs(found.get(one.name, one.value) - one.value) > _CONTRADICTED * one.sigma
         }
         if not wrong:
             return self

@@ -184,7 +184,7 @@ class ModelIdentification:
             causes=causes,
             known=self.known,
         )
-        previous = self.previous if settings.follows else None
+        previous = self.previous if settings.warm_start else None
         start = objective.encode(healthy_faults() if previous is None else previous)
         # That place is relative to what was measured of the load.
         if self.load is not None and not contradicted:

@@ -39,11 +39,4 @@ class SearchSettings(Checked):
     )
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
     warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")
-    memory: bool = flag(
-        True, "take earlier tests for a prior; without it, or warm_start, a window stands alone"
-    )
-
-    @property
-    def follows(self) -> bool:
-        """Whether earlier tests take part in a search."""
-        return self.warm_start and self.memory
+    memory: bool = flag(True, "use earlier tests of the unit; needs warm_start")
