@@ -70,8 +70,7 @@ def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_sq
     assert 5.0 < surprise(memory, friction=0.0) < 25.0
     near, far = (surprise(memory, torque_constant=value) for value in (-0.01, -0.15))
     # Ten sigma, of which the square is 112.
-    assert near < 1.0
-    assert 15.0 < far < 20.0
+    assert near < 1.0 < 15.0 < far < 20.0
     assert surprise(memory, load_torque=1.0) == 0.0
 
 
@@ -95,13 +94,10 @@ def shorted(stirred_window):
 def followed(
     diagnosis: Diagnosis, windows, calibration, search: SearchSettings | None = None
 ) -> list[Estimate]:
-    found = []
-    for window in windows:
-        segment = Segment(0, ActuatorDescription(), window)
-        *_, one = diagnosis.add(segment, calibration, search or SearchSettings())
-        assert isinstance(one, Diagnosed)
-        found.append(one.estimate)
-    return found
+    segments = [Segment(0, ActuatorDescription(), window) for window in windows]
+    search = search or SearchSettings()
+    every = [one for segment in segments for one in diagnosis.add(segment, calibration, search)]
+    return [one.estimate for one in every if isinstance(one, Diagnosed)]
 
 
 def test_equal_shorts_are_told_from_a_weaker_motor_by_when_they_came(shorted, calibration):
