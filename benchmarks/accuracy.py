@@ -248,7 +248,8 @@ def rows(figures: Figures) -> Iterator[Row]:
                 yield at_most(labels[n], one[key], limits[n])
             else:
                 yield untargeted(labels[n], f"{one[key]:.2f}")
-        yield untargeted("  CRPS, mean over components [%]", f"{one['crps']:.3f}")
+        words = f"{one['crps']:.3f}; {one['log_score']:.2f}"
+        yield untargeted("  CRPS [%]; log score [nat], mean over components", words)
     timing = figures["timing"]
     studies = f"{FASTEST_TIME_S:.0f} to {LONGEST_TIME_S:.0f} s"
     for name, label, limit, published in (

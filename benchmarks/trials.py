@@ -166,6 +166,15 @@ class Trial:
         shares = levels[:, None] - (away[:, known] > 0.0)
         return 100.0 * mean(-2.0 * np.diff(edges) @ (shares * away[:, known]))
 
+    def log_score(self) -> float:
+        """Return the mean of -ln density by quantiles, with exponential tails [nat]."""
+        at = np.sort(self.quantiles[:, self.known], axis=0)
+        widths = np.maximum(np.diff(at, axis=0)[[0, 0, 1, 2, 3, 3]], 1e-3)
+        part = np.sum(at <= 0.0, axis=0)
+        width = widths[part, np.arange(len(part))]
+        beyond = np.maximum(np.maximum(at[0], -at[-1]), 0.0) / width
+        return mean(beyond - np.log(np.diff([0.0, *LEVELS, 1.0])[part] / width))
+
     def wrong_and_confident(self) -> int:
         """Return in how many of those in use a component is off by more than 3 sigma and 2 %."""
         used = self.used
@@ -185,6 +194,7 @@ class Trial:
         return {
             **quantiles(self.errors_percent),
             "crps": self.crps_percent(),
+            "log_score": self.log_score(),
             "cases": len(self.estimates),
             "verdicts": self.verdicts(),
             "evaluations_median": median([one.evaluations for one in self.estimates]),

@@ -119,6 +119,7 @@ def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
         "seconds_median": median([one.computing_time_s for one in estimates]),
         "coverage": used.coverage(),
         "crps": used.crps_percent(),
+        "log_score": used.log_score(),
         "coverage_of_half": used.coverage(level=0.5),
         "coverage_by_component": used.coverage_by_component(),
     }
@@ -215,7 +216,7 @@ def tables(figures: Figures) -> Iterator[Table | str]:
     if figures["held_out"]:
         yield "HELD-OUT EFFECTS: for one run at the end, not to be tuned on"
     headings = ("condition", "win-\ndows", "median\n%", "90 %\n%", "worst\n%", "valid")
-    more = ("right ones\nrefused %", "wrong and\nconfident", "interval\ncovers %", "CRPS\n%")
+    more = ("right ones\nrefused %", "wrong and\nconfident", "interval\ncovers %", "CRPS %\nlog")
     for start in ("cold", "warm"):
         yield grid(
             f"faults, {start} start",
@@ -229,7 +230,7 @@ def tables(figures: Figures) -> Iterator[Table | str]:
                     percent(one["right_refused"], 1),
                     one["wrong_and_confident"],
                     percent(one["coverage"], 1),
-                    f"{one['crps']:.3f}",
+                    f"{one['crps']:.3f}; {one['log_score']:.2f}",
                     f"{one['seconds_median']:.3f}",
                 )
                 for name, one in figures[start].items()

@@ -16,6 +16,7 @@ from ema_monitor.current_balance.identifying import identify_by_current
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
+from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
@@ -38,6 +39,7 @@ def _identified(
     settings: SearchSettings,
     force: bool,
     previous: ArrayLike | None,
+    memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
     """Yield the state after each generation, and return the estimate of any drive."""
     if isinstance(calibration, UnknownDriveUnit):
@@ -45,7 +47,7 @@ def _identified(
     else:
         faults = None if previous is None else fault_vector(previous)
         result = yield from ModelIdentification(
-            window, description, calibration, settings, force, faults
+            window, description, calibration, settings, force, faults, memory=memory
         ).run()
         found = result.estimate
     return _judged(found, _figures(window, calibration), calibration, description)
@@ -261,15 +263,17 @@ class _Motion:
 class Diagnosis:
     """Diagnoses one actuator, window by window.
 
-    A search begins at the faults of the last valid estimate, if that was of the same description
-    and calibration. Stretches of ordinary motion are combined; under another description,
-    calibration or other settings a new combination begins. The estimates depend on the windows and
-    their order alone: live, in a replay and offline, the same windows give the same estimates.
+    A search begins at the faults of the last valid estimate, and earlier tests are its prior, if
+    they were of the same description and calibration. Stretches of ordinary motion are combined;
+    under another description, calibration or other settings a new combination begins. The estimates
+    depend on the windows and their order alone: live, in a replay and offline, the same windows
+    give the same estimates.
     """
 
     def __init__(self) -> None:
         # Description and calibration of the last valid estimate, and its faults.
         self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
+        self._memory = NOTHING
         self._motion: _Motion | None = None
         self._combined = 0
         self._looked_at = 0
@@ -307,12 +311,14 @@ class Diagnosis:
         """
         self._looked_at = found.number
         described = found.description, _identity(calibration)
-        previous = self._last[1] if self._last[0] == described else None
+        previous, memory = None, NOTHING
+        if search.warm_start and search.memory and self._last[0] == described:
+            previous, memory = self._last[1], self._memory.before(found.window.start_ns)
         if combining is not None:
             yield from self._combine(found, calibration, search, combining, previous, force)
         else:
             estimate = yield from _identified(
-                found.window, found.description, calibration, search, force, previous
+                found.window, found.description, calibration, search, force, previous, memory
             )
             yield Diagnosed(found.number, found.number, found.description, estimate)
             self.begin_at(found.description, estimate)
@@ -330,14 +336,22 @@ class Diagnosis:
         return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
-        """Let the next search begin at an estimate, if it is valid and knows every fault."""
+        """Let the next search begin at an estimate, if it is valid and knows every fault.
+
+        The estimates of a history, one after the other, become the memory of the unit; one that
+        began cold begins another.
+        """
         if estimate.valid and np.all(np.isfinite(estimate.faults)):
-            self._last = (description, estimate.calibration_id), np.array(estimate.faults)
+            described = description, estimate.calibration_id
+            is_next = self._last[0] == described and estimate.warm_start
+            known = self._memory if is_next else NOTHING
+            self._memory = known.updated(estimate)
+            self._last = described, np.array(estimate.faults)
 
     def stopped(self) -> "Diagnosis":
         """Return a diagnosis that begins at the same faults, with no stretches combined."""
         twin = Diagnosis()
-        twin._last = self._last
+        twin._last, twin._memory = self._last, self._memory
         return twin
 
     def _combine(

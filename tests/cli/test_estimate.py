@@ -33,11 +33,10 @@ def worn(ema, tmp_path_factory) -> Path:
     return bag
 
 
-@pytest.mark.parametrize("is_warm", [True, False])
-def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, worn, is_warm):
-    options = () if is_warm else ("-p", "warm_start=false")
+@pytest.mark.parametrize("options", [(), ("-p", "warm_start=false"), ("--no-memory",)])
+def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, worn, options):
     found = json.loads(ema("estimate", worn, *options, "--json").stdout)
-    assert [one["warm_start"] for one in found] == [False, is_warm, is_warm]
+    assert [one["warm_start"] for one in found] == [False, not options, not options]
 
 
 def test_several_windows_are_a_line_each_and_a_summary(ema, worn):

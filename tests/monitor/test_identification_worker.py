@@ -48,7 +48,7 @@ class Published:
         self.errors: list[str] = []
         self.search = SimpleNamespace(value=SearchSettings())
         self.combining = SimpleNamespace(value=CombinationSettings())
-        self.prognosis = SimpleNamespace(latest=lambda _: None)
+        self.prognosis = SimpleNamespace(estimates=lambda _: [])
         self.store = SimpleNamespace(of=lambda _: "no calibration")
         self.operation = SimpleNamespace(value=SimpleNamespace(waiting_windows=None))
         self.get_parameter = lambda _: SimpleNamespace(value=True)

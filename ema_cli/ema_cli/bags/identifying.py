@@ -51,6 +51,13 @@ class Identifying(Source):
         MEASURED_OPTION,
         SEED_OPTION,
         click.option(
+            "--no-memory",
+            "memory",
+            flag_value=False,
+            default=None,
+            help="Identify each window alone, without earlier tests.",
+        ),
+        click.option(
             "--calibration",
             "calibration_file",
             type=click.Path(path_type=Path, dir_okay=False),

@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple, Self
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_archive.bag_task import DONE, diagnose_bag
 from ema_archive.database import FILE as ARCHIVE_FILE
@@ -23,9 +22,11 @@ from ema_bags.windows import RecordedWindow, find_recorded_windows
 from ema_cli.bags.identifying import Identifying
 from ema_cli.options import REFUSED
 from ema_cli.show.progress import progress_bar
+from ema_core.causes import CauseEstimate
+from ema_core.faults import N_FAULTS, FaultVector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
-from ema_monitor.diagnosis import identify
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.prognosis.history import read_intact_history
@@ -78,38 +79,33 @@ class Verified:
 
 
 class _Recorded(NamedTuple):
-    """What is known of a recorded estimate, as far as it can be made again."""
+    """A recorded estimate, as far as later ones depend on it and it can be made again."""
 
     number: int
-    start_ns: int
-    end_ns: int
-    verdict: str
-    faults: Sequence[float] | NDArray[np.float64]
-    calibration_id: str
-    search: SearchSettings
-    warm_start: bool
-    stretches: int
-    valid: bool
+    estimate: Estimate
 
     @classmethod
     def of_message(cls, message: Any) -> "_Recorded":
-        start_ns = stamp_from_message(message.window_start)
-        end_ns = stamp_from_message(message.window_end)
-        faults, verdict = faults_from_message(message.faults), VERDICTS[message.verdict]
-        return cls(int(message.window), start_ns, end_ns, verdict, faults, *_made_by(message))
-
-    @classmethod
-    def of_estimate(cls, one: Estimate, number: int) -> "_Recorded":
-        return cls(number, one.start_ns, one.end_ns, one.verdict, one.faults, *_made_by(one))
-
-
-def _made_by(one: Any) -> tuple[str, SearchSettings, bool, int, bool]:
-    """Return what made an estimate, of which a message has the same names."""
-    search = SearchSettings(
-        algorithm=one.algorithm, seed=int(one.seed), goodness_limit=one.goodness_limit
-    )
-    made = one.calibration_id, search, bool(one.warm_start), int(one.stretches)
-    return *made, bool(one.valid)
+        covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
+        causes = [CauseEstimate(one.name, one.value, one.sigma) for one in message.hidden_causes]
+        estimate = Estimate(
+            stamp_from_message(message.window_start),
+            stamp_from_message(message.window_end),
+            message.algorithm,
+            int(message.seed),
+            message.calibration_id,
+            faults=FaultVector.of(faults_from_message(message.faults)),
+            covariance=covariance,
+            unobservable=np.isnan(np.diag(covariance)),
+            goodness_limit=message.goodness_limit,
+            valid=message.valid,
+            warm_start=message.warm_start,
+            verdict=VERDICTS[message.verdict],
+            causes=tuple(causes),
+            alternatives=tuple((words, "") for words in message.confusions),
+            stretches=int(message.stretches),
+        )
+        return cls(int(message.window), estimate)
 
 
 @click.command()
@@ -184,7 +180,7 @@ def _of_history(
     for bag in bags:
         windows |= _windows(Bag(bag), actuator_id)
     entries = sorted([*history.entries, *history.late], key=lambda entry: entry.stamp_ns)
-    tests = [_Recorded.of_estimate(one.estimate, number) for number, one in enumerate(entries)]
+    tests = [_Recorded(number, one.estimate) for number, one in enumerate(entries)]
     yield from _made_again(actuator_id, tests, windows, calibrations)
 
 
@@ -226,13 +222,19 @@ def _made_again(
     calibrations: Mapping[str, AnyCalibration],
 ) -> Iterator[Verified]:
     """Make estimates of an actuator again in their order, each from its window."""
-    previous: _Recorded | None = None
-    for one in tests:
-        told, before = Verified(actuator_id, one.number), previous
-        previous = one if one.valid else previous
+    earlier, last, is_whole = Diagnosis(), "", False
+    known = next(iter(windows.values()), None)
+    for number, one in tests:
+        told = Verified(actuator_id, number)
         window = windows.get((one.start_ns, one.end_ns))
         calibration = calibrations.get(one.calibration_id)
-        is_there = before is not None and before.calibration_id == one.calibration_id
+        is_there = last == one.calibration_id
+        before = earlier.stopped() if one.warm_start else Diagnosis()
+        known = window or known
+        if known is not None and one.valid:
+            earlier.begin_at(known.description, one)
+            is_whole = (is_whole and is_there) or not one.warm_start
+            last = one.calibration_id
         if one.stretches:
             yield replace(told, reason="it combines stretches of ordinary motion")
         elif one.verdict == SKIPPED:
@@ -245,7 +247,11 @@ def _made_again(
         elif one.warm_start and not is_there:
             yield replace(told, reason="its search began at an estimate that is not there")
         else:
-            start = np.array(before.faults) if one.warm_start and before is not None else None
-            description = window.description
-            again = identify(window.window, description, calibration, one.search, previous=start)
-            yield told.compared(one, again)
+            search = SearchSettings(one.algorithm, seed=one.seed, goodness_limit=one.goodness_limit)
+            *_, again = before.add(window, calibration, search)
+            if isinstance(again, Diagnosed):
+                told = told.compared(one, again.estimate)
+                if told.state == DIFFERENT and one.warm_start and not is_whole:
+                    words = "it follows from tests before the first one that is there"
+                    told = replace(told, state=CANNOT, reason=words)
+                yield told

@@ -1,6 +1,6 @@
 """How explanations of a window compare: by what they leave, and by how usual they are (M27)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -23,6 +23,9 @@ REPLACED_EVIDENCE: Final = 6.0
 
 AMBIGUOUS_EVIDENCE: Final = 8.0
 """Up to this difference the window does not tell two explanations apart."""
+
+REMEMBERED_EVIDENCE: Final = 3.0
+"""How much earlier tests tell at most between explanations that the window leaves open."""
 
 EQUAL_SHORTS: Final = "equal short circuits of all phases"
 """What three of them are called, where they stand for something else."""
@@ -53,7 +56,8 @@ class Explanations(NamedTuple):
 class Evidence:
     """Compares sets of faults and hidden causes as explanations of a window.
 
-    A set is worth ``n ln(cost) + z^2``, less being better, with ``n`` effective residuals, the cost
+    A set is worth ``n ln(cost) + z^2``, and how much it surprises after the unit's earlier tests,
+    less being better, with ``n`` effective residuals, the cost
     of the window alone, and ``z^2`` the squared distance of its causes from what is usual: where
     the model does not match the unit, the window counts less, but no cause gets more usual.
 
@@ -63,25 +67,34 @@ class Evidence:
         Of the window.
     suspects
         Numbers of the components that are hidden causes which need evidence.
+    remembered
+        Returns how much points, ``(..., d)``, surprise after the earlier tests, ``(...)``; None
+        where there are none.
     """
 
-    def __init__(self, objective: Objective, suspects: Sequence[int]) -> None:
+    def __init__(
+        self,
+        objective: Objective,
+        suspects: Sequence[int],
+        remembered: Callable[[Array], Array] | None = None,
+    ) -> None:
         self._objective = objective
+        self._remembered = remembered or (lambda points: np.zeros(points.shape[:-1]))
         self._suspects = suspects
         # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
         self._quadratic: tuple[Linearisation, Array, Array] | None
         self._quadratic = None
 
-    def against(self, one: Linearisation, other: Linearisation) -> float:
-        """Return by how much the first is worse."""
-        return float(self._value(one.cost, one.point) - self._value(other.cost, other.point))
+    def against(self, one: Linearisation, other: Linearisation, most: float = np.inf) -> float:
+        """Return by how much the first is worse, of which earlier tests tell so much at most."""
+        return float(self._difference(one.cost, one.point, other, most))
 
-    def worse(self, at: Linearisation, sets: Components) -> Array:
+    def worse(self, at: Linearisation, sets: Components, most: float = np.inf) -> Array:
         """Return by how much the linear model's optima with only some components are worse.
 
-        The ``sets`` are ``(n, d)``, the result is ``(n,)``.
+        The ``sets`` are ``(n, d)``, the result is ``(n,)``; ``most`` as of `against`.
         """
-        return self._value(*self._optima(at, sets)) - self._value(at.cost, at.point)
+        return self._difference(*self._optima(at, sets), at, most)
 
     def predicted(self, at: Linearisation, shown: Components) -> Array:
         """Return the linear model's optimum with only some components, ``(d,)``."""
@@ -111,7 +124,7 @@ class Evidence:
             fewer = components(kept) - components(without)
             others = self._stand_ins(group, kept, tried)
             sets = np.array([without, *(including(without, other) for other in others)])
-            of_none, *differences = self.worse(at, sets).tolist()
+            of_none, *differences = self.worse(at, sets, REMEMBERED_EVIDENCE).tolist()
             # What hardly shows is not worth an alternative.
             most = min(
                 AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1),
@@ -148,6 +161,13 @@ class Evidence:
             others += [one for one in GROUPS if not kept[one[0]]]
             others += [healthy] if len(healthy) > 1 else []
         return others
+
+    def _difference(
+        self, cost: Array | float, point: Array, other: Linearisation, most: float
+    ) -> Array:
+        remembered = self._remembered(point) - self._remembered(other.point)
+        of_window = self._value(cost, point) - self._value(other.cost, other.point)
+        return of_window + np.clip(remembered, -most, most)
 
     def _value(self, cost: Array | float, point: Array) -> Array:
         objective = self._objective

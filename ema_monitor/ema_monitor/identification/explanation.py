@@ -8,7 +8,7 @@ other places too.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -21,6 +21,7 @@ from ema_monitor.identification.evidence import (
     ADDED_EVIDENCE,
     AMBIGUOUS_EVIDENCE,
     COMPONENT_EVIDENCE,
+    REMEMBERED_EVIDENCE,
     REPLACED_EVIDENCE,
     Components,
     Evidence,
@@ -101,6 +102,8 @@ class Explainer:
         Number of model evaluations after which no further cause is tried.
     seeds
         Where to look for hidden causes besides, by name, in their units.
+    remembered
+        As of `Evidence`.
     """
 
     def __init__(
@@ -110,13 +113,14 @@ class Explainer:
         *,
         most_evaluations: int,
         seeds: Mapping[str, Sequence[float]],
+        remembered: Callable[[Array], Array] | None = None,
     ) -> None:
         self._objective = objective
         self._always = always
         self._most_evaluations = most_evaluations
         self._causes = range(objective.first_cause, objective.dimension)
         self._suspects = [cause for cause in self._causes if not always[cause]]
-        self._evidence = Evidence(objective, self._suspects)
+        self._evidence = Evidence(objective, self._suspects, remembered)
         self._tried = np.ones_like(always)
         self._seeds = seeds
 
@@ -154,7 +158,7 @@ class Explainer:
         at, evidence = explanation.at, self._evidence
         for group, other, starts in self._weaker_motors(explanation):
             trial = including(excluding(explanation.kept | self._always, group), other)
-            if evidence.worse(at, trial[None])[0] > FAR_EVIDENCE:
+            if evidence.worse(at, trial[None], REMEMBERED_EVIDENCE)[0] > FAR_EVIDENCE:
                 continue
             if not self._can_afford_more:
                 break
@@ -162,7 +166,7 @@ class Explainer:
             there = self._objective.linearise(self._descended(starts, trial), trial)
             if not np.all(np.isfinite(there.jacobian)):
                 continue
-            worse = evidence.against(there, at)
+            worse = evidence.against(there, at, REMEMBERED_EVIDENCE)
             if worse < AMBIGUOUS_EVIDENCE:
                 away, found = there.point - at.point, explanation.open
                 return replace(

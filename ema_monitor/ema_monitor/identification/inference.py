@@ -21,6 +21,7 @@ from ema_monitor.identification.knowledge import (
     needs_no_evidence,
     surprise,
 )
+from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.quantiles import quantiles_of
 from ema_monitor.identification.settings import SearchSettings
@@ -87,7 +88,7 @@ class Inference:
 
     Parameters
     ----------
-    window, calibration, settings, known
+    window, calibration, settings, known, memory
         As of ``ModelIdentification``.
     """
 
@@ -97,13 +98,17 @@ class Inference:
         calibration: Calibration,
         settings: SearchSettings,
         known: Knowledge | None = None,
+        memory: Memory = NOTHING,
     ) -> None:
+        self._memory = memory
         self._window = window
         self._calibration = calibration
         self._settings = settings
         self._known = known
-        fitted = needs_no_evidence(window, known)
-        causes = expected_causes(calibration.parameters, window)
+        informed = memory.informed(window)
+        fitted = needs_no_evidence(informed, known)
+        told = needs_no_evidence(window, known)
+        causes = expected_causes(calibration.parameters, informed)
         # The other measures of distance know no noise that priors could be weighed against.
         if settings.fitness != DEFAULT_FITNESS:
             causes = ()
@@ -115,6 +120,7 @@ class Inference:
         first = objective.first_cause
         self._always = np.arange(objective.dimension) < first
         self._always[first:] = [one.name in fitted for one in causes]
+        self._is_told = any(one.name in told for one in causes)
         # Of one unit of a point: the play changes by 2.
         self._span = np.ones(objective.dimension)
         self._span[:N_FAULTS] = SPANS
@@ -169,6 +175,7 @@ class Inference:
             self._always,
             most_evaluations=left,
             seeds={} if self._known is not None else {"position_offset": (window.start_offset,)},
+            remembered=self._remembered if self._memory.causes else None,
         )
         optimum = objective.encode(faults, play)
         first = objective.first_cause
@@ -234,6 +241,14 @@ class Inference:
         )
         return Finding(estimate, misfit, knowledge, surprised, contradicted, caveats)
 
+    def _remembered(self, points: Array) -> Array:
+        """Return how much points, ``(..., d)``, surprise after the earlier tests, ``(...)``."""
+        objective, flat = self._objective, np.atleast_2d(points)
+        names = [one.name for one in objective.hidden_causes]
+        causes = dict(zip(names, objective.causes(flat).T, strict=True))
+        surprise = self._memory.surprise(objective.decode(flat)[0], causes)
+        return surprise.reshape(points.shape[:-1])
+
     def _distribution(
         self, explanation: Explanation, faults: Array, widths: Array
     ) -> tuple[Array, Array]:
@@ -267,7 +282,7 @@ class Inference:
         departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
         if of_unit and (departs or self._window.measured):
             effects = self._effects(at)
-        if np.any(is_cause & always) or not np.any(kept & ~always):
+        if self._is_told or not np.any(kept & is_cause):
             kept = kept | always
         result = self._covariance(at, kept, effects)
         for group in GROUPS:

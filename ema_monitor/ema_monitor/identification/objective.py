@@ -81,11 +81,11 @@ class Coordinates:
         return np.minimum(faults, HIGHEST), play
 
     def causes(self, points: Array) -> Array:
-        """Return the hidden causes of points in their units, ``(m, n_causes)``."""
+        """Return the hidden causes of points, ``(..., d)``, in their units, ``(..., n_causes)``."""
         figures = [(one.reach, one.lowest, one.expected) for one in self.hidden]
         reach, lowest, expected = np.reshape(figures, (-1, 3)).T
-        first = points.shape[1] - len(self.hidden)
-        return np.maximum(expected + reach * (2.0 * points[:, first:] - 1.0), lowest)
+        first = points.shape[-1] - len(self.hidden)
+        return np.maximum(expected + reach * (2.0 * points[..., first:] - 1.0), lowest)
 
     def encode(self, faults: Array, play: float = 0.0) -> Array:
         """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a place in the play.
@@ -296,9 +296,9 @@ class Objective:
         last = len(self._priors)
         return slice(-(len(self._known_rows) + last), -last or None)
 
-    def causes(self, point: Array) -> Array:
-        """Return the hidden causes of a point in their units, ``(n_causes,)``."""
-        return self._coordinates.causes(point[None])[0]
+    def causes(self, points: Array) -> Array:
+        """Return the hidden causes of points, ``(..., d)``, in their units, ``(..., n_causes)``."""
+        return self._coordinates.causes(points)
 
     def _deviations(self, points: Array) -> Array:
         """Return the columns at points, ``(m, 28)``: the measured ones and the components."""

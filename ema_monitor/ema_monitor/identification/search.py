@@ -16,6 +16,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Finding, Inference
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge, needs_no_evidence
+from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import expected_causes
@@ -76,6 +77,8 @@ class ModelIdentification:
         What is known of the faults before a stretch of motion; None before a test window.
     load
         Where the search for the load of a stretch begins, in the unit box.
+    memory
+        What earlier tests tell of this one.
     """
 
     window: Window | Refusal
@@ -86,6 +89,7 @@ class ModelIdentification:
     previous: Array | None = None
     known: Knowledge | None = None
     load: float | None = None
+    memory: Memory = NOTHING
 
     def run(self) -> Search:
         """Yield the state after each generation; there is none where a window is refused."""
@@ -105,15 +109,17 @@ class ModelIdentification:
                 return end.value.estimate
 
     def _search(self, window: Window, calibration: Calibration) -> Search:
-        """Search, and again without what was measured and the window contradicts."""
+        """Search, and again without what was measured or remembered and is contradicted."""
         started, spent = time.perf_counter(), 0
         contradicted: tuple[CauseEstimate, ...] = ()
+        memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
         while True:
-            found = yield from self._search_once(window, calibration, contradicted, started)
+            found = yield from self._search_once(window, calibration, contradicted, started, memory)
             spent += found.estimate.evaluations
             named = {cause.name for cause in found.estimate.causes}
             wrong = tuple(one for one in found.estimate.measured if one.name in named)
-            if not wrong:
+            before, memory = memory, memory.left_by(found.estimate)
+            if not wrong and memory is before:
                 return replace(found, estimate=replace(found.estimate, evaluations=spent))
             contradicted += wrong
             window = _without(window, wrong)
@@ -153,6 +159,7 @@ class ModelIdentification:
         calibration: Calibration,
         contradicted: tuple[CauseEstimate, ...],
         started: float,
+        memory: Memory,
     ) -> Search:
         settings, mismatch = self.settings, calibration.unit_mismatch(self.description)
         reason, is_failure = self._defect(window, calibration, "" if self.force else mismatch)
@@ -164,8 +171,9 @@ class ModelIdentification:
         optimizer_class = ALGORITHMS[settings.algorithm]
         causes = ()
         if settings.fitness == DEFAULT_FITNESS:
-            fitted = needs_no_evidence(window, self.known)
-            suspects = expected_causes(calibration.parameters, window)
+            informed = memory.informed(window)
+            fitted = needs_no_evidence(informed, self.known)
+            suspects = expected_causes(calibration.parameters, informed)
             causes = tuple(one for one in suspects if one.name in fitted)
         objective = Objective(
             window,
@@ -183,7 +191,7 @@ class ModelIdentification:
             for number, one in enumerate(causes, start=objective.first_cause):
                 if one.name == NUISANCE:
                     start[number] = self.load
-        inference = Inference(window, calibration, settings, self.known)
+        inference = Inference(window, calibration, settings, self.known, memory)
         termination = Termination(settings.budget)
         reserve = inference.most_evaluations + 1
         good_cost = objective.fitness.good_cost

@@ -39,3 +39,4 @@ class SearchSettings(Checked):
     )
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
     warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")
+    memory: bool = flag(True, "use earlier tests of the unit; needs warm_start")

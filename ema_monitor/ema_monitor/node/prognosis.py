@@ -156,15 +156,15 @@ class MonitorPrognosis:
         count = Count(stamp_ns, message.flight_hours, message.cycles)
         self.counts.add((message.actuator_id, message.serial_number or serial_number), count)
 
-    def latest(self, description: ActuatorDescription) -> Estimate | None:
-        """Return the latest valid estimate in the history of a unit; None when there is none."""
+    def estimates(self, description: ActuatorDescription) -> list[Estimate]:
+        """Return the valid estimates in the history of a unit, in their order."""
         try:
             entries = self._of(description).history.entries
         except Exception as error:
             # The search does not depend on it.
             self._node.failed(description.actuator_id, _WHAT, error)
-            return None
-        return entries[-1].estimate if entries else None
+            return []
+        return [entry.estimate for entry in entries]
 
     def record(self, description: ActuatorDescription, estimate: Estimate) -> Outlook | None:
         """Record a test; return health and life after it, None when nothing follows from it.

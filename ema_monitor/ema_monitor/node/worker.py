@@ -131,9 +131,9 @@ class IdentificationWorker:
             return  # forgotten a moment ago
         if unit.diagnosis is None:
             unit.diagnosis = Diagnosis()
-            # The first search begins where the history ends.
-            if (latest := self._node.prognosis.latest(segment.description)) is not None:
-                unit.diagnosis.begin_at(segment.description, latest)
+            # The first search begins where the history ends, with all of it as its memory.
+            for estimate in self._node.prognosis.estimates(segment.description):
+                unit.diagnosis.begin_at(segment.description, estimate)
         diagnosis = unit.diagnosis
         where = f"window {segment.number}"
         # A failure in one window must not end the identification of the others.

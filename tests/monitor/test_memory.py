@@ -1,0 +1,122 @@
+"""What earlier tests of a unit tell of the next one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.causes import CauseEstimate
+from ema_core.description import ActuatorDescription
+from ema_core.faults import SHORT_CIRCUITS, fault_vector
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.memory import NOTHING, SLOW, Memory
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.finder import Segment
+
+DAY = 86_400 * 10**9
+INERTIA = CauseEstimate("inertia", 0.15, 0.005)
+SHORTS = dict.fromkeys(("short_circuit_a", "short_circuit_b", "short_circuit_c"), 0.15)
+KNOWN = fault_vector({"friction": 0.2})
+
+
+def told(day: int, *causes: CauseEstimate, valid: bool = True, **more) -> Estimate:
+    """An estimate of 0.2 +- 0.01 friction."""
+    stamp, covariance = day * DAY, 1e-4 * np.eye(8)
+    made = {"faults": KNOWN, "covariance": covariance, "unobservable": np.zeros(8, dtype=bool)}
+    return Estimate(stamp, stamp, "a", 0, "c", causes=causes, valid=valid, **made, **more)
+
+
+def surprise(memory: Memory, friction: float = 0.2, **causes: float) -> float:
+    values = {name: np.array([value]) for name, value in causes.items()}
+    return memory.surprise(fault_vector({"friction": friction})[None], values).item()
+
+
+def test_what_is_known_is_forgotten_at_the_pace_at_which_it_may_change():
+    memory = NOTHING.updated(told(10, INERTIA))
+    pace = SLOW["inertia"]
+    for months in (0.0, 1.0, 12.0):
+        later = memory.before(10 * DAY + round(months * 30 * DAY))
+        variance = 0.005**2 + pace.at_least**2 + months * pace.in_month**2
+        assert later.causes["inertia"].sigma == pytest.approx(np.sqrt(variance))
+        assert later.causes["inertia"].value == 0.15
+
+
+def test_test_before_the_latest_one_is_identified_alone_and_changes_nothing():
+    memory = NOTHING.updated(told(10, INERTIA))
+    assert memory.before(9 * DAY) is NOTHING
+    assert memory.updated(told(9)) is memory
+    assert memory.updated(told(11, valid=False)) is memory
+    assert memory.updated(told(11, stretches=3)) is memory
+
+
+def test_only_what_a_test_has_told_apart_is_expected_of_the_next_one():
+    pair = ("inertia", "torque constant")
+    doubtful = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
+    assert (doubtful.expected, doubtful.causes["inertia"]) == ((), INERTIA)
+    assert "torque_constant" not in doubtful.causes
+    clear = doubtful.updated(told(2, INERTIA))
+    assert clear.expected == (INERTIA,)
+    # A later test that cannot tell does not change it; a load comes and goes.
+    later = clear.updated(told(3, CauseEstimate("load_torque", 1.0, 0.1), alternatives=(pair,)))
+    assert [one.name for one in later.expected] == ["inertia"]
+    assert "load_torque" not in later.causes
+
+
+def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_square():
+    memory = NOTHING.updated(told(1)).before(2 * DAY)
+    assert surprise(memory, friction=0.9) == pytest.approx(0.0)
+    assert surprise(memory, friction=0.19) < 0.5
+    assert 5.0 < surprise(memory, friction=0.0) < 25.0
+    near, far = (surprise(memory, torque_constant=value) for value in (-0.01, -0.15))
+    # Ten sigma, of which the square is 112.
+    assert near < 1.0 < 15.0 < far < 20.0
+    assert surprise(memory, load_torque=1.0) == 0.0
+
+
+def test_what_a_window_contradicts_is_not_remembered():
+    memory = NOTHING.updated(told(1, INERTIA)).before(2 * DAY)
+    assert memory.left_by(told(2, INERTIA._replace(value=0.16))) is memory
+    assert memory.left_by(told(2, INERTIA._replace(value=0.0))).expected == ()
+    assert memory.left_by(told(2, valid=False)) is NOTHING
+
+
+@pytest.fixture(scope="module")
+def shorted(stirred_window):
+    """Three healthy tests, a day after the other, and two with equal shorts in three phases."""
+    windows = [stirred_window(SHORTS if day > 3 else {}, day) for day in range(1, 6)]
+    return [
+        replace(one, telemetry=replace(one.telemetry, stamp_ns=day * DAY))
+        for day, one in enumerate(windows, 1)
+    ]
+
+
+def followed(
+    diagnosis: Diagnosis, windows, calibration, search: SearchSettings | None = None
+) -> list[Estimate]:
+    segments = [Segment(0, ActuatorDescription(), window) for window in windows]
+    search = search or SearchSettings()
+    every = [one for segment in segments for one in diagnosis.add(segment, calibration, search)]
+    return [one.estimate for one in every if isinstance(one, Diagnosed)]
+
+
+def test_equal_shorts_are_told_from_a_weaker_motor_by_when_they_came(shorted, calibration):
+    """The window alone names the torque constant, which is one cause; neither is certain."""
+    *_, last = followed(Diagnosis(), shorted, calibration)
+    assert np.array(last.faults)[SHORT_CIRCUITS] == pytest.approx(0.15, abs=0.02)
+    assert "torque_constant" not in {cause.name for cause in last.causes}
+    assert "torque constant" in last.reason
+    alone = SearchSettings(memory=False)
+    *_, last = followed(Diagnosis(), shorted, calibration, alone)
+    assert "torque_constant" in {cause.name for cause in last.causes}
+    assert not last.warm_start
+
+
+def test_history_of_a_unit_becomes_its_memory_and_gives_the_same_bits(shorted, calibration):
+    live = followed(Diagnosis(), shorted, calibration)
+    restarted = Diagnosis()
+    for one in live[:-1]:
+        restarted.begin_at(ActuatorDescription(), one)
+    [again] = followed(restarted, shorted[-1:], calibration)
+    assert again.faults == live[-1].faults
+    np.testing.assert_array_equal(again.quantiles, live[-1].quantiles)
