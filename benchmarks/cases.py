@@ -185,10 +185,7 @@ def plants(faulty: list[Case], count: int, healthy_count: int) -> list[Plant]:
 
 
 def _drawn(
-    stream: str,
-    count: int,
-    draw: Callable[[np.random.Generator], NDArray[np.float64]],
-    *more: int,
+    stream: str, count: int, draw: Callable[[np.random.Generator], NDArray[np.float64]], *more: int
 ) -> list[Case]:
     rng = np.random.default_rng(_seed(stream, *more))
     return [Case(_tuple(draw(rng)), _seed(stream, *more, i)) for i in range(count)]

@@ -158,10 +158,7 @@ def labelled(tests: dict[Test, list[Part]]) -> dict[str, dict[str, float]]:
                     named = next(iter(found))
                     right.append(named == state)
                     kind.append(named.rstrip("0123456789") == state.rstrip("0123456789"))
-        shares[str(load)] = {
-            "4": float(np.mean(kind)),
-            "13": float(np.mean(right)),
-        }
+        shares[str(load)] = {"4": float(np.mean(kind)), "13": float(np.mean(right))}
     return shares
 
 

@@ -18,11 +18,7 @@ from .leftovers import nothing_left
 from .orphans import pytest_testnodedown
 from .scheduling import pytest_collection_modifyitems, pytest_xdist_make_scheduler
 
-__all__ = [
-    "pytest_collection_modifyitems",
-    "pytest_testnodedown",
-    "pytest_xdist_make_scheduler",
-]
+__all__ = ["pytest_collection_modifyitems", "pytest_testnodedown", "pytest_xdist_make_scheduler"]
 
 # Started in the background by a shell, tests and the programs that they start would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)

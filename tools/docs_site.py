@@ -21,7 +21,7 @@ FORMULA: Final = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]
 REQUEST: Final = re.compile(
     r"<(?:script|img|link|iframe|source|video|object|embed)\b[^>]*\b(?:src|href|data)=[\"']?(?:https?:)?//[^>]*"
     r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)\s]*"
-    r"|class=\"mermaid\"|data-md-component=\"source\"",
+    r"|class=\"mermaid\"|data-md-component=\"source\""
 )
 
 

@@ -16,13 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import (
-    ECCENTRICITY,
-    ECCENTRICITY_PHASE,
-    HIGHEST,
-    N_FAULTS,
-    healthy_faults,
-)
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS, healthy_faults
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import SimulatedLife

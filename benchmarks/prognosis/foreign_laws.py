@@ -24,11 +24,7 @@ from prognosis.predictors import law_unknown
 from prognosis.scores import LifeScore, summary
 
 TRACKER: Final = "law unknown"
-METHODS: Final[Mapping[str, Any]] = {
-    TRACKER: law_unknown,
-    **FITS,
-    "oracle": oracle,
-}
+METHODS: Final[Mapping[str, Any]] = {TRACKER: law_unknown, **FITS, "oracle": oracle}
 
 LEAST_ACCURACY: Final = 0.72
 COVERAGE: Final = (0.85, 0.95)

@@ -289,9 +289,6 @@ SETS: Final[Mapping[str, Mapping[str, Kind]]] = {
     "development": DEVELOPMENT,
     "held out": HELD_OUT,
     "seen": {"gamma": Kind(Gamma, _ALL), "breakaway": Kind(Breakaway, _ALL)},
-    "unseen": {
-        "growing shocks": Kind(GrowingShocks, _ALL),
-        "idle": Kind(Idle, _ALL),
-    },
+    "unseen": {"growing shocks": Kind(GrowingShocks, _ALL), "idle": Kind(Idle, _ALL)},
 }
 """All sets by name. "seen" is that of the development of growth by jumps, "unseen" its test."""

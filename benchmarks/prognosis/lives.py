@@ -91,10 +91,7 @@ def lives_of(stream: str, count: int) -> list[ScoredLife]:
 
 
 def estimate_of(
-    case: Case,
-    window: str,
-    calibration: Calibration,
-    previous: NDArray[np.float64] | None = None,
+    case: Case, window: str, calibration: Calibration, previous: NDArray[np.float64] | None = None
 ) -> Estimate | None:
     """Simulate a test and identify its faults; None where the monitor has no window to use.
 

@@ -63,8 +63,7 @@ class Predictions:
 
 
 def predicted(
-    measurements: Sequence[Measurement],
-    after: Callable[[int], NDArray[np.float64] | None],
+    measurements: Sequence[Measurement], after: Callable[[int], NDArray[np.float64] | None]
 ) -> Predictions:
     """Return the predictions of samples after each test, by its number, with their times."""
     samples, seconds = [], []

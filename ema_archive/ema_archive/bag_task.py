@@ -138,11 +138,7 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
 
 
 def _rows_of_unit(
-    task: BagTask,
-    bag: Bag,
-    unit: ActuatorDescription,
-    windows: list[RecordedWindow],
-    sha256: str,
+    task: BagTask, bag: Bag, unit: ActuatorDescription, windows: list[RecordedWindow], sha256: str
 ) -> tuple[UnitRows, list[str]]:
     """Return what a bag says of a unit, and what is wrong with its counts."""
     calibration = calibration_of(task.settings.calibration or task.beside, unit.unit_key)

@@ -65,9 +65,7 @@ class Bench:
             help="Samples per second of the telemetry, in place of the description's [Hz].",
         ),
         click.option(
-            "--current-noise",
-            type=float,
-            help="Noise on each current sample, sigma [A].",
+            "--current-noise", type=float, help="Noise on each current sample, sigma [A]."
         ),
         click.option("--seed", type=click.IntRange(0), help="Of all noise."),
     )
@@ -89,10 +87,7 @@ class Bench:
 
     @classmethod
     def of(
-        cls,
-        parameters: Parameters,
-        sample_rate: float | None = None,
-        shape: str | None = None,
+        cls, parameters: Parameters, sample_rate: float | None = None, shape: str | None = None
     ) -> Self:
         """Return what options and parameters say; what the description contradicts is printed."""
         run = parameters.over(RunSettings())

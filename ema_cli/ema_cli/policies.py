@@ -55,13 +55,7 @@ _STEERING: Final = (
     "play_next",
     "toggle_paused",
 )
-_WATCHED: Final = (
-    topics.HEALTH,
-    topics.FAULT_ESTIMATE,
-    topics.PLAYBACK_STATE,
-    DIAGNOSTICS,
-    CLOCK,
-)
+_WATCHED: Final = (topics.HEALTH, topics.FAULT_ESTIMATE, topics.PLAYBACK_STATE, DIAGNOSTICS, CLOCK)
 _WATCHED_BY_DEMO: Final = (
     topics.HEALTH,
     topics.FAULT_ESTIMATE,
@@ -112,12 +106,7 @@ def node_access(
 
     everything = f"{prefix}/*"
     shown = [topic.name for topic in known_topics([namespace]) if topic.request is not None]
-    heard_by_monitor = (
-        topics.TELEMETRY,
-        topics.DESCRIPTION,
-        topics.USAGE,
-        *topics.SYSTEM_TOPICS,
-    )
+    heard_by_monitor = (topics.TELEMETRY, topics.DESCRIPTION, topics.USAGE, *topics.SYSTEM_TOPICS)
     found = [
         _node(
             prefix,
@@ -142,12 +131,7 @@ def node_access(
         _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
         # A bag may hold whatever a recorder hears.
         _node(prefix, "player", publishes=(everything, CLOCK), replies=_STEERING),
-        _node(
-            prefix,
-            "dashboard",
-            subscribes=shown,
-            requests=full(_ASKED_BY_DASHBOARD),
-        ),
+        _node(prefix, "dashboard", subscribes=shown, requests=full(_ASKED_BY_DASHBOARD)),
         # Nodes of commands, which publish nothing, in namespaces of their names.
         _node("/watch", "watch", subscribes=full(_WATCHED), is_managed=False),
         _node(

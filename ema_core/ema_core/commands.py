@@ -13,14 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
-from ema_core.quantity import (
-    Checked,
-    check_length,
-    finite_samples,
-    hint_of_unit,
-    quantity,
-    text,
-)
+from ema_core.quantity import Checked, check_length, finite_samples, hint_of_unit, quantity, text
 
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "swing", "moves", "custom")
 

@@ -1,19 +1,7 @@
 """The laws by which faults grow with service life, solved exactly, for arrays of any shape.
 
 u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],
-of the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-].
-
-============  ==================  ============================================================
-law           equation            describes
-============  ==================  ============================================================
-constant      dx/du = 0           no growth
-linear        dx/du = a           wear at a steady load
-exponential   dx/du = a (x + x0)  self-reinforcing damage, as dry friction in a worn screw
-archard       dx/du = a (1 + bx)  Archard's wear law with impacts that grow with the play
-self_heating  dx/du = a e^(bx)    insulation ageing (Arrhenius) sped up by the heat of the short
-power         x = (u / c)^p       bearing wear
-drift         dx = a du + s dW    drift and diffusion; here its mean
-============  ==================  ============================================================
+of the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-] (P3).
 """
 
 from dataclasses import dataclass
@@ -22,15 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LAWS: Final = (
-    "constant",
-    "linear",
-    "exponential",
-    "archard",
-    "self_heating",
-    "power",
-    "drift",
-)
+LAWS: Final = ("constant", "linear", "exponential", "archard", "self_heating", "power", "drift")
 
 _LARGEST: Final = 700.0
 """Largest exponent whose exponential is a finite float [-]."""

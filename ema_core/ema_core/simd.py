@@ -113,8 +113,7 @@ def _register(
 def _call(name: str) -> Callable[..., Any]:
     def emit(builder, *values):
         function = builder.module.declare_intrinsic(
-            f"llvm.{name}.v{LANES}f64",
-            fnty=ir.FunctionType(_DOUBLES, [_DOUBLES] * len(values)),
+            f"llvm.{name}.v{LANES}f64", fnty=ir.FunctionType(_DOUBLES, [_DOUBLES] * len(values))
         )
         return builder.call(function, values)
 

@@ -110,22 +110,9 @@ class Identification:
 
     Parameters
     ----------
-    window
-        The window, with what was measured beside it, or why there is none: then the estimate is a
-        refusal.
-    description
-        The actuator of the window.
-    calibration
-        Calibration of the actuator, or why there is none. If there is none, or it does not belong
-        to that actuator or to the window's command, the estimate is a refusal. Where the drive is
-        unknown there is no search, and the measured current takes its place.
-    settings
-        How to identify.
-    force
-        Make an estimate all the same; it says so in its reason.
-    previous
-        Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
-        want a warm start.
+    window, description, calibration, settings, force, previous
+        As of ``ModelIdentification``. Where the drive is unknown there is no search, and the
+        measured current takes its place.
 
     Attributes
     ----------

@@ -121,10 +121,7 @@ class Monitor:
             yield one
             count = self._counts.latest(self.unit.history.unit, one.estimate.end_ns)
             outlook = self.unit.update(
-                one.estimate,
-                self._calibration.unit_parameters,
-                self._settings.prognosis,
-                count,
+                one.estimate, self._calibration.unit_parameters, self._settings.prognosis, count
             )
             if outlook is not None:
                 yield outlook

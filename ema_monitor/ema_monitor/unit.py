@@ -190,10 +190,7 @@ class Unit:
         return "a test that is in the history already came again and changes nothing"
 
     def _refuse(
-        self,
-        estimate: Estimate,
-        flown: FlownDuty,
-        parameters: ActuatorParameters | None,
+        self, estimate: Estimate, flown: FlownDuty, parameters: ActuatorParameters | None
     ) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
         before = self.history.newest
@@ -319,10 +316,7 @@ class Unit:
             return self._claimed(self._outlook(parameters))
 
     def under(
-        self,
-        scenario: Scenario,
-        parameters: ActuatorParameters | None,
-        settings: PrognosisSettings,
+        self, scenario: Scenario, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook:
         """Return the outlook under a scenario, and record nothing.
 

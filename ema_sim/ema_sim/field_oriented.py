@@ -12,12 +12,7 @@ from typing import Final, NamedTuple
 
 from ema_core._jit import kernel
 from ema_core.current_loop import LINEAR_RANGE, CurrentLoop
-from ema_core.dynamics import (
-    clip,
-    follow_in_play,
-    reference_current,
-    speed_error,
-)
+from ema_core.dynamics import clip, follow_in_play, reference_current, speed_error
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
 from ema_sim.effects import effects_at, half_voltage, motor_speed, plant_at, resistances_at
 from ema_sim.motor import GAP_REACH, gap_at, modulation, windings
@@ -150,9 +145,7 @@ def advance_sample(
         u_alpha, u_beta = sine * u_q - cosine * u_d, -cosine * u_q - sine * u_d
         flux_alpha, flux_beta = times(M, i_alpha, i_beta)
         i_alpha, i_beta = times(
-            controlled,
-            flux_alpha + dt * (u_alpha - e_alpha),
-            flux_beta + dt * (u_beta - e_beta),
+            controlled, flux_alpha + dt * (u_alpha - e_alpha), flux_beta + dt * (u_beta - e_beta)
         )
         v_alpha, v_beta = u_alpha - loop.K_p * i_alpha, u_beta - loop.K_p * i_beta
         most = 2.0 * LINEAR_RANGE * half_voltage(effects, 0.5 * motor.V_max, j * dt)

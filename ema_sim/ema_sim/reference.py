@@ -10,13 +10,7 @@ import math
 from typing import Final, NamedTuple
 
 from ema_core._jit import kernel
-from ema_core.dynamics import (
-    CurrentSampling,
-    clip,
-    follow_in_play,
-    reference_current,
-    speed_error,
-)
+from ema_core.dynamics import CurrentSampling, clip, follow_in_play, reference_current, speed_error
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
 from ema_sim.effects import (
     effects_at,
@@ -26,15 +20,7 @@ from ema_sim.effects import (
     phase_currents,
     plant_at,
 )
-from ema_sim.motor import (
-    GAP_REACH,
-    Windings,
-    gap_at,
-    modulation,
-    overshoot,
-    sector_at,
-    windings,
-)
+from ema_sim.motor import GAP_REACH, Windings, gap_at, modulation, overshoot, sector_at, windings
 
 DT: Final = 1e-6
 """Integration step [s]."""

@@ -12,14 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from ema_study.cases import (
-    ALGORITHMS,
-    KIND_NAMES,
-    LEVEL_NAMES,
-    LEVELS,
-    MULTIPLE,
-    SINGLE_FAULTS,
-)
+from ema_study.cases import ALGORITHMS, KIND_NAMES, LEVEL_NAMES, LEVELS, MULTIPLE, SINGLE_FAULTS
 from ema_study.printed import PRINTED
 from ema_study.sources import (
     MODEL_LABELS,

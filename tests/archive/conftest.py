@@ -13,12 +13,7 @@ import pytest
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import TABLES
 from ema_archive.running import run, scan
-from ema_cli.simulated_lives import (
-    calibration_of_life,
-    simulated_tests,
-    unit_of_life,
-    write_test,
-)
+from ema_cli.simulated_lives import calibration_of_life, simulated_tests, unit_of_life, write_test
 from ema_core.faults import fault_vector
 from ema_core.tasks import Workers
 from ema_monitor.model.threads import limit_threads

@@ -171,14 +171,7 @@ def _note(
         block = telemetry_from_message(message)
         name = message.actuator_id
         record.blocks.append(
-            Block(
-                name,
-                block.stamp_ns,
-                block.sample_period,
-                block.first_index,
-                len(block),
-                sent_ns,
-            )
+            Block(name, block.stamp_ns, block.sample_period, block.first_index, len(block), sent_ns)
         )
         _add_found(record, finders[name].feed(block), sent_ns)
 

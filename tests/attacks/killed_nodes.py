@@ -1,15 +1,7 @@
 """Nodes that are killed, or stand still, at random moments: what is lost, and whether all goes on.
 
-A graph of simulated actuator, monitor with a history, dashboard and recorder, in which these but
-for the actuator are killed in turn, and one stands still for 10 s; then the bag is replayed into a
-monitor, and the player killed. Checked is, after each kill,
-
-- recorder: its bag can be read, has all that was sent until shortly before the kill, and how
-  shortly; it records again after a restart;
-- monitor: the history has all tests that were answered, but for the current one; it goes on from
-  it;
-- dashboard: it serves again; player: the monitor identifies again what it plays anew;
-- the others live, and say that somebody has gone if it stays away.
+All but the actuator are killed in turn, and one stands still for 10 s. After each kill: what was
+recorded and kept until then is there, each goes on after a restart, and others say who is missing.
 """
 
 import time

@@ -8,14 +8,7 @@ import pytest
 from ema_archive.database import FILE
 from ema_archive.partitions import TABLES
 
-from ..archive.conftest import (
-    _threads_as_before,
-    archive,
-    exactly,
-    fleet,
-    made_archive,
-    made_fleet,
-)
+from ..archive.conftest import _threads_as_before, archive, exactly, fleet, made_archive, made_fleet
 from ..commands import ema
 
 __all__ = ["_threads_as_before", "archive", "fleet", "made_archive", "made_fleet"]

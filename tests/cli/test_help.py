@@ -1,8 +1,6 @@
 """The help of commands: the list, without importing any, and its length."""
 
 import shlex
-import shutil
-import subprocess
 
 import click
 import pytest
@@ -53,13 +51,3 @@ def test_manual_page_has_the_help_of_each_command():
         assert f".SH EMA {name.upper()}\n" in page
     assert "predict" in page
     assert ".SH EMA PREDICT\n" not in page
-    if groff := shutil.which("groff"):
-        read = subprocess.run(
-            [groff, "-man", "-Tascii", "-ww"],
-            input=page,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert "  --hours-per-cycle" in read.stdout
-        assert not read.stderr

@@ -53,11 +53,7 @@ def function_of(operations: Iterable[str], **names: Any) -> Any:
 @pytest.mark.slow
 def test_lanes_do_what_arrays_do():
     of_lanes = function_of(
-        OPERATIONS,
-        copysign=math.copysign,
-        floor=math.floor,
-        select=select,
-        broadcast=broadcast,
+        OPERATIONS, copysign=math.copysign, floor=math.floor, select=select, broadcast=broadcast
     )
     of_arrays = function_of(
         OPERATIONS,

@@ -136,10 +136,7 @@ def test_names_may_come_in_a_message_of_their_own():
         ("data[2]", "data has 2 elements, expected more than 2"),
         ("data", "gives list, expected a number"),
         ("dato[0]", "has no field 'dato'"),
-        (
-            "reference.positions[joint_names=wing]",
-            "'wing' is not in joint_names, which has a,",
-        ),
+        ("reference.positions[joint_names=wing]", "'wing' is not in joint_names, which has a,"),
         ("data[keys=a]", "there is no array keys of names for 'a'"),
     ],
 )

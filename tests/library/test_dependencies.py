@@ -23,7 +23,7 @@ DISTRIBUTIONS = {
     "prometheus_client": "prometheus-client",
 }
 WITHOUT_KEY = {
-    *("distributed", "duckdb", "fsspec", "llvmlite", "markupsafe", "mcap", "pyarrow", "zstandard"),
+    *("distributed", "duckdb", "fsspec", "llvmlite", "markupsafe", "mcap", "pyarrow", "zstandard")
 }
 """Modules without a key in rosdistro: pip installs them, mcap with lz4."""
 

@@ -60,8 +60,7 @@ class MonitorTwin:
             for phase in "abc"
         ]
         fault = cmath.rect(
-            faults.get("eccentricity", 0),
-            (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi,
+            faults.get("eccentricity", 0), (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi
         )
         own = complex(d.get("eccentricity_cos", 0), d.get("eccentricity_sin", 0))
         self.zeta, self.phi = cmath.polar(fault + own)

@@ -5,11 +5,7 @@ from ema_study import cases as study
 
 # Each fault at once, none of them small.
 WIDE = dict(zip(FAULT_NAMES, (0.35, 0.2, 0.1, 0.3, 0.05, 0.3, 0.2, 0.4), strict=True))
-CASES = {
-    "healthy": {},
-    **{name: case.faults for name, case in study.CASES.items()},
-    "wide": WIDE,
-}
+CASES = {"healthy": {}, **{name: case.faults for name, case in study.CASES.items()}, "wide": WIDE}
 # Faults that the model can make and find again.
 TRUTH = {
     "friction": 0.3,

@@ -9,12 +9,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration.alignment import (
-    difference_at,
-    moved,
-    shift_between,
-    shift_if_same,
-)
+from ema_monitor.calibration.alignment import difference_at, moved, shift_between, shift_if_same
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.model.deviations import Deviations
 from ema_monitor.model.monitor_model import MonitorModel, Response
@@ -59,9 +54,7 @@ def test_other_command_has_no_correction_and_the_wider_scatter(
     reference = calibration.reference(other)
     assert reference.knows_command == known
     for row, correction in zip(
-        reference.corrections,
-        (calibration.correction, calibration.speed_correction),
-        strict=True,
+        reference.corrections, (calibration.correction, calibration.speed_correction), strict=True
     ):
         assert np.array_equal(row, correction if known else np.zeros(len(other)))
     healthy = (calibration.healthy_rms, calibration.healthy_speed_rms)

@@ -49,8 +49,7 @@ ESTIMATE = Estimate(
 
 
 @pytest.mark.parametrize(
-    "estimate",
-    [ESTIMATE, replace(ESTIMATE, play=np.float64(0.3), parts=(PART,)), refused("x")],
+    "estimate", [ESTIMATE, replace(ESTIMATE, play=np.float64(0.3), parts=(PART,)), refused("x")]
 )
 def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
     text = json.dumps(estimate_record(estimate), allow_nan=False)

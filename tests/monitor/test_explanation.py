@@ -60,8 +60,7 @@ def test_cause_in_the_simulator_is_named_and_no_fault(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("causes", "faults"),
-    [({"torque_constant": -0.08}, {}), ({}, dict.fromkeys(SHORTS, 0.08))],
+    ("causes", "faults"), [({"torque_constant": -0.08}, {}), ({}, dict.fromkeys(SHORTS, 0.08))]
 )
 def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
     calibration, description, causes, faults

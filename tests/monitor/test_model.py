@@ -36,8 +36,7 @@ def part(response: Response, rows) -> Response:
 
 
 @pytest.mark.parametrize(
-    "faults",
-    [{"backlash": 0.3}, {"friction": 0.25, "short_circuit_a": 0.2, "eccentricity": 0.3}],
+    "faults", [{"backlash": 0.3}, {"friction": 0.25, "short_circuit_a": 0.2, "eccentricity": 0.3}]
 )
 def test_fast_form_converges_with_its_step(faults):
     window, vector = window_from(CHIRP), fault_vector(faults)

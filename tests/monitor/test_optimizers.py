@@ -20,9 +20,7 @@ SEEDS = range(5)
 
 # Faulty by design, as in the thesis. These are held to what random points achieve. Whatever is not
 # about precision holds for them, too.
-IMPRECISE = {
-    "gwo_thesis": "beta and delta of a wolf may stay at the zero vector and draw it there",
-}
+IMPRECISE = {"gwo_thesis": "beta and delta of a wolf may stay at the zero vector and draw it there"}
 
 pytestmark = pytest.mark.parametrize("name", ALGORITHMS)
 

@@ -224,10 +224,7 @@ def test_calibration_names_a_sample_period_that_is_not_that_of_the_motion(
 
 @pytest.mark.parametrize(
     "faults",
-    [
-        {"short_circuit_a": 0.3, "short_circuit_b": 0.3, "short_circuit_c": 0.3},
-        {"friction": 0.9},
-    ],
+    [{"short_circuit_a": 0.3, "short_circuit_b": 0.3, "short_circuit_c": 0.3}, {"friction": 0.9}],
 )
 def test_fault_is_not_taken_for_a_wrong_scale(faults):
     [window] = find_windows(simulate(faults, current_noise=0.02, seed=7))

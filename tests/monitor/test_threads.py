@@ -77,8 +77,4 @@ assert os.waitpid(child, 0)[1] == 0
 
 
 def test_forked_process_has_threads_of_its_own():
-    subprocess.run(
-        [sys.executable, "-c", AFTER_A_FORK],
-        check=True,
-        timeout=60,
-    )
+    subprocess.run([sys.executable, "-c", AFTER_A_FORK], check=True, timeout=60)

@@ -251,8 +251,7 @@ def test_eccentricity_plane_is_one(model, angle, share, stays):
     """The same distance in whatever direction."""
     offset = share * SIGNIFICANT_SIGMAS[ECCENTRICITY]
     kept, _, point = shown(
-        model,
-        {ECCENTRICITY: offset * np.cos(angle), ECCENTRICITY_PHASE: offset * np.sin(angle)},
+        model, {ECCENTRICITY: offset * np.cos(angle), ECCENTRICITY_PHASE: offset * np.sin(angle)}
     )
     assert kept == (set(PLANE) if stays else set())
     if not stays:

@@ -56,9 +56,7 @@ def closed_form(
         fast = top * (1.0 - 0.3 * (number % 3))
         speed += [way * fast * np.r_[rise, np.ones(round(steady / h)), 1.0 - rise]]
         ramp = inertia * fast / accelerated * np.ones(len(rise))
-        current += [
-            way * (np.r_[ramp, np.zeros(round(steady / h)), -ramp] + friction),
-        ]
+        current += [way * (np.r_[ramp, np.zeros(round(steady / h)), -ramp] + friction)]
         speed.append(np.zeros(dwell))
         current.append(np.zeros(dwell))
     omega, amperes = np.concatenate(speed), np.concatenate(current) + load

@@ -71,9 +71,7 @@ def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
     """Window with another current and speed behind the start, `(n,)` each [A, rad/s]."""
     start = window.telemetry
     return changed(
-        window,
-        current=np.append(start.current[0], current),
-        speed=np.append(start.speed[0], speed),
+        window, current=np.append(start.current[0], current), speed=np.append(start.speed[0], speed)
     )
 
 

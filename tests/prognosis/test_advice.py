@@ -10,12 +10,7 @@ import pytest
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import FaultHealth, Health
 from ema_monitor.prognosis.advice import Costs, Decision, advise
-from ema_monitor.prognosis.forecaster import (
-    Forecaster,
-    earlier,
-    hours_ahead,
-    removal_of,
-)
+from ema_monitor.prognosis.forecaster import Forecaster, earlier, hours_ahead, removal_of
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, Removal, unknown_outlook

@@ -8,11 +8,7 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.duty.course import (
-    REFERENCE_TESTS,
-    DutyCourse,
-    duty_changes,
-)
+from ema_monitor.prognosis.duty.course import REFERENCE_TESTS, DutyCourse, duty_changes
 from ema_monitor.prognosis.duty.damage import CLASS_KELVIN, LEAST_RISE, DamageSettings, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.history import History

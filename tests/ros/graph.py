@@ -122,11 +122,7 @@ class Graph:
         self.began_s[name] = time.time()
         with self.log(name).open("ab") as log:
             self.processes[name] = subprocess.Popen(
-                command,
-                stdout=log,
-                stderr=log,
-                env=environment,
-                pass_fds=[self._domain.descriptor],
+                command, stdout=log, stderr=log, env=environment, pass_fds=[self._domain.descriptor]
             )
 
     def kill(self, name: str) -> float:

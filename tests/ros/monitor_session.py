@@ -106,8 +106,7 @@ class MonitorSession(Probe):
         units = self.node.units
         self.describe(description)
         wait_for(
-            lambda: "flap" in units and units["flap"].description == description,
-            "the description",
+            lambda: "flap" in units and units["flap"].description == description, "the description"
         )
 
     def describe_from_a_node_of_its_own(self, description: ActuatorDescription) -> None:

@@ -39,9 +39,7 @@ SHORT = {"command.shape": "step", "command.amplitude": 1e-3, "command.duration":
 PAUSE = {"pause_s": 0.05}
 CYCLE_SAMPLES = len(build_cycle(Command("step", 1e-3, 0.02), 1e-4).samples) + 500
 EVERY_MESSAGE = QoSProfile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 RNG = np.random.default_rng(0)  # for laws without noise

@@ -309,9 +309,7 @@ def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
         values[2] += SIGMA
         faults.append(
             FaultForecast(
-                name=fault.name,
-                limit=fault.limit,
-                values=np.clip(values, 0.0, 1.0).ravel(),
+                name=fault.name, limit=fault.limit, values=np.clip(values, 0.0, 1.0).ravel()
             )
         )
     return _of(

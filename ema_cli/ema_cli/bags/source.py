@@ -88,9 +88,7 @@ class Source(Checked):
 Source.SECTIONS = ((TriggerSettings, ""), (Source, ""))
 
 MEASURED_OPTION: Final = click.option(
-    "--measured",
-    multiple=True,
-    help=f"A measured cause, {GRAMMAR}: load_torque=0.1:0.005.",
+    "--measured", multiple=True, help=f"A measured cause, {GRAMMAR}: load_torque=0.1:0.005."
 )
 """Of the commands that identify windows."""
 

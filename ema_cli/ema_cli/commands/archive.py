@@ -18,12 +18,7 @@ from ema_archive.query import FORMATS, answer, columns_of, export
 from ema_archive.running import run, scan, write_summaries
 from ema_archive.settings import ArchiveSettings
 from ema_cli.bags.identifying import ALGORITHM_OPTION, SEED_OPTION
-from ema_cli.bags.predicting import (
-    GROWTH_OPTIONS,
-    PROGNOSIS_SECTIONS,
-    prognosis_over,
-    with_growth,
-)
+from ema_cli.bags.predicting import GROWTH_OPTIONS, PROGNOSIS_SECTIONS, prognosis_over, with_growth
 from ema_cli.bags.source import Source
 from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.options import REFUSED
@@ -116,9 +111,7 @@ def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
         with progress_bar() as progress:
             task = progress.add_task("listing", total=None)
             found = scan(
-                manifest,
-                sources,
-                lambda count: progress.update(task, state=counted(count, "bag")),
+                manifest, sources, lambda count: progress.update(task, state=counted(count, "bag"))
             )
         status = manifest.status(manifest.settings)
         write_summaries(manifest)

@@ -54,11 +54,7 @@ class _Algorithms(click.ParamType):
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object, an estimate an algorithm.")
 def compare(
-    bag: Path,
-    given: Identifying,
-    algorithms: list[str],
-    number: int | None,
-    as_json: bool,
+    bag: Path, given: Identifying, algorithms: list[str], number: int | None, as_json: bool
 ) -> None:
     """Compare algorithms on one window of BAG: what each finds, how well, and how fast.
 

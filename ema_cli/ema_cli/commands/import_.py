@@ -50,9 +50,7 @@ from ema_core.wording import counted
 )
 @REPLACE_OPTION
 @click.option(
-    "--accept-defects",
-    is_flag=True,
-    help="Write the bag whatever is wrong with the data.",
+    "--accept-defects", is_flag=True, help="Write the bag whatever is wrong with the data."
 )
 @output_option(BAG_TO_WRITE, required=False)
 def import_(

@@ -31,11 +31,7 @@ from ema_monitor.prognosis.sentences import label_of
 @LIMIT_OPTION
 @REPLACE_OPTION
 def learn(
-    histories: tuple[Path, ...],
-    output: Path,
-    name: str,
-    limits: dict[str, float],
-    overwrite: bool,
+    histories: tuple[Path, ...], output: Path, name: str, limits: dict[str, float], overwrite: bool
 ) -> None:
     """Learn how the units of a fleet grow, from the HISTORY of each.
 

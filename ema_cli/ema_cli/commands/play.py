@@ -25,9 +25,7 @@ from ema_cli.processes.reach import run_node
     help="Play what the actuator sent and no estimates, so that a monitor diagnoses it anew.",
 )
 @click.option(
-    "--stay",
-    is_flag=True,
-    help="Stay at the end, so that the dashboard can go back, until Ctrl-C.",
+    "--stay", is_flag=True, help="Stay at the end, so that the dashboard can go back, until Ctrl-C."
 )
 @node_parameters_option
 @network_option

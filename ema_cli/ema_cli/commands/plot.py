@@ -37,11 +37,7 @@ from ema_monitor.windows.trigger import Refusal
 )
 @picture_option("; by default beside the bag")
 def plot(
-    bag: Path,
-    given: Identifying,
-    number: int | None,
-    as_history: bool,
-    output: Path | None,
+    bag: Path, given: Identifying, number: int | None, as_history: bool, output: Path | None
 ) -> None:
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
     if as_history and number is not None:

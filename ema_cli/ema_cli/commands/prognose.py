@@ -32,12 +32,7 @@ from ema_monitor.reports import health_report, scenario_report
 @settings_options(Predicting)
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @picture_option()
-def prognose(
-    bags: tuple[Path, ...],
-    given: Predicting,
-    as_json: bool,
-    output: Path | None,
-) -> None:
+def prognose(bags: tuple[Path, ...], given: Predicting, as_json: bool, output: Path | None) -> None:
     """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
     All tests are of one unit; the stamps of their windows give their order. The figures are those

@@ -28,11 +28,7 @@ from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
 @output_option("Page to write (.html)", required=False, dir_okay=False, default="report.html")
 @click.pass_context
 def report(
-    context: click.Context,
-    bags: tuple[Path, ...],
-    given: Predicting,
-    overwrite: bool,
-    output: Path,
+    context: click.Context, bags: tuple[Path, ...], given: Predicting, overwrite: bool, output: Path
 ) -> None:
     """Write what the tests in each BAG or folder of bags say of a unit as one page.
 
@@ -59,10 +55,7 @@ def report(
     else:
         course = diagnose_unit(bags, given, skips_unreadable=True)
         verdict = verdict_of(course)
-        lines, is_useless = (
-            verdict.lines,
-            not course.outlooks or bool(course.now.finding),
-        )
+        lines, is_useless = (verdict.lines, not course.outlooks or bool(course.now.finding))
         notes = _notes(histories, course.record.description.unit_key)
         page = report_page(bags, course, verdict, command, notes)
     with complete_file(output) as partial:

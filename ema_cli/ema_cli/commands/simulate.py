@@ -18,11 +18,7 @@ from ema_sim.bench import ActuatorBench
 
 
 @click.command()
-@assignments_option(
-    "--fault",
-    "faults",
-    f"A fault in [0, 1]: {', '.join(FAULT_NAMES)}.",
-)
+@assignments_option("--fault", "faults", f"A fault in [0, 1]: {', '.join(FAULT_NAMES)}.")
 @click.option(
     "--cause",
     "causes",
@@ -72,9 +68,7 @@ def simulate(
         for _ in range(cycles):
             cycle = bench.begin_cycle()
             progress.update(
-                task,
-                total=cycles * cycle.samples,
-                state=f"cycle {cycle.number + 1} of {cycles}",
+                task, total=cycles * cycle.samples, state=f"cycle {cycle.number + 1} of {cycles}"
             )
             recording.begin_cycle(cycle.number, cycle.faults, cycle.hours)
             for block, torque in cycle.blocks:

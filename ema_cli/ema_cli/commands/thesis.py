@@ -54,11 +54,7 @@ _TIMING = "timing.csv"
 @click.option("--quick", is_flag=True, help=f"{QUICK_RUNS} runs each, without table 8.")
 @executor_options
 def thesis(
-    folder: Path,
-    models: tuple[str, ...],
-    runs: int | None,
-    quick: bool,
-    executor: ExecutorOptions,
+    folder: Path, models: tuple[str, ...], runs: int | None, quick: bool, executor: ExecutorOptions
 ) -> None:
     """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
 

@@ -25,10 +25,7 @@ from ema_ros.topics import NAMESPACE
 
 @click.command()
 @click.argument(
-    "nodes",
-    nargs=-1,
-    type=click.Choice(list(NODES)),
-    metavar=f"[{'|'.join(NODES)}]...",
+    "nodes", nargs=-1, type=click.Choice(list(NODES)), metavar=f"[{'|'.join(NODES)}]..."
 )
 @click.option(
     "--params",

@@ -133,7 +133,4 @@ def _merged(general: Any, own: Any) -> Any:
     """Return a section with what another one overrides in it."""
     if not isinstance(general, dict) or not isinstance(own, dict):
         return own
-    return {
-        **general,
-        **{key: _merged(general.get(key), value) for key, value in own.items()},
-    }
+    return {**general, **{key: _merged(general.get(key), value) for key, value in own.items()}}

@@ -106,11 +106,6 @@ class Calibration(StoredCalibration):
         How the telemetry of the windows was acquired.
     normal
         Figures of the windows, which show what departs; empty when they were not taken.
-
-    Raises
-    ------
-    ValueError
-        When a figure is impossible; the message names it.
     """
 
     FORMAT: ClassVar = 4

@@ -13,13 +13,7 @@ from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.alignment import moved, shift_between, shift_if_same
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
-from ema_monitor.model.deviations import (
-    COLUMNS,
-    N_DEVIATIONS,
-    NAMES,
-    Deviations,
-    unit_priors,
-)
+from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, Response, form_of
 from ema_monitor.model.readings import TRAVEL, law_slopes, read

@@ -28,7 +28,7 @@ class StoredCalibration(ABC):
     """A calibration of one unit, in a YAML file that carries its identity.
 
     A kind of calibration is a frozen dataclass with the attributes below and a ``FORMAT`` of its
-    own.
+    own. A ``ValueError`` names a figure that is impossible.
     """
 
     FORMAT: ClassVar[int | str]

@@ -9,13 +9,7 @@ import numpy as np
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.current_balance.balance import OF_CURRENT, Balance, ripples
-from ema_monitor.current_balance.fitting import (
-    BalancePrior,
-    Fit,
-    basic_terms,
-    fit,
-    loads_before,
-)
+from ema_monitor.current_balance.fitting import BalancePrior, Fit, basic_terms, fit, loads_before
 from ema_monitor.current_balance.motion import has_speed
 from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.windows.window import Window

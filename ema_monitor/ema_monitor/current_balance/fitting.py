@@ -166,10 +166,7 @@ def fit(balances: Sequence[Balance], prior: BalancePrior, fitted: Flags, noise: 
 
 
 def fit_with_ripples(
-    balances: Sequence[Balance],
-    prior: BalancePrior,
-    noise: float,
-    ripples: Sequence[Ripple],
+    balances: Sequence[Balance], prior: BalancePrior, noise: float, ripples: Sequence[Ripple]
 ) -> Fit:
     """Fit the basic terms and, one after the other, the ripples that are evident (M43)."""
     fitted = basic_terms(prior)

@@ -57,11 +57,6 @@ class UnknownDriveUnit(StoredCalibration):
         Largest speed of the motor in the windows [rad/s].
     normal
         Figures of the windows, which show what departs; empty when they were not taken.
-
-    Raises
-    ------
-    ValueError
-        When a figure is impossible; the message names it.
     """
 
     FORMAT: ClassVar = "unknown_drive_1"

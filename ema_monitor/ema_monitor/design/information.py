@@ -82,10 +82,7 @@ class Information:
         still = np.zeros(len(first))
         # As after a calibration under this command.
         calibration = replace(
-            self._calibration,
-            command=first.command,
-            correction=still,
-            speed_correction=still,
+            self._calibration, command=first.command, correction=still, speed_correction=still
         )
         rows = []
         for faults, window in zip(self._states, windows[1:], strict=True):

@@ -12,13 +12,7 @@ SHORTEST_S: Final = 0.05
 SMALLEST_TRAVEL: Final = 1.5 * MIN_TRAVEL
 """Smallest travel of a test, somewhat more than a window needs [rad]."""
 
-UNITS: Final = {
-    "travel": "rad",
-    "current": "A",
-    "torque": "N.m",
-    "speed": "rad/s",
-    "longest": "s",
-}
+UNITS: Final = {"travel": "rad", "current": "A", "torque": "N.m", "speed": "rad/s", "longest": "s"}
 """Unit of each limit."""
 
 _SHARE: Final = 0.9

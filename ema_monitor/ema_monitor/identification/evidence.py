@@ -57,9 +57,9 @@ class Evidence:
     """Compares sets of faults and hidden causes as explanations of a window.
 
     A set is worth ``n ln(cost) + z^2``, and how much it surprises after the unit's earlier tests,
-    less being better, with ``n`` effective residuals, the cost
-    of the window alone, and ``z^2`` the squared distance of its causes from what is usual: where
-    the model does not match the unit, the window counts less, but no cause gets more usual.
+    less being better, with ``n`` effective residuals, the cost of the window alone, and ``z^2`` the
+    squared distance of its causes from what is usual: where the model does not match the unit, the
+    window counts less, but no cause gets more usual.
 
     Parameters
     ----------
@@ -127,8 +127,7 @@ class Evidence:
             of_none, *differences = self.worse(at, sets, REMEMBERED_EVIDENCE).tolist()
             # What hardly shows is not worth an alternative.
             most = min(
-                AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1),
-                of_none - COMPONENT_EVIDENCE,
+                AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1), of_none - COMPONENT_EVIDENCE
             )
             for other, trial, difference in zip(others, sets[1:], differences, strict=True):
                 if difference < most:

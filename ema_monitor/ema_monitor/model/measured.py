@@ -10,13 +10,7 @@ from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, counted, unknown_name
-from ema_monitor.model.deviations import (
-    COLUMNS,
-    HIDDEN_CAUSES,
-    SENSOR_ERRORS,
-    Prior,
-    hidden_causes,
-)
+from ema_monitor.model.deviations import COLUMNS, HIDDEN_CAUSES, SENSOR_ERRORS, Prior, hidden_causes
 from ema_monitor.windows.window import Window
 
 GRAMMAR: Final = "NAME=VALUE:SIGMA"

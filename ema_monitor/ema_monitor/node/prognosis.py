@@ -270,10 +270,7 @@ class MonitorPrognosis:
                 if (unit := self._histories.get(key)) is None:
                     path = history_path(self._folder, *key) if self._folder else None
                     unit = self._histories[key] = Unit(
-                        History(*key, path),
-                        self.settings,
-                        time.time_ns(),
-                        self._author,
+                        History(*key, path), self.settings, time.time_ns(), self._author
                     )
         self._log(description, unit)
         return unit

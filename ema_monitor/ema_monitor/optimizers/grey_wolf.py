@@ -87,10 +87,7 @@ def shrinking(generation: int, generations: int) -> float:
 
 
 def encircled(
-    points: NDArray[np.float64],
-    leaders: NDArray[np.float64],
-    a: float,
-    rng: np.random.Generator,
+    points: NDArray[np.float64], leaders: NDArray[np.float64], a: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Return where wolves at ``points``, ``(m, d)``, go, within [0, 1].
 

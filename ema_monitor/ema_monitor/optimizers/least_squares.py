@@ -72,10 +72,7 @@ class ScreenedLeastSquares:
     uses_residuals = True
 
     def __init__(
-        self,
-        start: NDArray[np.float64],
-        rng: np.random.Generator,
-        hints: Hints = NO_HINTS,
+        self, start: NDArray[np.float64], rng: np.random.Generator, hints: Hints = NO_HINTS
     ) -> None:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)

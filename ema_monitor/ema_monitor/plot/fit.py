@@ -22,11 +22,7 @@ from ema_monitor.windows.window import Window
 _HEIGHTS: Final = (3.0, 1.3, 2.0, 1.3, 2.2)
 _MEASURED: Final[dict[str, Any]] = {"color": GREY, "alpha": 0.6, "lw": 2.0, "label": "measured"}
 _HEALTHY: Final[dict[str, Any]] = {"color": BLUE, "ls": "--", "lw": 0.9, "label": "model, healthy"}
-_FITTED: Final[dict[str, Any]] = {
-    "color": VERMILION,
-    "lw": 0.9,
-    "label": "model, estimated faults",
-}
+_FITTED: Final[dict[str, Any]] = {"color": VERMILION, "lw": 0.9, "label": "model, estimated faults"}
 _RESIDUAL: Final[dict[str, Any]] = {
     "color": GREY,
     "alpha": 0.6,

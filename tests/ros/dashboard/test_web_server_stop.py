@@ -20,16 +20,7 @@ from ...waiting import wait_for
 def server():
     listener = bound_socket("127.0.0.1", 0, 1)
     made = WebServer(
-        listener,
-        None,
-        Access([], [], ""),
-        Hub(),
-        lambda _: None,
-        AsyncMock(),
-        4,
-        1000,
-        {},
-        print,
+        listener, None, Access([], [], ""), Hub(), lambda _: None, AsyncMock(), 4, 1000, {}, print
     )
     made.start()
     return made

@@ -77,11 +77,7 @@ class DamageSettings(Checked):
         1.0, "-", 0.5, 10.0, "power of the load by which travel wears: 1 sliding, 3 rolling contact"
     )
     activation_energy: float = quantity(
-        1.0,
-        "eV",
-        0.1,
-        3.0,
-        "of the ageing of the insulation; 1 halves its life by 10 K at 130 °C",
+        1.0, "eV", 0.1, 3.0, "of the ageing of the insulation; 1 halves its life by 10 K at 130 °C"
     )
     winding_temperature: float = quantity(
         20.0,

@@ -1,22 +1,15 @@
-"""A bank of Gaussian filters, one to each cell of the grid.
+"""A bank of Gaussian filters, one to each cell of the grid (P5).
 
-Within a cell law, shape and rate are fixed, so that what is left is one smooth scalar state, the
-fault's distance from healthy, and a Gaussian holds it (two sigma points through the exact solution
-of the law). The cells' probabilities carry all that is not Gaussian: which law, how bent, how fast.
-This is the multiple-model estimator (Magill 1965; Bar-Shalom, Li and Kirubarajan 2001, section
-11.6), with the merging of the interacting one (section 11.6.6) for the onset of growth, for changes
-of it, and for rates that wander.
+Within a cell law, shape and rate are fixed, so that a Gaussian holds what is left: the distance
+from healthy. This is the multiple-model estimator, with the merging of the interacting one for
+onset, changes and wandering rates (Bar-Shalom, Li and Kirubarajan 2001, section 11.6).
 """
 
 import numpy as np
 
 from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.cells import N_RATES, Cells, Owners
-from ema_monitor.prognosis.growth.filters import (
-    LEAST_PROBABILITY,
-    corrected,
-    near_healthy_update,
-)
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, corrected, near_healthy_update
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Levels

@@ -1,19 +1,8 @@
-"""The grid over laws, shapes and rates on which a tracker weighs how each component grows.
+"""The grid over laws, shapes and rates on which a tracker weighs how each component grows (P6).
 
-A rate is stated by the hours T of the law from healthy to the limit, and a shape by the
-bend of its curve, so that one grid serves components, limits and actuators of any kind. T is
-anything from 50 h to 30,000 h, log-uniform. These figures come from what a tracker can
-distinguish (faster growth ends within five tests, slower growth is beyond the horizon), not from
-the lives that it is tested on.
-
-Laws bend their curves in ways of their own, so their second figures cannot be compared. The bend
-can: the speed of growth at the limit over the mean speed on the way there, 1 for a straight line.
-Where no law is known, one grid of bends serves all of them, and every curve is as probable as any
-other. Bends of steady growth are above 1.
-
-Growth seldom keeps to one law for life. Beside cells of a steady rate there are those whose rate
-wanders about that of a law (``wander``): by the pace, a factor that forgets itself within some
-hundred hours. They follow what no law of the grid describes: load, lubrication, what slows down.
+A rate is stated by the hours from healthy to the limit, a shape by the bend of its curve: so one
+grid serves components and limits of any kind, and laws whose second figures cannot be compared.
+Beside cells of a steady rate there are those whose rate wanders about that of a law (``wander``).
 """
 
 import math

@@ -1,12 +1,8 @@
-"""A unit's own predictions, held against what its tests then showed.
+"""A unit's own predictions, held against what its tests then showed (P13a).
 
-The probability integral transform (PIT) of a test is the predicted probability of a value below
-the one that it then showed; over many tests it is uniform when predictions are honest (Dawid 1984;
-Diebold, Gunther and Tay 1998). It is kept of each test's prediction by the test before, and of
-predictions twenty tests ahead. The latter also tell by how much wider, or narrower, the growth
-that was predicted should have been: the probabilities of factors of its width, by the likelihood
-of what came. Intervals are widened by it, and never narrowed: what lies beyond twenty tests is
-less certain.
+The probability integral transform of a test is the predicted probability of a value below the one
+that it showed: uniform where predictions are honest (Dawid 1984; Diebold, Gunther and Tay 1998). It
+is kept of predictions one test and twenty tests ahead; the latter widen intervals, never narrow.
 """
 
 import math

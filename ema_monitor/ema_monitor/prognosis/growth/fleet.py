@@ -1,12 +1,8 @@
-"""What the growth of units says of the next one: the distribution of curves and rates over a fleet.
+"""What the growth of units says of the next one: curves and rates over a fleet (P26).
 
 Each unit gives, for each fault that grows, the likelihood of its tests under every curve and rate
-of the tracker's grid, which is all that they say of both. Whether it failed or still runs does not
-matter: a life that has not ended says that it is longer. The distribution over the units is fitted
-to these likelihoods by empirical Bayes: expectation maximisation of a mixing distribution (Laird
-1978), smoothed over the rates after each step (Silverman, Jones, Wilson and Nychka 1990). Parts of
-a fleet are put together by putting their likelihoods together, so that nothing is lost and no test
-leaves the site. P26 of docs/prognosis.md.
+of the grid. The distribution over the units is fitted to these by empirical Bayes (Laird 1978),
+smoothed over the rates (Silverman et al. 1990). Likelihoods are all that leaves a site.
 """
 
 import hashlib

@@ -1,10 +1,7 @@
 """Samples of what is known of growth, continued into the future.
 
-Process noise multiplies each increment by a factor, so a fault grows as its law says, in a time
-of its own whose increments are random with mean 1. To first order in the variance that time is a
-Wiener process with drift, and the hours until it reaches those of the noiseless law follow an
-inverse Gaussian; of drift and diffusion they do so exactly (Chhikara and Folks, The Inverse
-Gaussian Distribution, 1989). Where the rate wanders, that time runs at the pace.
+A fault grows as its law says, in a time of its own whose increments are random with mean 1 (P7): to
+first order a Wiener process with drift, whose first passage is inverse Gaussian (P10).
 """
 
 from collections.abc import Iterator

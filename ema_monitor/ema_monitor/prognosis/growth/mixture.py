@@ -1,11 +1,7 @@
 """Mixture of all hypotheses of how the components of a unit grow: cells and waves.
 
-Probabilities of cells and filters are exact marginal likelihoods, with one exception: some of them
-are forgotten. Each test raises them to a power slightly below 1, towards their prior (dynamic model
-averaging: Raftery, Karny and Ettler 2010). Forgotten are the probabilities of wandering rates, of
-waves, and of the kind of growth: a steady law, a wandering rate, or a wave. Not forgotten are which
-steady law it is, and whether there is growth. Only a unit that grows steadily therefore gets the
-narrower interval.
+Probabilities of cells and filters are exact marginal likelihoods, but for those that are forgotten
+(P6b): wandering rates, waves, and the kind of growth.
 """
 
 import numpy as np

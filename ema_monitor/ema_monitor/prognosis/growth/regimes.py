@@ -1,11 +1,8 @@
-"""Abrupt changes of the rate of growth: another mission, another load, lost lubrication.
+"""Abrupt changes of the rate of growth: another mission, another load, lost lubrication (P9a).
 
-Two kinds of curves are fitted to the latest tests of each component: two straight lines that meet
-at a test, and growth without a break (a parabola, a cubic, a line with an exponential, lines under
-waves). The fit is generalised least squares; the tracker gives the errors of the tests and the
-noise of the growth between them. A change is reported once the sum of squares of the broken line is
-lower than all others by a margin. Accelerating growth or a season is therefore not mistaken for a
-change (the generalised likelihood ratio of Willsky and Jones 1976, with rivals).
+Two lines that meet at a test are fitted to the latest tests, and growth without a break: a
+parabola, a cubic, an exponential, waves. A change is told where the broken line is better than all
+others by a margin (generalised likelihood ratio: Willsky and Jones 1976, with rivals).
 """
 
 import math

@@ -1,12 +1,9 @@
-"""Bayesian tracker of how an actuator's faults grow.
+"""Bayesian tracker of how an actuator's faults grow (P5 to P9).
 
-State and growth are estimated together: each component has a bank of Gaussian filters on a grid
-of laws, shapes and rates (``bank``), and Kalman filters of faults under a wave (``waves``). A grid
-was chosen rather than particles, because given law, shape and rate only one smooth scalar is left,
-which a Gaussian holds; because static parameters make particles degenerate and the usual cure,
-jitter, forgets what long lives taught; because the probabilities of laws are then marginal
-likelihoods; and because nothing is random before a prediction draws from it. A single extended
-Kalman filter would hold neither the early, many-peaked distribution of the rates nor several laws.
+Each component has a bank of Gaussian filters on a grid of laws, shapes and rates (``bank``), and
+Kalman filters of faults under a wave (``waves``). A grid was chosen rather than particles: given
+law, shape and rate one smooth scalar is left, which a Gaussian holds; static parameters make
+particles degenerate; and nothing is random before a prediction draws from it.
 """
 
 import math

@@ -1,9 +1,7 @@
-"""Filters for faults under a wave: what season, temperature or load add and take away again.
+"""Filters for faults under a wave: what season, temperature or load add and take away (P6c).
 
 The state of each is level x, rate v, and a wave of known period and unknown amplitude and phase:
-w turns by 2 pi hours / period and slowly becomes another. A test measures x + w. There is one
-filter for each period of a grid, for a component that does not grow and for growth of some speed;
-being linear and Gaussian each is a Kalman filter.
+w turns by 2 pi hours / period and slowly becomes another. A test measures x + w.
 """
 
 import math
@@ -17,11 +15,7 @@ from ema_core._jit import kernel
 from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.filters import (
-    LEAST_PROBABILITY,
-    corrected,
-    near_healthy_update,
-)
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, corrected, near_healthy_update
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import REACH, Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings

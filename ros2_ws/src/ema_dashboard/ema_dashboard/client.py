@@ -37,11 +37,7 @@ class Client:
     """
 
     def __init__(
-        self,
-        hub: Hub,
-        socket: WebSocketResponse,
-        control: Callable[[bytes], None],
-        most_bytes: int,
+        self, hub: Hub, socket: WebSocketResponse, control: Callable[[bytes], None], most_bytes: int
     ) -> None:
         self.subscriptions: dict[int, int] = {}
         self.dropped = 0

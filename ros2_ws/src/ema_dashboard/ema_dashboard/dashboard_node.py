@@ -35,13 +35,7 @@ from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, WARN, Task
-from ema_ros.topics import (
-    DESCRIPTION,
-    FAULT_ESTIMATE,
-    HEALTH,
-    HEALTH_SUMMARY,
-    PLAYBACK_STATE,
-)
+from ema_ros.topics import DESCRIPTION, FAULT_ESTIMATE, HEALTH, HEALTH_SUMMARY, PLAYBACK_STATE
 
 _DISCOVERY_S: Final = 0.2
 _JUMP_NS: Final = 1_000_000_000
@@ -96,10 +90,7 @@ class DashboardNode(ManagedNode):
             self._keep_note,
             settings.most_clients,
             round(settings.buffer_mb * 1e6),
-            {
-                "/metrics": self._metrics.exposition,
-                "/fleet.json": FleetDocument(settings.archive),
-            },
+            {"/metrics": self._metrics.exposition, "/fleet.json": FleetDocument(settings.archive)},
             self.report_end,
         )
         self._web.start()

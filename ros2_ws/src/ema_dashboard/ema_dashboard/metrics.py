@@ -228,9 +228,7 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
                     family.add_metric((*labels, *label), known.status[key])
         yield family
     latency = _gauge(
-        "ema_estimate_latency",
-        "Time from the end of the latest window to its estimate.",
-        "seconds",
+        "ema_estimate_latency", "Time from the end of the latest window to its estimate.", "seconds"
     )
     computing = HistogramMetricFamily(
         "ema_estimate_computing",

@@ -134,9 +134,7 @@ class ActuatorHistory:
 
     def _empty(self, *, is_addition: bool) -> UnitHistory:
         return UnitHistory(
-            actuator_id=self._actuator_id,
-            serial_number=self.serial_number,
-            is_addition=is_addition,
+            actuator_id=self._actuator_id, serial_number=self.serial_number, is_addition=is_addition
         )
 
     def _happened(self, stamp: Time, kind: str, text: str) -> None:

@@ -65,9 +65,7 @@ ACTUATOR_TOPICS: Final = {
 }
 """Message class and quality of service of what a simulated actuator publishes, by topic."""
 
-SYSTEM_TOPICS: Final = {
-    MEASURED_CAUSES: (MeasuredCauses, STREAM),
-}
+SYSTEM_TOPICS: Final = {MEASURED_CAUSES: (MeasuredCauses, STREAM)}
 """Message class and quality of service of what the system around may tell a monitor, by topic."""
 
 MONITOR_TOPICS: Final = {
@@ -80,7 +78,5 @@ MONITOR_TOPICS: Final = {
 }
 """Message class and quality of service of what a monitor publishes, by topic."""
 
-PLAYER_TOPICS: Final = {
-    PLAYBACK_STATE: (PlaybackState, LATCHED),
-}
+PLAYER_TOPICS: Final = {PLAYBACK_STATE: (PlaybackState, LATCHED)}
 """Message class and quality of service of what a player publishes about itself, by topic."""

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
-from ema_bags.inputs.defects import (
-    InputDefect,
-    find_defects,
-    not_finite,
-    refused,
-    stream_defects,
-)
+from ema_bags.inputs.defects import InputDefect, find_defects, not_finite, refused, stream_defects
 from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate

@@ -47,11 +47,7 @@ class SampleStream:
         return self._resampler.losses
 
     def push(
-        self,
-        by_topic: ByName[str, Series],
-        stamps_ns: NDArray[np.int64],
-        *,
-        is_last: bool = False,
+        self, by_topic: ByName[str, Series], stamps_ns: NDArray[np.int64], *, is_last: bool = False
     ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
         """Return the columns of the next samples in SI units, and the runs that they make.
 
