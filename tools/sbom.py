@@ -4,7 +4,7 @@
     tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json
 
 The packages of ``.venv`` with their licences and dependencies, as cyclonedx-py finds them there;
-those that are bundled in the dashboard's page. Fails where a locked package is missing.
+those that are bundled in the dashboard's page; our own. Fails where a locked package is missing.
 """
 
 import base64
@@ -123,20 +123,34 @@ def _hexadecimal(integrity: str) -> str:
     return base64.b64decode(digest).hex()
 
 
+def own() -> list[dict[str, Any]]:
+    """Return our packages, by their manifests."""
+    components = []
+    manifests = [*ROOT.glob("ema_*/package.xml"), *ROOT.glob("ros2_ws/src/ema_*/package.xml")]
+    for path in sorted(manifests):
+        manifest = ElementTree.parse(path).getroot()
+        values = {name: manifest.findtext(name, "") for name in ("name", "version", "description")}
+        licence = [{"license": {"id": manifest.findtext("license", "")}}]
+        components.append(
+            {"type": "library", "bom-ref": values["name"], **values, "licenses": licence}
+        )
+    return components
+
+
 def main() -> None:
     """Write the bill to the file that is named."""
     output = Path(sys.argv[1])
     bill = installed()
     page, page_dependencies = bundled()
-    manifest = ElementTree.parse(ROOT / "ema_monitor" / "package.xml").getroot()
-    bill["components"] += page
+    ours = own()
+    bill["components"] += [*page, *ours]
     bill["dependencies"] += page_dependencies
     bill["metadata"]["component"] = {
         "type": "application",
         "bom-ref": "ema-health-monitor",
         "name": "EMA health monitor",
-        "version": manifest.findtext("version"),
-        "licenses": [{"license": {"id": manifest.findtext("license")}}],
+        "version": ours[0]["version"],
+        "licenses": ours[0]["licenses"],
     }
     text = json.dumps(bill, indent=2, ensure_ascii=False) + "\n"
     error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)

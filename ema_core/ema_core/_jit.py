@@ -1,9 +1,8 @@
 """Compilation options of all kernels, and their cache on disk.
 
-numba's file cache of a function goes stale when a function that it calls changes in another file.
-The name of the cache folder therefore contains a digest of the kernel's module and of all modules
-of ours that it imports, directly or not. numba also trusts the files of its cache: of a damaged one
-the loader of machine code aborts the process. Each file therefore has a checksum of its content.
+numba's file cache of a function goes stale when a function that it calls changes in another file:
+the name of the cache folder has a digest of all modules of ours that the kernel's imports. A
+damaged file of the cache would abort the process: each has a checksum of its content.
 """
 
 import hashlib

@@ -1,9 +1,8 @@
 """Arrays of a few megabytes: linear algebra on one thread, and memory that is used again.
 
-What computes here divides its work among processors itself. The libraries below numpy start a
-thread for each processor, too, which waits in a loop most of the time and takes a processor from
-the next worker; their number may change the last bits of a result. The C library returns each array
-to the system, and a sixth of the time of an estimate goes into the pages of the next one.
+What computes here divides its work among processors itself. Threads below numpy would wait in a
+loop and take a processor from the next worker; their number may change the last bits of a result.
+The C library returns each array to the system: a sixth of an estimate's time is for new pages.
 """
 
 import os

@@ -6,9 +6,8 @@ minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the compari
 ``math.cos`` and ``math.sin`` act lane by lane; a number has the same value in all lanes.
 Comparisons return a `Mask`, which supports ``& | ~``. Lanes are independent of each other.
 
-numba documents how to add types and functions, but neither how a number becomes another type
-(``Conversion``) nor the methods of the contexts that generate code. Both are used here and nowhere
-else; tests/core/test_simd.py fails where a version of numba differs. Checked with numba 0.68.
+numba documents neither how a number becomes another type (``Conversion``) nor the contexts that
+generate code. Both are used here alone; tests/core/test_simd.py fails where a version differs.
 """
 
 import math

@@ -1,9 +1,7 @@
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
 One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8) are
-those of ``docs/model.md``. Rare events (commutation, switching of a leg, the end stop) are behind
-branches that the processor predicts well, so that the duration of a step is little more than the
-latency from voltage over current and torque to speed.
+those of ``docs/model.md``. Rare events are behind branches that the processor predicts well.
 """
 
 import math

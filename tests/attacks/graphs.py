@@ -1,9 +1,7 @@
 """Graphs under disturbances, recorded and held against the rules of the checker.
 
-A case is one graph under one disturbance at random moments: nodes that stand still for longer than
-a lease, so that each side takes the other for gone (a partition), restarts of publisher and
-monitor, time on ``/clock`` that goes back and forth, subscribers that do not take what they asked
-for, and four times the load.
+A case is one graph under one disturbance at random moments: partitions, restarts, time that goes
+back and forth, subscribers that do not take what they asked for, and four times the load.
 """
 
 import multiprocessing

@@ -1,10 +1,8 @@
 """Graphs that go on for hours: whether memory, threads, descriptors or shared memory grow.
 
-Four actuators, a monitor, a recorder and a dashboard. Memory is what each process has for itself
-alone: anonymous pages, as those of files that several map change with what else runs. Its slope is
-that of a straight line through all samples after ten minutes, or a third of a shorter run, with a
-standard deviation that counts samples as dependent for as long as their residuals are. A monitor
-keeps its tests, and may grow by them besides. Two hours leave a bag of 6 GB.
+Four actuators, a monitor, a recorder and a dashboard. Memory is that of anonymous pages; its slope
+that of a line through all samples after ten minutes, or a third of a shorter run, with a standard
+deviation for dependent samples. A monitor keeps its tests besides. Two hours leave a bag of 6 GB.
 """
 
 import time

@@ -181,15 +181,6 @@ def test_repair_is_told(ema, tmp_path, short):
     assert 0.0 < life["repair_hours"] < life["end_hours"]
 
 
-def test_existing_folder_is_kept(ema, tmp_path):
-    (tmp_path / "precious").write_text("x")
-    result = ema("lives", "-o", tmp_path)
-    assert result.exit_code == 1
-    assert str(tmp_path) in result.stderr
-    assert "is there already" in result.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
-
-
 def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
     folder = tmp_path / "lives"
     with started(

@@ -171,21 +171,6 @@ def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(
     assert "EUR" not in of_life.text
 
 
-@pytest.mark.slow
-def test_damaged_bag_is_named_in_the_report_of_the_others(ema, life_folder, tmp_path):
-    junk, cut = tmp_path / "junk.mcap", tmp_path / "cut.mcap"
-    junk.write_bytes(b"no bag at all")
-    first = sorted(life_folder.iterdir())[0]
-    content = first.read_bytes()
-    cut.write_bytes(content[: len(content) * 6 // 10])
-    rest = sorted(life_folder.iterdir())[1:]
-    assert ema("report", junk, cut, *rest, "-o", tmp_path / "r.html").exit_code == 0
-    page = Page(tmp_path / "r.html")
-    remarks = [line for line in page.said["li"] if "mcap" in line]
-    assert any(str(junk) in line and "not an MCAP file" in line for line in remarks)
-    assert any(str(cut) in line and "breaks off" in line for line in remarks)
-
-
 def test_report_without_a_valid_estimate_says_so(ema, record, faulty_blocks, tmp_path):
     # The telemetry ends within its window.
     bag = record(faulty_blocks[: len(faulty_blocks) * 6 // 10])

@@ -14,7 +14,7 @@ SCREW = {"lead": 0.005, "tau": 0.1}
 
 def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
     given = {"theta_stop": "60 mm", "omega_max": "100 mm/s", "f_su": "200 N", "BLK": "0.02 mm"}
-    found = in_si(SCREW | given | {"C_u": "50 N.s/m", "J_u": "12 kg", "k_t": 0.05})
+    found = in_si(SCREW | given | {"C_u": "50 N.s/m", "J_u": "12 kg"})
     # 5 mm are 1 turn of the screw and 10 of the motor.
     assert found["theta_stop"] == pytest.approx(12.0 * 2.0 * math.pi)
     assert found["omega_max"] == pytest.approx(200.0 * 2.0 * math.pi)
@@ -24,7 +24,6 @@ def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
     # So is the kinetic energy, and the power lost to damping.
     assert 0.5 * found["J_u"] * found["omega_max"] ** 2 == pytest.approx(0.5 * 12.0 * 0.1**2)
     assert found["C_u"] * found["omega_max"] ** 2 == pytest.approx(50.0 * 0.1**2)
-    assert found["k_t"] == 0.05
 
 
 @pytest.mark.parametrize(
@@ -32,7 +31,6 @@ def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
     [
         ({"theta_stop": "60 mm"}, r"theta_stop = 60 mm: expected a lead"),
         (SCREW | {"f_su": "60 mm"}, r"f_su = 60 mm: expected a value in N.m or N$"),
-        (SCREW | {"k_t": "60 N"}, r"k_t = 60 N: expected a value in N.m/A$"),
         (SCREW | {"f_su": "much N"}, r"f_su = much N: expected a number"),
     ],
 )
@@ -49,11 +47,9 @@ def test_results_are_in_mm_and_n_where_there_is_a_lead():
     # Friction grows by twice nominal at k = 1, play by 99 times.
     assert physical("friction", 0.25, screw) == "dry friction 1.500 × nominal, +100 N"
     assert physical("backlash", 0.1, screw) == "backlash 10.900 × nominal, +0.198 mm"
-    assert physical("gain", 0.5, screw) == "position-loop gain 1.000 × nominal"
     no_motor = replace(screw, drive="unknown")
     assert physical("friction", 0.25, no_motor) == "dry friction 1.500 × nominal"
     rotary = ActuatorDescription()
     assert travel_shown(rotary.parameters).text(0.0025) == "2.5 mrad"
-    assert motor_shown(rotary.parameters).text(0.5) == "0.5 rad"
     assert physical("friction", 0.25, rotary) == "dry friction 1.500 × nominal"
     assert physical("tracking_error", 0.25, screw) == ""

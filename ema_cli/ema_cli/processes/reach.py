@@ -1,9 +1,8 @@
 """How far the nodes of a command are heard: on this machine alone, unless ``--network`` is given.
 
-``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` keeps nodes from looking elsewhere, and no more: peers
-and discovery servers that the environment names are asked all the same, and another machine that
-knows the address of this one can join, as Fast DDS opens its ports on all interfaces. So the former
-are left out, and a profile of Fast DDS keeps it to loopback and shared memory.
+``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` keeps nodes from looking elsewhere, and no more. So
+peers and discovery servers that the environment names are left out, and a profile of Fast DDS,
+which opens its ports on all interfaces, keeps it to loopback and shared memory.
 """
 
 import os

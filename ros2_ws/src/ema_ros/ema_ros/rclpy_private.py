@@ -1,9 +1,7 @@
 """What the nodes use of rclpy that has no public name; nothing else in the repository does.
 
-rclpy has no public way to receive what waits for one subscription without waiting for all, to read
-the state of a lifecycle in its own process, to destroy a state machine with its node, to catch what
-the service ``change_state`` raises, or to list the parameters that were given to a node.
-Checked with 7.1 (Jazzy).
+Receiving what waits for one subscription, the state of a lifecycle in its own process, the end of a
+state machine, what ``change_state`` raises, and given parameters. Checked with 7.1 (Jazzy).
 """
 
 from collections.abc import Callable, Mapping

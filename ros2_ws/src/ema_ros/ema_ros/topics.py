@@ -1,9 +1,8 @@
 """Topics of actuator and monitor, and the quality of service of their publishers.
 
-Telemetry is reliable with a history of ten seconds: a lost block costs a whole window, and a
-subscriber may be busy, or a replay fast. Descriptions, true faults, service life and health are
-latched (transient local), so that late subscribers receive the latest one. Nodes use the names
-without the namespace; recordings made without a node are under ``/ema``.
+Telemetry is reliable with a history of ten seconds: a lost block costs a whole window. What late
+subscribers need is latched (transient local). Nodes use the names without the namespace; recordings
+made without a node are under ``/ema``.
 """
 
 from typing import Final
