@@ -30,7 +30,7 @@ from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
 def report(
     context: click.Context, bags: tuple[Path, ...], given: Predicting, overwrite: bool, output: Path
 ) -> None:
-    """Write what the tests in each BAG or folder of bags say of a unit as one page.
+    """Write what the tests in bags, or folders of bags, say of a unit.
 
     All tests are of one unit, as for `ema prognose`. Its history ACTUATOR+SERIAL.sqlite adds notes.
     The page needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
