@@ -32,7 +32,7 @@ _COMMANDS: Final = {
     "learn": "Learn how the units of a fleet grow, from the HISTORY of each.",
     "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
     "GA, PSO, DE and GWO.",
-    "report": "Write what the tests in each BAG or folder of bags say of a unit as one page.",
+    "report": "Write what the tests in bags, or folders of bags, say of a unit.",
     "archive": "Keep what the bags of a fleet say as tables: estimates, health, life and growth.",
     "watch": "Show the health of all actuators, the worst first, until Ctrl-C.",
     "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
