@@ -1,6 +1,7 @@
 """Linear actuators: what angles, speeds and torques are in mm, mm/s and N by the lead."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -17,6 +18,9 @@ _IN_SI: Final = {
     "kg": ("kg.m^2", 1.0, 2),
 }
 """By unit: that of the parameter, its size, and the power of the way for one radian."""
+
+_WITH_UNIT: Final = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(mm/s|mm|N\.s/m|N|kg)")
+_NEEDED: Final = {"lead": "the travel [m] for one turn of the user shaft", "tau": "the gear ratio"}
 
 
 class Shown(NamedTuple):
@@ -65,29 +69,26 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        When a unit is unknown or not of the parameter, or the lead is missing.
+        When a unit is not of the parameter, or lead or gear ratio is missing.
     """
-    lead, tau = values.get("lead", 0.0), values.get("tau", ActuatorParameters.tau)
     converted = dict(values)
-    for name, value in values.items():
-        number, _, unit = value.partition(" ") if isinstance(value, str) else ("", "", "")
-        if unit not in _IN_SI:
-            continue
-        if not is_finite_number(lead) or not is_finite_number(tau) or not lead > 0.0 < tau:
-            raise ValueError(
-                f"{name} = {value}: expected a lead, the way [m] for one turn of the user shaft"
-            )
+    texts = {
+        name: found.groups()
+        for name, value in values.items()
+        if isinstance(value, str) and (found := _WITH_UNIT.fullmatch(value.strip()))
+    }
+    if texts.get("lead", ("", ""))[1] == "mm":
+        converted["lead"] = 1e-3 * float(texts.pop("lead")[0])
+    for name, (number, unit) in texts.items():
+        for needed, what in _NEEDED.items():
+            given = converted.get(needed, "")
+            if not is_finite_number(given) or not given > 0.0:
+                raise ValueError(f"{name} = {values[name]} needs {what}: {needed} = {given}")
         wanted, size, power = _IN_SI[unit]
         if unit_of(name) != wanted:
-            known = [one for one, (si, _, _) in _IN_SI.items() if si == unit_of(name)]
-            expected = " or ".join([unit_of(name), *known])
-            raise ValueError(f"{name} = {value}: expected a value in {expected}")
-        try:
-            size *= float(number)
-        except ValueError:
-            raise ValueError(f"{name} = {value}: expected a number before {unit}") from None
-        way = lead / (2.0 * math.pi) * (1.0 if name == "theta_stop" else tau)
-        converted[name] = size * way**power
+            raise ValueError(f"{name} = {values[name]}: expected a value in {unit_of(name)}")
+        way = converted["lead"] / (2.0 * math.pi) * (name == "theta_stop" or converted["tau"])
+        converted[name] = float(number) * size * way**power
     return converted
 
 

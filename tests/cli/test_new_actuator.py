@@ -58,7 +58,7 @@ def test_linear_actuator_is_described_in_mm_and_n(ema, tmp_path):
     assert (p.f_sm, p.f_su * turn, p.J_u * turn**2) == pytest.approx((0.0, 0.2, 20.0 * 0.005**2))
     assert "rod-friction 40 N: static friction, user" in file.read_text()
     result = ema("new-actuator", "--stroke", "120", "--replace", "-o", file)
-    assert (result.exit_code, "expected a lead" in result.stderr) == (1, True)
+    assert (result.exit_code, "needs the travel [m]" in result.stderr) == (1, True)
 
 
 def test_figures_that_contradict_each_other_are_refused(ema, tmp_path):

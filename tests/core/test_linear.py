@@ -18,6 +18,7 @@ def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
     # 5 mm are 1 turn of the screw and 10 of the motor.
     assert found["theta_stop"] == pytest.approx(12.0 * 2.0 * math.pi)
     assert found["omega_max"] == pytest.approx(200.0 * 2.0 * math.pi)
+    assert in_si({"lead": "5 mm"}) == {"lead": 0.005}
     assert found["BLK"] == pytest.approx(0.04 * 2.0 * math.pi)
     # The work of a force along the lead is that of the torque over ten turns.
     assert found["f_su"] * 10.0 * 2.0 * math.pi == pytest.approx(200.0 * 0.005)
@@ -29,9 +30,10 @@ def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"theta_stop": "60 mm"}, r"theta_stop = 60 mm: expected a lead"),
-        (SCREW | {"f_su": "60 mm"}, r"f_su = 60 mm: expected a value in N.m or N$"),
-        (SCREW | {"f_su": "much N"}, r"f_su = much N: expected a number"),
+        ({"theta_stop": "60 mm"}, r"theta_stop = 60 mm needs the travel .* lead = $"),
+        ({"lead": 0.0, "f_su": "40N"}, r"f_su = 40N needs the travel .* lead = 0.0$"),
+        ({"lead": "5 mm", "J_u": "2 kg"}, r"J_u = 2 kg needs the gear ratio: tau = $"),
+        (SCREW | {"f_su": "60 mm"}, r"f_su = 60 mm: expected a value in N.m$"),
     ],
 )
 def test_unit_that_does_not_fit_is_refused_by_name(values, words):

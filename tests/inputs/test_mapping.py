@@ -228,10 +228,10 @@ def test_lead_is_that_of_a_length_and_of_the_description():
     mapping = mapping_from(BASE | {"position": {"source": "p", "unit": "mm"}})
     screw = replace(FLAP, parameters=FLAP.parameters.replace({"lead": 0.005}))
     np.testing.assert_allclose(convert(raw, mapping, screw)["position"], [0.0, math.pi])
-    with pytest.raises(ValueError, match=r"lead = 0 with unit = mm: expected the way"):
+    with pytest.raises(ValueError, match=r"p: unit = mm with lead = 0: expected the travel"):
         convert(raw, mapping, FLAP)
     twice = replace(mapping, position=replace(mapping.position, lead=0.01))
-    with pytest.raises(ValueError, match=r"lead = 0.01 .* description \(lead = 0.005\)"):
+    with pytest.raises(ValueError, match=r"lead = 0.01: .* file \(lead = 0.005\)"):
         convert(raw, twice, screw)
 
 

@@ -178,6 +178,10 @@ def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
     for source in (mapping.position, mapping.command):
         assert source is not None
         assert source.encoding == "twos_complement_32"
+    # An encoder that only ever stands above half of its range has no sign.
+    frame["present_position"] = 40000 + counts % 1000
+    frame.to_csv(tmp_path / "servo.csv", index=False)
+    assert not InputFile(tmp_path / "servo.csv").guess(FLAP).mapping.position.encoding
 
 
 def as_mapping(sections, clock):

@@ -312,7 +312,7 @@ def test_stretches_of_a_calibrated_motion_are_fitted_together(unit, frequency_hz
     assert isinstance(found[0], Diagnosed)
     if not is_claimed:
         assert not found[0].estimate.valid
-        outside = "outside the calibrated motion: 0.17 times as fast as any healthy window"
+        outside = "outside the calibrated motion: 0.17 times as fast as the nearest healthy window"
         assert found[0].estimate.reason.startswith(outside)
         return
     assert found[0].estimate.stretches > 0

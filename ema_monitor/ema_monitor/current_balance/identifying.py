@@ -101,7 +101,7 @@ def defect_of(
         return MotionDefect(f"the calibration does not fit: {mismatch}")
     for times, how in zip(_beyond(window, unit), ("fast", "far"), strict=True):
         if not 1.0 / _OUTSIDE <= times <= _OUTSIDE:
-            words = f"{times:.2g} times as {how} as any healthy window"
+            words = f"{times:.2g} times as {how} as the nearest healthy window (limit {_OUTSIDE:g})"
             return MotionDefect(f"outside the calibrated motion: {words}; calibrate on it, too")
     return None
 

@@ -21,7 +21,7 @@ NONE_OF_THESE: Final = "none of these"
 DEPARTED: Final = 1e-2
 """Probability below which a test departs."""
 
-_LEAST_SAID: Final = 1e-6
+_LEAST_SAID: Final = 1e-4
 _SAID: Final = 0.05
 _FLOOR: Final = {LEVEL: 0.01, RATIO: 0.07, FIGURE: 0.03}
 _FLOOR_OF_DAYS: Final = {LEVEL: 0.10, RATIO: 0.20, FIGURE: 0.10}

@@ -124,11 +124,10 @@ class UnitNormal:
         return min(loads) - mean, max(loads) - mean
 
     def beyond(self, motion: Motion) -> tuple[float, float]:
-        """Return how many times as fast a motion is as any healthy window, and as far.
-
-        1 between the slowest and the fastest, and where one is as short.
-        """
-        known = [one.part.motion for one in self.healthy] or [motion]
+        """Return how many times as fast, and as far, a motion is as the nearest healthy window."""
+        known = [one.part.motion for one in self.healthy]
+        if not known:
+            return 1.0, 1.0
         speeds, shortest = [one.speed for one in known], min(one.travel for one in known)
         nearest = min(max(motion.speed, min(speeds)), max(speeds))
         return motion.speed / nearest, min(1.0, motion.travel / shortest)

@@ -28,7 +28,6 @@ _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
 """Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
 torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
 
-_SAME_LEAD: Final = 1e-6
 _SMOOTHED: Final = 3
 _NOISES: Final = 5.0
 _SLOWEST: Final = 0.02
@@ -85,10 +84,10 @@ def _turned(
     turn = 1.0
     if source.unit in (*LENGTHS, *LINEAR_SPEEDS):
         lead = source.lead or p.lead
-        if not lead or (p.lead and abs(lead / p.lead - 1.0) > _SAME_LEAD):
+        if not lead or not math.isclose(lead, p.lead or lead):
             raise ValueError(
-                f"lead = {lead:g} with unit = {source.unit}: expected the way for one turn of the "
-                f"shaft [m], as in the description (lead = {p.lead:g})"
+                f"{source.source}: unit = {source.unit} with lead = {lead:g}: expected the travel "
+                f"for one turn of the shaft [m], as in the actuator file (lead = {p.lead:g})"
             )
         turn = 2.0 * math.pi / lead
     factor = source.sign * source.scale * UNITS[source.unit] * turn * shaft

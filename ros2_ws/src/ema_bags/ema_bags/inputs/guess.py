@@ -251,10 +251,10 @@ def _encoding(values: NDArray[np.float64]) -> str:
     values = values[np.isfinite(values)]
     for bits in (16, 32):
         half = 2.0 ** (bits - 1)
-        high = values[values >= half]
-        if not len(high) or np.any(values % 1.0) or np.min(values) < 0.0:
+        high, low = values[values >= half], values[values < half]
+        if not len(high) or not len(low) or np.any(values % 1.0) or np.min(values) < 0.0:
             continue
-        if np.max(values) < 2.0 * half and np.max(values[values < half], initial=0.0) < half / 2.0:
+        if np.max(values) < 2.0 * half and np.max(low) < half / 2.0:
             if np.min(high) > 1.5 * half:
                 return f"twos_complement_{bits}"
             if bits == 16 and np.max(high) < 1.5 * half:

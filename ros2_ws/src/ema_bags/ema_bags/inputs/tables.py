@@ -259,7 +259,7 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
     # What stands at the top is a heading, if anything.
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
-        raise ValueError(f"{path} has {len(filled)} lines: expected a heading and rows of numbers")
+        raise ValueError(f"{path} has no second line: expected a heading and rows of numbers")
     rows = filled[-max(1, len(lines) * 2 // 3) :]
     for separator in (table.separator,) if table.separator else _SEPARATORS:
         for decimal in (table.decimal,) if table.decimal else (".", ","):
