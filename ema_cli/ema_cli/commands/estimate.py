@@ -143,7 +143,7 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
     click.echo(
         f"fitness {one.fitness:.5f} A^2.s; command travels "
-        f"{shown.text(one.excitation)} (limit {shown.text(MIN_TRAVEL)})"
+        f"{shown.text(one.excitation)} (at least {shown.text(MIN_TRAVEL)} needed)"
     )
     click.echo(
         f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: "

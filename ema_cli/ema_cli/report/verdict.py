@@ -247,7 +247,7 @@ def _lasting(last: Outlook) -> str:
     if last.health.level == ERROR:
         return "Its life is over: a limit is exceeded or a required performance has failed."
     if not life.known:
-        return "How long it lasts is unknown."
+        return f"How long it lasts is unknown: {life.reason or 'no growth is certain'}."
     before = last.hours + last.removal.hours
     return (
         f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "
