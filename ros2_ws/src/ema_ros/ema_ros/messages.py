@@ -132,11 +132,8 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
         When a parameter is impossible, the id or serial number is empty, the period is not
         positive or a constant is unknown.
     """
-    parameters = {
-        name: getattr(message, field)
-        for name, field in PARAMETER_FIELDS.items()
-        if hasattr(message, field)
-    }
+    older = {name: field for name, field in PARAMETER_FIELDS.items() if name != "lead"}
+    parameters = {name: getattr(message, field) for name, field in older.items()}
     return ActuatorDescription(
         **{name: getattr(message, name) for name in IDENTITY},
         drive=_named("drive", getattr(message, "drive", 0), DRIVES),
@@ -145,7 +142,7 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
             getattr(message, "current_filter_time", 0.0),
             bool(getattr(message, "speed_measured", True)),
         ),
-        parameters=ActuatorParameters(**parameters),
+        parameters=ActuatorParameters(**parameters, lead=getattr(message, "lead", 0.0)),
     )
 
 
