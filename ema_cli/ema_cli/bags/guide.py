@@ -10,8 +10,7 @@ import yaml
 
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.mapping import (
-    LENGTHS,
-    LINEAR_SPEEDS,
+    LINEAR,
     AngleSource,
     Clock,
     CurrentSource,
@@ -91,7 +90,7 @@ def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
         by_name = {item.name: item for item in fields(kind)}
         for entry in entries:
             item, key = by_name[entry], f"{name}.{entry}"
-            if entry == "lead" and section.get("unit") not in (*LENGTHS, *LINEAR_SPEEDS):
+            if entry == "lead" and section.get("unit") not in LINEAR:
                 section.pop("lead", None)
             elif key not in is_set:
                 choices = item.metadata.get("choices")

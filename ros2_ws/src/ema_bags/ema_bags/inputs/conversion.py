@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.mapping import (
     ENCODINGS,
-    LENGTHS,
-    LINEAR_SPEEDS,
+    LINEAR,
     UNITS,
     AngleSource,
     CurrentSource,
@@ -82,7 +81,7 @@ def _turned(
     to_user = p.tau if source.shaft == "motor" else 1.0
     shaft = to_user if isinstance(source, AngleSource) else to_user / p.tau
     turn = 1.0
-    if source.unit in (*LENGTHS, *LINEAR_SPEEDS):
+    if source.unit in LINEAR:
         lead = source.lead or p.lead
         if not lead or not math.isclose(lead, p.lead or lead):
             raise ValueError(

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.conversion import convert
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.mapping import (
-    LENGTHS,
-    LINEAR_SPEEDS,
+    LINEAR,
     TIMES_NS,
     TORQUES,
     AngleSource,
@@ -205,11 +204,11 @@ def refine(
 ) -> Guess:
     """Return a guess with units, signs and shafts by which its columns agree with each other."""
     mapping, remarks = guess.mapping, list(guess.remarks)
-    if description.parameters.lead:
-        for name in ("position", "command", "error", "speed"):
-            if (source := getattr(mapping, name)) is not None:
-                mapping = replace(mapping, **{name: replace(source, lead=0.0)})
-        remarks = [remark for remark in remarks if ".lead" not in remark]
+    for name in ("position", "command", "error", "speed"):
+        source = getattr(mapping, name)
+        if source and source.unit in LINEAR and not description.parameters.lead:
+            mapping = replace(mapping, **{name: replace(source, lead=_LEAD)})
+            remarks.append(f"{name}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
     for name in ("current", "speed"):
         values = raw.get(name)
         if values is not None and len(np.unique(values[np.isfinite(values)])) < 2:
@@ -343,9 +342,6 @@ def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
     more: dict[str, Any] = {"unit": unit} if unit in known else {}
     if not more:
         remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
-    if more.get("unit") in (*LENGTHS, *LINEAR_SPEEDS):
-        more["lead"] = _LEAD
-        remarks.append(f"{quantity}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
     if quantity == "current":
         words = name.lower().replace(" ", "").replace("_", "")
         if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):

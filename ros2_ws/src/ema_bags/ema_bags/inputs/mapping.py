@@ -30,9 +30,10 @@ SPEEDS: Final = {
 }
 LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 25.4e-3}
 LINEAR_SPEEDS: Final = {"mm/s": 1e-3, "m/s": 1.0}
+LINEAR: Final = LENGTHS | LINEAR_SPEEDS
 CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
 TORQUES: Final = {"N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2}
-UNITS: Final = ANGLES | SPEEDS | LENGTHS | LINEAR_SPEEDS | CURRENTS | TORQUES
+UNITS: Final = ANGLES | SPEEDS | LINEAR | CURRENTS | TORQUES
 """Size of each unit in SI units."""
 TIMES_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """Units of a time [ns]."""
@@ -124,7 +125,7 @@ class _ShaftSource(Source):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.lead and self.unit not in (*LENGTHS, *LINEAR_SPEEDS):
+        if self.lead and self.unit not in LINEAR:
             raise ValueError(f"lead = {self.lead:g} with unit = {self.unit}: expected no lead")
 
 
