@@ -36,14 +36,14 @@ class Shown(NamedTuple):
 
 def travel_shown(parameters: ActuatorParameters) -> Shown:
     """Return in what unit an angle of the user shaft is shown: mrad, or mm with a lead."""
-    return Shown("mm", 1e3 * _way(parameters)) if parameters.lead else Shown("mrad", 1e3)
+    return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("mrad", 1e3)
 
 
 def motor_shown(parameters: ActuatorParameters) -> Shown:
     """Return in what unit an angle of the motor is shown: rad, or mm at the rod with a lead."""
     if not parameters.lead:
         return Shown("rad", 1.0)
-    return Shown("mm", 1e3 * _way(parameters) * parameters.tau)
+    return Shown("mm", 1e3 * _way(parameters.lead) * parameters.tau)
 
 
 def physical(name: str, k: float, description: ActuatorDescription) -> str:
@@ -57,7 +57,7 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
         return ""
     words, growth = fault.physical(k), fault.slope * (k - fault.healthy)
     if p.lead and name == "friction" and description.drive != "unknown":
-        words += f", {growth * (p.f_sm + p.f_su) / (_way(p) * p.tau):+.3g} N"
+        words += f", {growth * (p.f_sm + p.f_su) / (_way(p.lead) * p.tau):+.3g} N"
     elif p.lead and name == "backlash":
         words += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"
     return words
@@ -87,11 +87,11 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
         wanted, size, power = _IN_SI[unit]
         if unit_of(name) != wanted:
             raise ValueError(f"{name} = {values[name]}: expected a value in {unit_of(name)}")
-        way = converted["lead"] / (2.0 * math.pi) * (name == "theta_stop" or converted["tau"])
+        way = _way(converted["lead"]) * (1.0 if name == "theta_stop" else converted["tau"])
         converted[name] = float(number) * size * way**power
     return converted
 
 
-def _way(parameters: ActuatorParameters) -> float:
+def _way(lead: float) -> float:
     """Return the way for one radian of the user shaft [m]."""
-    return parameters.lead / (2.0 * math.pi)
+    return lead / (2.0 * math.pi)

@@ -77,12 +77,15 @@ def new_actuator(
         if (figure := given[name]) is None:
             continue
         shafts = {entry: values[entry] for entry in ("lead", "tau") if entry in values}
-        for entry in (follows := follow(figure)):
-            value = in_si(shafts | follows)[entry]
-            if abs(value - values.get(entry, value)) > _TOLERANCE * abs(value):
+        follows = follow(figure)
+        in_units = in_si(shafts | follows)
+        for entry in follows:
+            value = float(in_units[entry])
+            other = values.get(entry, value)
+            if abs(value - other) > _TOLERANCE * abs(other):
                 raise ValueError(
                     f"{name} = {figure:g} {unit} gives {entry} = {value:.4g}, and "
-                    f"{sources[entry]} gives {values[entry]:.4g}: expected figures that agree "
+                    f"{sources[entry]} gives {other:.4g}: expected figures that agree "
                     f"within {_TOLERANCE:.0%}"
                 )
             values[entry] = float(f"{value:.7g}")

@@ -55,7 +55,7 @@ def report(
     else:
         course = diagnose_unit(bags, given, skips_unreadable=True)
         verdict = verdict_of(course)
-        lines, is_useless = (verdict.lines, not course.outlooks or bool(course.now.finding))
+        lines, is_useless = verdict.lines, not course.outlooks or bool(course.now.finding)
         notes = _notes(histories, course.record.description.unit_key)
         page = report_page(bags, course, verdict, command, notes)
     with complete_file(output) as partial:

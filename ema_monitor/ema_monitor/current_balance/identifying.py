@@ -242,8 +242,7 @@ class _Conclusion:
     def __init__(
         self, windows: Sequence[Window], balances: Sequence[Balance], unit: UnknownDriveUnit
     ) -> None:
-        self._unit, self._balances = unit, balances
-        self._faster = max(_beyond(one, unit)[0] for one in windows)
+        self._unit, self._windows, self._balances = unit, windows, balances
         self._measured = {one.name: one for one in windows[0].measured}
         self._ripples = ripples(unit.parameters.P)
         groups = list(self._ripples.values())
@@ -446,7 +445,8 @@ class _Conclusion:
         sigma = math.hypot(sigma / span, math.hypot(floor, share * value))
         if not unit.speed_measured:
             # All of the healthy figure may be lag, which grows with the speed.
-            sigma = math.hypot(sigma, (self._faster - 1.0) * unit.play / span)
+            faster = max(_beyond(one, unit)[0] for one in self._windows)
+            sigma = math.hypot(sigma, (faster - 1.0) * unit.play / span)
         load = float(np.max(np.abs(found.loads[:, 0])))
         # With a measured speed a play as wide as the healthy one is seen to be there; without it,
         # the lag of the drive is part of the figure, and one without play looks alike.

@@ -143,8 +143,9 @@ class Memory:
             Values of hidden causes by name, ``(n,)`` each.
         """
         squares = [np.maximum(self.faults - faults, 0.0) ** 2 / self.variances]
+        expected = self.expected
         for name, one in self.causes.items():
-            if name in causes and one not in self.expected:
+            if name in causes and one not in expected:
                 squares.append(((causes[name][:, None] - one.value) / one.sigma) ** 2)
         every = np.concatenate(squares, axis=1)
         return (_TAIL + 1.0) * np.sum(np.log1p(every / _TAIL), axis=1)

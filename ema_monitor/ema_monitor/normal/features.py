@@ -86,8 +86,7 @@ class Part(NamedTuple):
 
 def motion_of(window: Telemetry) -> Motion:
     """Return what a window of at least two samples commands, with six digits."""
-    _, fastest = _speeds(window)
-    return Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+    return _motion(window, _speeds(window)[1])
 
 
 def figures_of(window: Telemetry) -> list[Part]:
@@ -105,8 +104,8 @@ def figures_of(window: Telemetry) -> list[Part]:
     }
     if not (fastest > 0.0 and all(strokes.values())):
         return []
-    motion = motion_of(window)
     figures = _figures(window, np.abs(speed) < _RESTING * fastest, strokes)
+    motion = _motion(window, fastest)
     return [Part(motion, {name: _short(one) for name, one in figures.items()}, len(window))]
 
 
@@ -158,6 +157,10 @@ def _figures(
             values[f"{name}_roughness_{way}"] = _log_rms(rough)
     values["friction_current"] = 0.5 * (values["current_forward"] + values["current_backward"])
     return values
+
+
+def _motion(window: Telemetry, fastest: float) -> Motion:
+    return Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
 
 
 def _speeds(window: Telemetry) -> tuple[Array, float]:
