@@ -10,7 +10,7 @@ other places too.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, compress
 from typing import Final
 
 import numpy as np
@@ -169,11 +169,16 @@ class Explainer:
             worse = evidence.against(there, at, REMEMBERED_EVIDENCE)
             if worse < AMBIGUOUS_EVIDENCE:
                 away, found = there.point - at.point, explanation.open
+                # What the linear model said of it does not hold.
+                named = evidence.named(group, other)
+                others = [pair != named for pair in explanation.alternatives]
+                rest = [True, *others]
                 return replace(
                     explanation,
-                    alternatives=[*explanation.alternatives, evidence.named(group, other)],
+                    alternatives=[named, *compress(explanation.alternatives, others)],
                     open=Explanations(
-                        np.append(found.worse, worse), np.vstack([found.steps, away])
+                        np.insert(found.worse[rest], 1, worse),
+                        np.insert(found.steps[rest], 1, away, axis=0),
                     ),
                     far=Explanations(np.array([0.0, worse]), np.stack([0.0 * away, away])).spread,
                 )
@@ -183,10 +188,10 @@ class Explainer:
         self, explanation: Explanation
     ) -> Iterator[tuple[list[int], list[int], Array]]:
         """Yield what may be replaced, by what, and where to begin, ``(m, d)``."""
-        point, kept, confused = explanation.at.point, explanation.kept, explanation.confused
+        point, kept = explanation.at.point, explanation.kept
         shorts = point[SHORT_CIRCUITS]
         healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
-        if len(healthy) > 1 and not np.any(confused[healthy]):
+        if len(healthy) > 1:
             for cause in self._suspects:
                 if kept[cause]:
                     starts = np.tile(point, (len(_EQUAL), 1))
@@ -194,7 +199,7 @@ class Explainer:
                     starts[:, SHORT_CIRCUITS] = shorts + np.outer(_EQUAL, 1.0 - shorts)
                     yield [cause], healthy, starts
         for cause, one in zip(self._causes, self._objective.hidden_causes, strict=True):
-            is_open = self._tried[cause] and not kept[cause] and not confused[cause]
+            is_open = self._tried[cause] and not kept[cause]
             if one.name == "torque_constant" and is_open and not healthy:
                 least = float(np.min(shorts))
                 start = point.copy()

@@ -128,6 +128,15 @@ class Inference:
             self._span[N_FAULTS] = 2.0
         self._unit_effects: Array | None = None
 
+    def searched(self, *, cartesian: bool) -> Objective:
+        """Return what the search minimises: without the hidden causes that need evidence.
+
+        ``cartesian`` is as of `Coordinates`.
+        """
+        suspects, told = self._objective.hidden_causes, self._always[self._objective.first_cause :]
+        causes = tuple(one for one, is_told in zip(suspects, told, strict=True) if is_told)
+        return self._objective.with_causes(causes, cartesian=cartesian)
+
     @property
     def most_evaluations(self) -> int:
         """Number of model evaluations that an estimate needs where no hidden cause is suspected."""
@@ -140,7 +149,6 @@ class Inference:
         play: float,
         fitted: Array,
         *,
-        evaluations: int,
         started: float,
         warm_start: bool,
         contradicted: tuple[CauseEstimate, ...],
@@ -154,8 +162,6 @@ class Inference:
             The optimum, ``(8,)``, and the motor's place in its play there [half-widths].
         fitted
             The causes that need no evidence there, in the unit box.
-        evaluations
-            Number of model evaluations of the search.
         started
             When the identification began, by ``time.perf_counter`` [s].
         warm_start
@@ -169,7 +175,7 @@ class Inference:
             When the covariance cannot be computed.
         """
         objective, window, settings = self._objective, self._window, self._settings
-        left = settings.budget - evaluations - objective.unit_evaluations - 2
+        left = settings.budget - objective.unit_evaluations - 2
         explainer = Explainer(
             objective,
             self._always,
@@ -228,7 +234,7 @@ class Inference:
             goodness_of_fit=misfit.goodness,
             goodness_limit=limit,
             excitation=window.excitation,
-            evaluations=evaluations + objective.evaluations,
+            evaluations=objective.evaluations,
             computing_time_s=time.perf_counter() - started,
             insignificant=~kept[:N_FAULTS],
             warm_start=warm_start,

@@ -1,6 +1,8 @@
 """What an optimizer minimises: the distance of the model from a window, over the unit box."""
 
 import math
+from collections import Counter
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple, Self
@@ -42,6 +44,9 @@ _CALIBRATED_SHARE = 0.3
 # from which on they are unlike: measured on the reference actuator and on drawn plants.
 _LIFT_UNCERTAINTY = 0.2
 _UNLIKE_PHASES = 0.1
+_MOST_KEPT: Final = 40
+# To so many decimals a point that was encoded and decoded again is the same one.
+_DECIMALS: Final = 12
 # From so many sigma on the columns do not agree as when healthy.
 _ODD = 3.0
 
@@ -170,8 +175,6 @@ class Objective:
         The healthy point, ``(d,)``.
     encode, decode
         Of its `Coordinates`.
-    scatter
-        Rms of the residual of current and speed in a healthy window of this command [A, rad/s].
     hidden_causes
         Hidden causes that are components.
     known
@@ -180,8 +183,8 @@ class Objective:
         What the columns say of each other, where readings of the position are components.
     first_cause
         Number of the first component that is a hidden cause.
-    evaluations
-        Windows of the model that were computed so far.
+    scatter
+        Rms of the residual of current and speed in a healthy window of this command [A, rad/s].
     """
 
     def __init__(
@@ -194,33 +197,43 @@ class Objective:
         causes: tuple[Prior, ...] = (),
         known: Knowledge | None = None,
     ) -> None:
-        self._window = window
-        self._calibration = calibration
-        # Laying one command over another takes time: once an objective.
+        self._window, self._calibration = window, calibration
+        # Laying one command over another takes time: once a window.
         self._knows, self._corrections, self.scatter = calibration.reference(window)
         self._model = calibration.model()
         self.fitness = FITNESS[fitness](window, calibration, self.scatter)
-        self._coordinates = Coordinates(window.play, cartesian, causes)
-        self.encode, self.decode = self._coordinates.encode, self._coordinates.decode
-        self.hidden_causes = causes
-        self._columns = [COLUMNS.index(one.name) for one in causes]
+        # The latest responses, by what moves the model, and how many there were.
+        self._responses: dict[bytes, tuple[Array, Array]] = {}
+        self._counts = Counter[str]()
         self._measured = measured_columns(window.measured)
-        self.evaluations = 0
         self.known = known
-        self._sigmas = np.array([2.0 * one.reach / one.sigma for one in causes])
-        self._priors = math.sqrt(self.noise) * self._sigmas
         self._known_rows = np.zeros((0, N_FAULTS))
         if known is not None:
             self._known_rows = math.sqrt(self.noise) * known.rows()
+        self._take(causes, cartesian)
+
+    def _take(self, causes: tuple[Prior, ...], cartesian: bool) -> None:
+        self._coordinates = Coordinates(self._window.play, cartesian, causes)
+        self.encode, self.decode = self._coordinates.encode, self._coordinates.decode
+        self.hidden_causes = causes
+        self._columns = [COLUMNS.index(one.name) for one in causes]
+        self._sigmas = np.array([2.0 * one.reach / one.sigma for one in causes])
+        self._priors = math.sqrt(self.noise) * self._sigmas
         self.relations = Relations()
         if {one.name for one in causes} >= set(MOVES_START):
-            self.relations = Relations.of(window, calibration)
+            self.relations = Relations.of(self._window, self._calibration)
         self.healthy = self.encode(healthy_faults())
         self.first_cause = len(self.healthy) - len(causes)
         # They are linear in a point, and are asked for at many.
         relations, reaches = self.relations, np.array([2.0 * one.reach for one in causes])
         self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
         self._related = relations.slopes[:, self._columns] * reaches / relations.sigmas[:, None]
+
+    def with_causes(self, causes: tuple[Prior, ...], *, cartesian: bool) -> Self:
+        """Return the same with other hidden causes as components; it shares the responses."""
+        other = copy(self)
+        other._take(causes, cartesian)
+        return other
 
     def fair_cost(self) -> float:
         """Return the cost of an optimum that explains most of the departure from healthy [A^2.s].
@@ -234,6 +247,11 @@ class Objective:
     def dimension(self) -> int:
         """Number of components of a point: eight, and the place in the play where unknown."""
         return len(self.healthy)
+
+    @property
+    def evaluations(self) -> int:
+        """Number of windows of the model that were computed so far, of `with_causes` as well."""
+        return self._counts["runs"]
 
     @property
     def linearisation_evaluations(self) -> int:
@@ -308,31 +326,38 @@ class Objective:
 
     def expect(self, points: Array) -> Response:
         """Return the calibrated response at points of the unit box, ``(m, d)``."""
-        faults, play = self.decode(points)
-        deviations, position = read(self._deviations(points), self._window)
-        # A sensor's error takes no run of the model of its own, nor does a point asked for twice.
+        return self._respond(*self.decode(points), self._deviations(points))
+
+    def _respond(self, faults: Array, play: Array, columns: Array) -> Response:
+        """Return the responses with deviations in the order of `COLUMNS`, ``(m, 28)``.
+
+        A sensor's error takes no run of the model of its own, nor does what was run lately.
+        """
+        deviations, position = read(columns, self._window)
         of_sensors = deviations[:, -N_SENSOR:].copy()
         deviations[:, -N_SENSOR:] = 0.0
         moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
-        numbers: dict[bytes, int] = {}
-        run_of = [numbers.setdefault(row.tobytes(), len(numbers)) for row in moving]
-        _, runs = np.unique(run_of, return_index=True)
-        self.evaluations += len(runs)
-        response = self._model.respond(
-            self._window,
-            faults[runs],
-            play[runs],
-            self._corrections,
-            deviations[runs],
-            position[runs],
-        )
-        if len(runs) < len(points):
-            response = Response(response.current[run_of], response.speed[run_of])
-        current, speed = response
+        known = self._responses
+        keys = [row.tobytes() for row in np.round(moving, _DECIMALS) + 0.0]
+        new = list({key: row for row, key in enumerate(keys) if key not in known}.values())
+        if new:
+            model = self._model.respond(
+                self._window,
+                faults[new],
+                play[new],
+                self._corrections,
+                deviations[new],
+                position[new],
+            )
+            self._counts["runs"] += len(new)
+            known.update(zip([keys[row] for row in new], zip(*model, strict=True), strict=True))
+        current, speed = map(np.array, zip(*[known[key] for key in keys], strict=True))
+        for key in list(known)[:-_MOST_KEPT]:
+            del known[key]
         if len(seen := np.flatnonzero(np.any(of_sensors, axis=1))):
             rows = current[seen], speed[seen]
             current[seen], speed[seen] = sensed(rows, of_sensors[seen], self._window.sample_period)
-        return response
+        return Response(current, speed)
 
     def unit_effects(self, point: Array) -> Array:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
@@ -345,18 +370,11 @@ class Objective:
         steps = self.unit_steps
         bases = np.stack([point, self.healthy]) if self._knows and len(steps) else point[None]
         faults, play = self.decode(bases)
-        deviations, position = read(self._deviations(point[None]), self._window)
-        varied = np.concatenate([np.zeros((1, N_DEVIATIONS)), steps])
+        varied = np.zeros((1 + len(steps), len(COLUMNS)))
+        varied[1:, :N_DEVIATIONS] = steps
         m = len(varied)
-        response = self._model.respond(
-            self._window,
-            np.repeat(faults, m, axis=0),
-            np.repeat(play, m),
-            self._corrections,
-            np.concatenate([deviations + varied, varied][: len(bases)]),
-            position[0],
-        )
-        self.evaluations += m * len(bases)
+        columns = np.concatenate([self._deviations(point[None]) + varied, varied][: len(bases)])
+        response = self._respond(np.repeat(faults, m, axis=0), np.repeat(play, m), columns)
         rows = self.fitness.residuals(response).reshape(len(bases), m, -1)
         effects = rows[0, 1:] - rows[0, 0]
         if len(bases) > 1:

@@ -15,11 +15,9 @@ from ema_monitor.identification.defects import drive_defect, wrong_scale
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Finding, Inference
-from ema_monitor.identification.knowledge import NUISANCE, Knowledge, needs_no_evidence
+from ema_monitor.identification.knowledge import NUISANCE, Knowledge
 from ema_monitor.identification.memory import NOTHING, Memory
-from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.model.measured import expected_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
@@ -169,29 +167,18 @@ class ModelIdentification:
         if mismatch:
             caveats.append(f"forced although {mismatch}")
         optimizer_class = ALGORITHMS[settings.algorithm]
-        causes = ()
-        if settings.fitness == DEFAULT_FITNESS:
-            informed = memory.informed(window)
-            fitted = needs_no_evidence(informed, self.known)
-            suspects = expected_causes(calibration.parameters, informed)
-            causes = tuple(one for one in suspects if one.name in fitted)
-        objective = Objective(
-            window,
-            calibration,
-            settings.fitness,
-            # What is known already is known in Cartesian coordinates.
-            cartesian=optimizer_class.uses_residuals or self.known is not None,
-            causes=causes,
-            known=self.known,
+        inference = Inference(window, calibration, settings, self.known, memory)
+        # What is known already is known in Cartesian coordinates.
+        objective = inference.searched(
+            cartesian=optimizer_class.uses_residuals or self.known is not None
         )
         previous = self.previous if settings.warm_start else None
         start = objective.encode(healthy_faults() if previous is None else previous)
         # That place is relative to what was measured of the load.
         if self.load is not None and not contradicted:
-            for number, one in enumerate(causes, start=objective.first_cause):
+            for number, one in enumerate(objective.hidden_causes, start=objective.first_cause):
                 if one.name == NUISANCE:
                     start[number] = self.load
-        inference = Inference(window, calibration, settings, self.known, memory)
         termination = Termination(settings.budget)
         reserve = inference.most_evaluations + 1
         good_cost = objective.fitness.good_cost
@@ -211,7 +198,6 @@ class ModelIdentification:
                 faults,
                 float(play),
                 progress.point[objective.first_cause :],
-                evaluations=objective.evaluations,
                 started=started,
                 warm_start=previous is not None,
                 contradicted=contradicted,

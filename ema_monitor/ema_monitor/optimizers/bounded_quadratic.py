@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_core.arrays import Array
 
 
 @kernel()
@@ -57,9 +57,7 @@ def step_of_free(hessian, slope, held):
 
 
 @kernel(nogil=False)
-def lowest_in_box(
-    hessian: NDArray[np.float64], gradient: NDArray[np.float64], start: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
     """Minimise ``g (x - start) + (x - start) H (x - start) / 2`` over the unit box.
 
     The Hessian, ``(d, d)``, is positive definite; the gradient, ``(d,)``, is taken at the start.

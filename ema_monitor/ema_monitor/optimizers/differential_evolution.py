@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.population import Population
 
@@ -38,7 +39,7 @@ class DifferentialEvolution(Population):
 
     def __init__(
         self,
-        start: NDArray[np.float64],
+        start: Array,
         rng: np.random.Generator,
         hints: Hints = NO_HINTS,
         *,
@@ -54,7 +55,7 @@ class DifferentialEvolution(Population):
         self._x = self._asked
         self._costs = np.full(population, np.inf)
 
-    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _next(self, points: Array, costs: Array) -> Array:
         better = costs < self._costs
         self._x[better] = points[better]
         self._costs[better] = costs[better]
@@ -76,9 +77,7 @@ class DifferentialEvolution(Population):
         targets = np.arange(n)
         return (targets + ahead) % n, (targets + further) % n
 
-    def _into_box(
-        self, donors: NDArray[np.float64], best: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _into_box(self, donors: Array, best: Array) -> Array:
         wall = np.clip(donors, 0.0, 1.0)
         bounced = best + self._rng.random(donors.shape) * (wall - best)
         return np.where(donors == wall, donors, bounced)
@@ -102,7 +101,5 @@ class ThesisDifferentialEvolution(DifferentialEvolution):
         n = len(self._x)
         return self._rng.permutation(n), self._rng.permutation(n)
 
-    def _into_box(
-        self, donors: NDArray[np.float64], best: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _into_box(self, donors: Array, best: Array) -> Array:
         return np.minimum(np.abs(donors), 1.0)

@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.interface import Optimizer
 
 
@@ -72,12 +72,12 @@ class Progress:
 
     generation: int
     evaluations: int
-    point: NDArray[np.float64]
+    point: Array
     cost: float
 
 
 def minimise(
-    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    residuals_of: Callable[[Array], Array],
     optimizer: Optimizer,
     termination: StopRule,
     *,

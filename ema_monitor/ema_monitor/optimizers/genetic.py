@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.population import Population
 
 _ELITE_FRACTION: Final = 0.05
@@ -48,7 +49,7 @@ class GeneticAlgorithm(Population):
         self._elite_costs = np.empty(0)
         self._step = _INITIAL_STEP
 
-    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _next(self, points: Array, costs: Array) -> Array:
         if len(self._elite_costs):
             improved = np.min(costs) < self._elite_costs[0]
             factor = _STEP_GROWTH if improved else _STEP_DECAY
@@ -70,7 +71,7 @@ class GeneticAlgorithm(Population):
         )
 
 
-def expected_children(population: int, parents: int) -> NDArray[np.float64]:
+def expected_children(population: int, parents: int) -> Array:
     """Return how often individuals are to be parents by their ranks, ``(population,)``.
 
     That is as 1 / sqrt(rank), the best first, with ``parents`` for the sum.
@@ -79,7 +80,7 @@ def expected_children(population: int, parents: int) -> NDArray[np.float64]:
     return parents * share / np.sum(share)
 
 
-def stochastic_uniform(expected: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.intp]:
+def stochastic_uniform(expected: Array, rng: np.random.Generator) -> NDArray[np.intp]:
     """Draw individuals, each as often as expected, rounded up or down.
 
     The expectations are laid end to end; marks at a distance of 1, from a random place in the first
@@ -91,16 +92,12 @@ def stochastic_uniform(expected: NDArray[np.float64], rng: np.random.Generator) 
     return np.searchsorted(np.cumsum(expected[:-1]), marks, side="right")
 
 
-def scattered(
-    mothers: NDArray[np.float64], fathers: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def scattered(mothers: Array, fathers: Array, rng: np.random.Generator) -> Array:
     """Return children, ``(m, d)``, with each gene from one of their parents, ``(m, d)``."""
     return np.where(rng.random(mothers.shape) < 0.5, mothers, fathers)
 
 
-def mutated(
-    parents: NDArray[np.float64], step: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def mutated(parents: Array, step: float, rng: np.random.Generator) -> Array:
     """Return points a step away from the parents, ``(m, d)``, cut at the walls of the unit box."""
     directions = rng.normal(size=parents.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.population import Population
 
 _LEADERS: Final = 3
@@ -34,7 +34,7 @@ class GreyWolf(Population):
         self._leaders = np.empty((0, d))
         self._leader_costs = np.empty(0)
 
-    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _next(self, points: Array, costs: Array) -> Array:
         points = np.concatenate([self._leaders, points])
         costs = np.concatenate([self._leader_costs, costs])
         best = np.argsort(costs, kind="stable")[:_LEADERS]
@@ -65,7 +65,7 @@ class ThesisGreyWolf(Population):
         self._leaders = np.zeros((_LEADERS, population, d))
         self._leader_costs = np.full((_LEADERS, population), np.inf)
 
-    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _next(self, points: Array, costs: Array) -> Array:
         alpha, beta, delta = self._leader_costs
         replaces = np.stack(
             [
@@ -86,9 +86,7 @@ def shrinking(generation: int, generations: int) -> float:
     return max(0.0, 2.0 * (1.0 - generation / generations))
 
 
-def encircled(
-    points: NDArray[np.float64], leaders: NDArray[np.float64], a: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def encircled(points: Array, leaders: Array, a: float, rng: np.random.Generator) -> Array:
     """Return where wolves at ``points``, ``(m, d)``, go, within [0, 1].
 
     ``leaders`` are those of all, ``(3, 1, d)``, or of each, ``(3, m, d)``; ``a`` is how far beyond

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ema_core.arrays import Array
 
 
 class Hints(NamedTuple):
@@ -57,20 +58,13 @@ class Optimizer(Protocol):
     uses_residuals: bool
     converged: bool
 
-    def __init__(
-        self, start: NDArray[np.float64], rng: np.random.Generator, hints: Hints = NO_HINTS
-    ) -> None: ...
+    def __init__(self, start: Array, rng: np.random.Generator, hints: Hints = NO_HINTS) -> None: ...
 
-    def ask(self) -> NDArray[np.float64]:
+    def ask(self) -> Array:
         """Return the points to evaluate next, ``(m, d)``, each within [0, 1]."""
         ...
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
+    def tell(self, points: Array, costs: Array, residuals: Array) -> None:
         """Process the costs of the points returned by ``ask``.
 
         Parameters

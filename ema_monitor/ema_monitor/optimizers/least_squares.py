@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
 
@@ -15,11 +15,14 @@ DIFFERENCE: Final = 5e-3
 
 # Points and starts; the first is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
-_DAMPINGS: Final = np.array([1e-6, 1e-3, 1e-1, 10.0])
-# The one under which the step is mostly the best.
-_USUAL: Final = 2
+# Of the trial steps, over the one that was the best in the last iteration.
+_DAMPINGS: Final = np.array([0.05, 0.3, 1.0, 4.0])
+_FIRST_DAMPING: Final = 2.0
+_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 30.0
 _STEP_TOLERANCE: Final = 2e-4
+# Shares of the cost: what the last step took off, what a further one would by the linear model.
 _GAIN_TOLERANCE: Final = 1e-4
+_SETTLED: Final = 1e-2
 _AGREEMENT: Final = 0.02
 _ITERATIONS: Final = 25
 
@@ -31,18 +34,30 @@ _UNKNOWN: Final = np.empty((0, 0))
 class _Descent:
     """One start on its way down; the derivatives where it stands may not be known."""
 
-    point: NDArray[np.float64]
+    point: Array
     cost: float
-    residuals: NDArray[np.float64]
-    jacobian: NDArray[np.float64] = field(default_factory=lambda: _UNKNOWN)
+    residuals: Array
+    jacobian: Array = field(default_factory=lambda: _UNKNOWN)
+    damping: float = _FIRST_DAMPING
     iterations: int = 0
     done: bool = False
 
-    def differentiate(self, points: NDArray[np.float64], residuals: NDArray[np.float64]) -> None:
+    def differentiate(self, points: Array, residuals: Array) -> None:
         """Take the derivatives from the residuals at the `_differences`."""
         self.jacobian = (residuals - self.residuals).T / np.diag(points - self.point)
         # Where there is no derivative, the component is left where it is.
         self.jacobian[:, ~np.all(np.isfinite(self.jacobian), axis=0)] = 0.0
+
+    def trials(self) -> Array:
+        """Return where steps lead, ``(m, d)``; the last one alone, where hardly any gain is left.
+
+        Then the descent is done.
+        """
+        dampings = np.append(self.damping * _DAMPINGS, _LEAST_DAMPING)
+        points = bounded_steps(self.point, self.residuals, self.jacobian, dampings)
+        left = self.residuals + self.jacobian @ (points[-1] - self.point)
+        self.done = bool(left @ left > (1.0 - _SETTLED) * self.cost)
+        return points[-1:] if self.done else points[:-1]
 
 
 class ScreenedLeastSquares:
@@ -50,10 +65,10 @@ class ScreenedLeastSquares:
 
     A screen is a Latin hypercube, half of it spread over the box, half of it drawn towards the
     start. Each iteration asks for the difference columns of all descents in one batch, then for
-    their trial steps under several dampings in another. After each iteration the worse half of
-    the descents is given up, until one is left. That one asks for the next difference columns with
-    its trial steps, about the one that is mostly the best. A component at its bound is held there
-    as long as the step would leave the box.
+    their trial steps in another, under several dampings about the one that was the best before.
+    After each iteration the worse half of the descents is given up, until one is left. It ends
+    where a step gains hardly anything; where one would by the linear model, it is the last one. A
+    component at its bound is held there as long as the step would leave the box.
 
     A descent from the start comes first. As long as what was found costs more than a good fit, a
     small screen with a few starts follows, then a large one with many. The large one is left out
@@ -71,9 +86,7 @@ class ScreenedLeastSquares:
 
     uses_residuals = True
 
-    def __init__(
-        self, start: NDArray[np.float64], rng: np.random.Generator, hints: Hints = NO_HINTS
-    ) -> None:
+    def __init__(self, start: Array, rng: np.random.Generator, hints: Hints = NO_HINTS) -> None:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)
         self._rng = rng
@@ -81,18 +94,13 @@ class ScreenedLeastSquares:
         self._best_cost = np.inf
         self._steps = self._search()
         self._asked = next(self._steps)
-        self._evaluated: tuple[NDArray[np.float64], ...] = ()
+        self._evaluated: tuple[Array, ...] = ()
 
-    def ask(self) -> NDArray[np.float64]:
+    def ask(self) -> Array:
         """Return the screen, the difference columns or the trial steps, ``(m, d)``."""
         return self._asked
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
+    def tell(self, points: Array, costs: Array, residuals: Array) -> None:
         """Process the costs, ``(m,)``, and residuals, ``(m, n)``, of the points asked for."""
         self._evaluated = (points, costs, residuals)
         self._best_cost = min(self._best_cost, float(np.min(costs)))
@@ -102,7 +110,7 @@ class ScreenedLeastSquares:
         else:
             self._asked = asked
 
-    def _search(self) -> Iterator[NDArray[np.float64]]:
+    def _search(self) -> Iterator[Array]:
         """Yield the points to evaluate next; the results are in ``_evaluated`` thereafter."""
         for size, starts in _SCREENS:
             before = self._best_cost
@@ -123,11 +131,9 @@ class ScreenedLeastSquares:
                     for i, one in enumerate(fresh):
                         rows = slice(i * len(one.point), (i + 1) * len(one.point))
                         one.differentiate(points[rows], residuals[rows])
-                trials = [bounded_steps(d.point, d.residuals, d.jacobian) for d in descents]
-                if len(descents) == 1:
-                    trials.append(_differences(trials[0][_USUAL]))
+                trials = [one.trials() for one in descents]
                 yield np.concatenate(trials)
-                self._accept_best_trials(descents)
+                self._accept_best_trials(descents, [len(one) for one in trials])
                 descents.sort(key=lambda descent: descent.cost)
                 del descents[max(1, (len(descents) + 1) // 2) :]
             agrees = self._best_cost > (1.0 - _AGREEMENT) * before
@@ -136,7 +142,7 @@ class ScreenedLeastSquares:
             if agrees and self._best_cost <= self._hints.fair_cost():
                 return
 
-    def _screen(self, size: int) -> NDArray[np.float64]:
+    def _screen(self, size: int) -> Array:
         d = len(self._start)
         cells = self._rng.permuted(np.tile(np.arange(size), (d, 1)), axis=1).T
         points = (cells + self._rng.random((size, d))) / size
@@ -146,34 +152,28 @@ class ScreenedLeastSquares:
         points[0] = self._start
         return points
 
-    def _accept_best_trials(self, descents: list[_Descent]) -> None:
+    def _accept_best_trials(self, descents: list[_Descent], sizes: list[int]) -> None:
         points, costs, residuals = self._evaluated
-        m = len(_DAMPINGS)
-        for i, descent in enumerate(descents):
-            rows = slice(i * m, (i + 1) * m)
-            best = i * m + int(np.argmin(costs[rows]))
+        for descent, size, first in zip(descents, sizes, np.cumsum(sizes) - sizes, strict=True):
+            number = int(np.argmin(costs[first : first + size]))
+            best = first + number
             descent.iterations += 1
+            damping = descent.damping * _DAMPINGS[number]
+            descent.damping = float(np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING))
             step = np.max(np.abs(points[best] - descent.point))
             gain = descent.cost - costs[best]
-            descent.done = not gain > _GAIN_TOLERANCE * descent.cost or step < _STEP_TOLERANCE
+            descent.done |= not gain > _GAIN_TOLERANCE * descent.cost or step < _STEP_TOLERANCE
             if gain > 0.0:
-                descent.point, descent.cost = points[best], costs[best]
+                descent.point, descent.cost = points[best], float(costs[best])
                 descent.residuals, descent.jacobian = residuals[best], _UNKNOWN
-                if len(descents) == 1 and best == _USUAL:
-                    descent.differentiate(points[m:], residuals[m:])
             descent.done |= descent.iterations >= _ITERATIONS
 
 
-def _differences(point: NDArray[np.float64]) -> NDArray[np.float64]:
+def _differences(point: Array) -> Array:
     return point + np.diag(np.where(point > 0.5, -DIFFERENCE, DIFFERENCE))
 
 
-def bounded_steps(
-    point: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    jacobian: NDArray[np.float64],
-    dampings: NDArray[np.float64] = _DAMPINGS,
-) -> NDArray[np.float64]:
+def bounded_steps(point: Array, residuals: Array, jacobian: Array, dampings: Array) -> Array:
     """Return where damped Gauss-Newton steps from a point lead, ``(m, d)``, within the unit box.
 
     The dampings, ``(m,)``, are relative to the diagonal of the normal matrix [-].

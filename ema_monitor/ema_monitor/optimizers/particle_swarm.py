@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.population import Population
 
 _FEWEST_NEIGHBOURS: Final = 2
@@ -54,7 +55,7 @@ class ParticleSwarm(Population):
         self._inertia = _INERTIA_RANGE[1]
         self._stalls = 0
 
-    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _next(self, points: Array, costs: Array) -> Array:
         self._adapt(improved=bool(np.min(costs) < np.min(self._best_costs)))
         better = costs < self._best_costs
         self._best_costs[better] = costs[better]

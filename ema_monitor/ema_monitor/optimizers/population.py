@@ -4,8 +4,8 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ema_core.arrays import Array
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
 
 
@@ -33,7 +33,7 @@ class Population(ABC):
 
     def __init__(
         self,
-        start: NDArray[np.float64],
+        start: Array,
         rng: np.random.Generator,
         hints: Hints = NO_HINTS,
         *,
@@ -49,16 +49,11 @@ class Population(ABC):
         self._asked[0] = start
         self._begin(population, len(start))
 
-    def ask(self) -> NDArray[np.float64]:
+    def ask(self) -> Array:
         """Return the first population, then what was made of it, ``(m, d)``."""
         return self._asked.copy()
 
-    def tell(
-        self,
-        points: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-    ) -> None:
+    def tell(self, points: Array, costs: Array, residuals: Array) -> None:
         """Process the costs of the points, ``(m,)``, and make the next ones."""
         self._asked = self._next(points, costs)
 
@@ -67,5 +62,5 @@ class Population(ABC):
         """Prepare for so many individuals in so many dimensions."""
 
     @abstractmethod
-    def _next(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _next(self, points: Array, costs: Array) -> Array:
         """Return the points to evaluate next, ``(m, d)``, after the costs of these, ``(m,)``."""
