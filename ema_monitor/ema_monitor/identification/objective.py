@@ -352,7 +352,8 @@ class Objective:
             self._counts["runs"] += len(new)
             known.update(zip([keys[row] for row in new], zip(*model, strict=True), strict=True))
         current, speed = map(np.array, zip(*[known[key] for key in keys], strict=True))
-        for key in list(known)[:-_MOST_KEPT]:
+        # The first is where the search begins, mostly the healthy point: it is asked for again.
+        for key in list(known)[1:-_MOST_KEPT]:
             del known[key]
         if len(seen := np.flatnonzero(np.any(of_sensors, axis=1))):
             rows = current[seen], speed[seen]
