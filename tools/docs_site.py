@@ -1,11 +1,14 @@
 """What MkDocs does for `make docs` beyond its plugins.
 
-Links to files outside of docs become their paths, formulas become MathML, and the build fails
-where the site would ask another host for something.
+The help of all commands and the definitions of all messages are inserted. Links to files outside
+of docs become their paths, formulas become MathML, and the build fails where the site would ask
+another host for something.
 """
 
 import html
 import re
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,10 +26,37 @@ REQUEST: Final = re.compile(
     r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)\s]*"
     r"|class=\"mermaid\"|data-md-component=\"source\""
 )
+# A command in the list that ends the help of a group.
+COMMAND: Final = re.compile(r"^  ([a-z][a-z-]*)", re.MULTILINE)
+HELP, DEFINITIONS = "<!-- help of all commands -->", "<!-- definitions of all messages -->"
+
+
+def _section(title: str, text: str) -> str:
+    return f"## `{title}`\n\n```text\n{text.strip()}\n```\n\n"
+
+
+def _help(command: str) -> Iterator[str]:
+    """Yield the help of a command and of those within it."""
+    shell = ["bash", "-euc", f". ./activate.sh; {command} --help"]
+    text = subprocess.run(shell, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    yield _section(command, text)
+    for name in COMMAND.findall(text.partition("\nCommands:\n")[2]):
+        yield from _help(f"{command} {name}")
+
+
+def _definitions() -> Iterator[str]:
+    """Yield each message, service and action."""
+    for path in sorted((ROOT / "ema_interfaces").glob("*/*.*")):
+        if path.suffix in {".msg", ".srv", ".action"}:
+            yield _section(path.stem, path.read_text(encoding="utf-8"))
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Show links to files outside of docs as the paths of the files."""
+    """Insert what is generated; show links to files outside of docs as the paths of the files."""
+    if HELP in markdown:
+        markdown = markdown.replace(HELP, "".join(_help("ema")))
+    if DEFINITIONS in markdown:
+        markdown = markdown.replace(DEFINITIONS, "".join(_definitions()))
 
     def path_of(link: re.Match[str]) -> str:
         text, path = link.groups()

@@ -28,8 +28,12 @@ of a running node. `-p NAME:=VALUE` and parameter files set them at the start
   names the reason.
 - **start**: can be given at the start only.
 
-FAULT stands for the name of each fault, as in `growth.friction.law`.
+FAULT stands for the name of each [fault](faults.md#the-fault-vector), as in
+`growth.friction.law`, and NAME for the name of each [parameter](nomenclature.md) of an actuator.
 """
+_PLANT: Final = (
+    "| `plant.NAME` | as described |  |  | start | true value of a parameter of the actuator |"
+)
 _SIM_TIME: Final = "follow /clock instead of the clock of the machine"
 _CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
 
@@ -60,6 +64,8 @@ def _rows(name: str) -> Iterator[str]:
 
 
 def _row(descriptor: ParameterDescriptor, value: Any) -> str:
+    if descriptor.name.startswith("plant."):
+        return _PLANT
     meaning, unit = descriptor.description or _SIM_TIME, ""
     if meaning.endswith("]") and (descriptor.floating_point_range or descriptor.integer_range):
         meaning, _, unit = meaning[:-1].rpartition(" [")

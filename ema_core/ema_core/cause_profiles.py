@@ -80,14 +80,6 @@ def cause_profiles(causes: Causes) -> dict[str, Profile]:
     return profiles
 
 
-def describe_causes() -> str:
-    """Return the names of all causes with unit and range."""
-    return ", ".join(
-        f"{cause.name} [{cause.unit}, {cause.lowest:g} to {cause.highest:g}]"
-        for cause in CAUSE_BY_NAME.values()
-    )
-
-
 def _parsed(text: str) -> tuple[str, Profile]:
     match = _TEXT.fullmatch(text) if isinstance(text, str) else None
     if match is None:

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, make_dataclass
 from typing import Any, Final
 
-from ema_core.cause_profiles import GRAMMAR, cause_profiles, describe_causes
+from ema_core.cause_profiles import GRAMMAR, cause_profiles
 from ema_core.faults import FAULTS
 from ema_core.quantity import Checked, quantity, text, texts
 
@@ -37,7 +37,7 @@ class CauseSettings(Checked):
     """Hidden causes of the simulated actuator; ValueError where one is impossible."""
 
     causes: tuple[str, ...] = texts(
-        f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}"
+        f"hidden causes that are none of the faults, {GRAMMAR} (docs/faults.md)"
     )
 
     def __post_init__(self) -> None:

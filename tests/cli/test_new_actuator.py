@@ -8,7 +8,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.parameters import RPM
 from ema_ros.actuator_file import load_description
 
-# Of the spoiler of docs/your-actuator.md; - is what its data sheet does not have.
+# Of the spoiler of docs/describe-actuator.md; - is what its data sheet does not have.
 FIGURES = {
     "gear": "800", "lead": "-", "supply": "270",
     "kv": "28", "torque-constant": "0.34", "resistance": "1.6",

@@ -23,10 +23,12 @@ from ..waiting import started, wait_for
 from .forked_ema import CLIENT
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [
-    "README.md",
-    *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator", "inputs", "real-data")),
-]
+GUIDES = (
+    *("install", "first-diagnosis", "your-csv", "your-robot"),
+    *("describe-actuator", "plan-a-test", "ordinary-motion", "predict-life", "report", "run-nodes"),
+    *("python", "command-line", "real-data"),
+)
+DOCUMENTS = ["README.md", *(f"docs/{name}.md" for name in GUIDES)]
 BLOCK = re.compile(
     r"(?P<mark><!-- (?:not run|long): [^\n]+ -->\n)?"
     r"^```(?P<kind>python|sh|text)\n(?P<text>.*?)^```$",
@@ -116,7 +118,7 @@ def test_python_in_the_document_does_what_it_shows(workplace, name):
             assert_shown(snippet, printed.getvalue())
 
 
-# The commands of that document are tested in tests/cli; it takes a life of them, among others.
+# The commands of that document are tested in tests/cli.
 LONG = "docs/command-line.md"
 
 
@@ -128,9 +130,9 @@ def test_shell_commands_in_the_document_do_what_it_shows(workplace, quick_ema, n
 
 
 @pytest.mark.long
-def test_long_shell_commands_do_what_the_document_shows(workplace, quick_ema):
+@pytest.mark.parametrize("name", ["docs/first-diagnosis.md", "docs/plan-a-test.md"])
+def test_long_shell_commands_do_what_the_document_shows(workplace, quick_ema, name):
     """With those before them, whose files they need."""
-    name = "docs/your-actuator.md"
     found = snippets(ROOT / name, "sh", with_long=True)
     assert len(found) > len(snippets(ROOT / name, "sh"))
     run_shell(name, found, quick_ema)

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from shutil import which
 from typing import Any, Final
 
 import click
@@ -17,7 +16,7 @@ from ema_cli.processes.bringup import assignments_of, parameter_file, program, r
 from ema_cli.processes.domains import Domain
 from ema_cli.processes.listener import refuse_running
 from ema_cli.processes.observer import Observer
-from ema_cli.processes.reach import RANGE, set_reach
+from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import StopRequest
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
@@ -60,13 +59,11 @@ def run_demo(
     ):
         commands[node] += ["-p", *assignments_of({name: str(path)})]
     with LiveTable(SHOWN) as table, Supervisor(table.report, "recorder") as processes:
-        names = [name for name in ("ROS_DOMAIN_ID", RANGE) if name in os.environ]
-        environment = " ".join(f"{name}={os.environ[name]}" for name in names)
-        look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
         table.report(
             f"simulator, monitor, dashboard and recorder start; their logs are in {folder}"
         )
-        table.report(f"to watch from another shell: {environment} {look_on}")
+        watch = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']} ema watch{' --network' * network}"
+        table.report(f"to watch from another shell, after `. ./activate.sh`: {watch}")
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command, folder / f"{node}.log")
