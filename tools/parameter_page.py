@@ -31,9 +31,12 @@ of a running node. `-p NAME:=VALUE` and parameter files set them at the start
 FAULT stands for the name of each [fault](faults.md#the-fault-vector), as in
 `growth.friction.law`, and NAME for the name of each [parameter](nomenclature.md) of an actuator.
 """
-_PLANT: Final = (
-    "| `plant.NAME` | as described |  |  | start | true value of a parameter of the actuator |"
-)
+# Pages of their own have the figures of each.
+_FOLDED: Final = {
+    "faults.": "| `faults.FAULT` | healthy |  | start | fault at the start |",
+    "plant.": "| `plant.NAME` | as described |  | start | true value of a parameter |",
+}
+_FAULTS: Final = "|".join(FAULT_NAMES)
 _SIM_TIME: Final = "follow /clock instead of the clock of the machine"
 _CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
 
@@ -44,9 +47,9 @@ def parameter_page() -> str:
     shared = [row for row in rows["monitor"] if all(row in own for own in rows.values())]
     lines = [_HEAD]
     for name, own in {"all nodes": shared, **rows}.items():
-        lines += [f"## {name}", "", "| parameter | default | unit | values | change | meaning |"]
+        lines += [f"## {name}", "", "| parameter | default | values | change | meaning |"]
         kept = [row for row in own if own is shared or row not in shared]
-        lines += ["|---|---|---|---|---|---|", *kept, ""]
+        lines += ["|---|---|---|---|---|", *kept, ""]
     return "\n".join(lines)
 
 
@@ -64,20 +67,21 @@ def _rows(name: str) -> Iterator[str]:
 
 
 def _row(descriptor: ParameterDescriptor, value: Any) -> str:
-    if descriptor.name.startswith("plant."):
-        return _PLANT
+    for prefix, folded in _FOLDED.items():
+        if descriptor.name.startswith(prefix):
+            return folded
     meaning, unit = descriptor.description or _SIM_TIME, ""
     if meaning.endswith("]") and (descriptor.floating_point_range or descriptor.integer_range):
         meaning, _, unit = meaning[:-1].rpartition(" [")
     constraint, _, values = descriptor.additional_constraints.partition("one of ")
     for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
-        values = f"{limits.from_value:g} to {limits.to_value:g}"
+        values = f"{limits.from_value:g} to {limits.to_value:g} {unit}".removesuffix(" -")
     change = _CHANGES.get(constraint.removesuffix("; "), "start")
     if descriptor.name == "use_sim_time":
         change = "unconfigured"
     # Each fault has the same.
-    name = re.sub(rf"^growth\.({'|'.join(FAULT_NAMES)})\.", "growth.FAULT.", descriptor.name)
-    cells = (f"`{name}`", f"`{json.dumps(value)}`", unit, values, change, meaning)
+    name = re.sub(rf"^(growth|known_law)\.({_FAULTS})\b", r"\1.FAULT", descriptor.name)
+    cells = (f"`{name}`", f"`{json.dumps(value)}`", values, change, meaning)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 

@@ -34,7 +34,7 @@ PROGNOSIS_SECTIONS: Final = (
 """Dataclasses and prefixes of the parameters that a prognosis rests on."""
 
 LIMIT_OPTION: Final = assignments_option(
-    "--limit", "limits", "Where life ends: friction=0.4, bandwidth=15 (docs/predict-life.md)."
+    "--limit", "limits", "Life ends at friction=0.4 or bandwidth=15 [Hz]."
 )
 GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
     click.option("--hours-per-cycle", type=float, help="Flight hours of a test; 0: as counted."),
