@@ -76,8 +76,7 @@ class Operation(Checked):
         "s",
         1.0,
         1e10,
-        "most that the stamp of a test may be before or after the clock of the node for the test "
-        "to enter a history in history_folder",
+        "largest difference of a stamp from the clock of the node: other tests enter no history",
     )
 
     @property
