@@ -24,10 +24,9 @@ from .forked_ema import CLIENT
 
 ROOT = Path(__file__).parents[2]
 GUIDES = (
-    *("install", "first-diagnosis", "your-csv", "your-robot"),
-    *("describe-actuator", "plan-a-test", "ordinary-motion", "predict-life", "report", "run-nodes"),
-    *("python", "command-line", "real-data"),
-)
+    "install first-diagnosis your-csv your-robot describe-actuator plan-a-test ordinary-motion "
+    "predict-life report run-nodes python command-line real-data"
+).split()
 DOCUMENTS = ["README.md", *(f"docs/{name}.md" for name in GUIDES)]
 BLOCK = re.compile(
     r"(?P<mark><!-- (?:not run|long): [^\n]+ -->\n)?"
@@ -118,13 +117,7 @@ def test_python_in_the_document_does_what_it_shows(workplace, name):
             assert_shown(snippet, printed.getvalue())
 
 
-# The commands of that document are tested in tests/cli.
-LONG = "docs/command-line.md"
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.long if n == LONG else ()) for n in DOCUMENTS]
-)
+@pytest.mark.parametrize("name", DOCUMENTS)
 def test_shell_commands_in_the_document_do_what_it_shows(workplace, quick_ema, name):
     run_shell(name, snippets(ROOT / name, "sh"), quick_ema)
 
@@ -152,7 +145,7 @@ def run_shell(name: str, found: list[Snippet], quick_ema: Path) -> None:
 def test_documents_write_files_of_different_names():
     """A reader who follows them in one folder never calibrates or diagnoses another one's bag."""
     writers: dict[str, set[str]] = {}
-    for name in set(DOCUMENTS) - {LONG}:  # which repeats the commands of README.md
+    for name in DOCUMENTS:
         text = "".join(match["text"] for match in BLOCK.finditer((ROOT / name).read_text()))
         for file in re.findall(r"(?:-o |> |Path\(\")([a-z_]+\.(?:mcap|yaml|html))", text):
             writers.setdefault(file, set()).add(name)
