@@ -48,7 +48,7 @@ def _definitions() -> Iterator[str]:
     """Yield each message, service and action."""
     for path in sorted((ROOT / "ema_interfaces").glob("*/*.*")):
         if path.suffix in {".msg", ".srv", ".action"}:
-            yield _section(path.stem, path.read_text(encoding="utf-8"))
+            yield _section(f"{path.parent.name}/{path.stem}", path.read_text(encoding="utf-8"))
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:

@@ -24,9 +24,11 @@ from .forked_ema import CLIENT
 
 ROOT = Path(__file__).parents[2]
 GUIDES = (
-    "install first-diagnosis your-csv your-robot describe-actuator plan-a-test ordinary-motion "
-    "predict-life report run-nodes python command-line real-data"
-).split()
+    *("install", "first-diagnosis", "your-csv", "your-robot"),
+    *("describe-actuator", "plan-a-test", "ordinary-motion", "predict-life", "report", "run-nodes"),
+    *("python", "command-line", "real-data"),
+)
+
 DOCUMENTS = ["README.md", *(f"docs/{name}.md" for name in GUIDES)]
 BLOCK = re.compile(
     r"(?P<mark><!-- (?:not run|long): [^\n]+ -->\n)?"
