@@ -15,23 +15,15 @@ if TYPE_CHECKING:
 BAG_TO_WRITE: Final = "Bag to write: one file if it ends in .mcap, else a folder"
 """Meaning of the option ``output`` of commands that write a bag."""
 
-REPLACE_OPTION: Final = click.option(
-    "--replace", "overwrite", is_flag=True, help="Replace OUTPUT if it is there."
-)
-
 
 def output_option(
     meaning: str, *, required: bool = True, dir_okay: bool = True, **more: Any
 ) -> Callable[..., Any]:
-    """Return the option ``output``, a path to write."""
-    return click.option(
-        "-o",
-        "--output",
-        required=required,
-        type=click.Path(path_type=Path, dir_okay=dir_okay),
-        help=f"{meaning}.",
-        **more,
-    )
+    """Return the options ``output``, a path to write, and ``overwrite``, whether to replace it."""
+    more |= {"required": required, "type": click.Path(path_type=Path, dir_okay=dir_okay)}
+    output = click.option("-o", "--output", help=f"{meaning}.", **more)
+    replace = click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT.")
+    return lambda command: output(replace(command))
 
 
 def require_apart(output: Path, inputs: Iterable[Path]) -> None:

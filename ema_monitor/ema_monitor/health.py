@@ -74,15 +74,15 @@ class FaultHealth:
         ``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the fault is unknown.
     value, sigma
         Estimate and its standard deviation [-]; sigma is NaN when unobservable.
-    limit
-        Value at which life ends [-].
+    limit, warn_limit
+        Values at which life ends, and from which on its lower 95 % bound gives a warning [-].
     limit_is_lower
         Whether life ends below the limit rather than above.
     share
         Share of the way from healthy to the limit [-].
     held
-        Value of the latest test [-], where that gives the warning and the tests before disagree:
-        it is held until the next one confirms it; else NaN.
+        Value of the latest test [-], where the tests before disagree and either gives a warning
+        or failure: it is held until the next one confirms it; else NaN.
     """
 
     name: str
@@ -90,6 +90,7 @@ class FaultHealth:
     value: float
     sigma: float
     limit: float
+    warn_limit: float
     limit_is_lower: bool
     share: float
     held: float = math.nan
@@ -250,8 +251,8 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
         level = ERROR
     elif loss - ONE_SIDED_95 * sigma > limits.warn_share * limit:
         level = WARN
-    name = TORQUE_PER_AMPERE
-    return (FaultHealth(name, level, 1.0 - loss, sigma, 1.0 - limit, True, share),)
+    ends = 1.0 - limit, 1.0 - limits.warn_share * limit
+    return (FaultHealth(TORQUE_PER_AMPERE, level, 1.0 - loss, sigma, *ends, True, share),)
 
 
 def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
@@ -279,16 +280,18 @@ def _assess_fault(
         sigma = min(sigma, tracked.sigma) if agree else tracked.sigma
         value = tracked.value
         level = _level(fault.name, value - fault.healthy, sigma, limits)
-        if tracked.doubtful and alone in (WARN, ERROR):
+        if tracked.doubtful and not is_unknown and max(alone, level) > OK:
             level, held = max(level, WARN), float(estimate.faults[number])
     limit = limits.of(fault.name)
     is_lower = value < fault.healthy
+    way = -limit if is_lower else limit
     return FaultHealth(
         fault.name,
         level,
         value,
         sigma,
-        fault.healthy + (-limit if is_lower else limit),
+        fault.healthy + way,
+        fault.healthy + limits.warn_share * way,
         is_lower,
         abs(value - fault.healthy) / limit,
         held,

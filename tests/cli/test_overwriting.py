@@ -54,7 +54,13 @@ def test_command_never_replaces_what_it_reads(ema, folder: Path, monkeypatch, wo
 
 @pytest.mark.parametrize(
     ("arguments", "name"),
-    [(("simulate",), "a.mcap"), (("report", SAMPLE), "a.html"), (("calibrate", "BAG"), "a.txt")],
+    [
+        (("simulate",), "a.mcap"),
+        (("report", SAMPLE), "a.html"),
+        (("calibrate", "BAG"), "a.txt"),
+        (("plot", SAMPLE), "a.png"),
+        (("prognose", SAMPLE, "--hours-per-cycle", "10"), "a.png"),
+    ],
 )
 def test_another_file_is_replaced_only_by_force(
     ema, folder: Path, tmp_path: Path, arguments: tuple, name: str

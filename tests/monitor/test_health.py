@@ -74,6 +74,7 @@ def test_levels_change_where_the_bound_passes_the_share_and_the_value_the_limit(
         assert health.health_index == pytest.approx(max(0.0, 1.0 - distance / limit))
         assert health.dominant_fault == ("" if level == OK else name)
         assert (item.limit, item.limit_is_lower) == (pytest.approx(healthy + limit), False)
+        assert item.warn_limit == pytest.approx(healthy + LIMITS.warn_share * limit)
         assert item.sigma == pytest.approx(SIGMA)
 
 
@@ -135,12 +136,16 @@ def test_tracked_value_takes_the_place_of_the_estimate():
     assert health.confidence == pytest.approx(6 / 7)
 
 
-@pytest.mark.parametrize(("found", "level"), [(0.05, OK), (0.3, WARN), (0.9, WARN)])
-def test_value_that_is_held_back_warns_if_it_would_by_itself(found: float, level: int):
+@pytest.mark.parametrize(
+    ("before", "found", "level"),
+    [(0.05, 0.06, OK), (0.05, 0.3, WARN), (0.05, 0.9, WARN), (0.3, 0.0, WARN), (0.6, 0.0, ERROR)],
+)
+def test_value_that_is_held_back_is_told_if_a_level_depends_on_it(before, found, level):
     made = estimate({"friction": found})
-    health = assess(made, LIMITS, {"friction": Tracked(0.05, 0.01, doubtful=True)})
+    health = assess(made, LIMITS, {"friction": Tracked(before, 0.01, doubtful=True)})
     [item] = [item for item in health.faults if item.name == "friction"]
-    assert (item.value, item.level) == (0.05, level)
+    assert (item.value, item.level) == (before, level)
+    assert (item.held == found) == (level != OK)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +156,7 @@ def test_worse_of_faults_and_requirements_holds(
     friction: float, share: float, level: int, severity: int
 ):
     own = ERROR if share > 1.0 else WARN if share > 0.2 else OK
-    required = (FaultHealth("bandwidth", own, 20.0, 0.1, 12.0, True, share),)
+    required = (FaultHealth("bandwidth", own, 20.0, 0.1, 12.0, 14.0, True, share),)
     health = with_requirements(assess(estimate({"friction": friction}), LIMITS), required)
     assert (health.level, health.severity) == (level, severity)
     assert health.requirements == required
@@ -159,7 +164,7 @@ def test_worse_of_faults_and_requirements_holds(
 
 
 def test_requirement_that_nothing_is_known_of_changes_nothing():
-    required = (FaultHealth("bandwidth", STALE, 20.0, np.nan, 12.0, True, 0.5),)
+    required = (FaultHealth("bandwidth", STALE, 20.0, np.nan, 12.0, 14.0, True, 0.5),)
     health = assess(estimate(), LIMITS)
     assert with_requirements(health, required).level == health.level
 

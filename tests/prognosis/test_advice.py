@@ -258,9 +258,9 @@ def test_failed_unit_is_to_be_removed_now(life):
     assert found.reason.startswith("Remove now: failed since")
 
 
-MARGIN = FaultHealth("torque_margin", WARN, 0.59, 0.01, 0.5, True, 0.4)
-PLAY = FaultHealth("free_play", ERROR, 6e-4, 1e-5, 5e-4, False, 1.2)
-FRICTION = FaultHealth("friction", WARN, 0.2, 0.01, 0.5, False, 0.4)
+MARGIN = FaultHealth("torque_margin", WARN, 0.59, 0.01, 0.5, 0.62, True, 0.4)
+PLAY = FaultHealth("free_play", ERROR, 6e-4, 1e-5, 5e-4, 1e-4, False, 1.2)
+FRICTION = FaultHealth("friction", WARN, 0.2, 0.01, 0.5, 0.1, False, 0.4)
 
 
 def outlook(level: int, *items: FaultHealth, reason: str = "", **changes: object) -> Outlook:
@@ -279,7 +279,8 @@ def outlook(level: int, *items: FaultHealth, reason: str = "", **changes: object
 
 def test_cause_names_what_has_the_level_with_value_and_limit():
     assert cause_of_level(outlook(OK)) == ""
-    assert cause_of_level(outlook(WARN, MARGIN)) == "torque margin 0.59 (fails below 0.5)"
+    words = "torque margin 0.59 (warns below 0.62, fails below 0.5)"
+    assert cause_of_level(outlook(WARN, MARGIN)) == words
     failed = outlook(ERROR, MARGIN, PLAY)
     assert cause_of_level(failed) == "free play 0.6 mrad (failed: above 0.5 mrad)"
     margin = replace(MARGIN, value=0.49996, level=ERROR)
@@ -291,7 +292,14 @@ def test_cause_names_what_has_the_level_with_value_and_limit():
 def test_cause_names_first_what_ends_life_first():
     two = outlook(WARN, FRICTION, MARGIN, dominant="torque_margin")
     assert cause_of_level(two) == (
-        "torque margin 0.59 (fails below 0.5), friction 0.2 (fails above 0.5)"
+        "torque margin 0.59 (warns below 0.62, fails below 0.5), "
+        "friction 0.2 (warns above 0.1, fails above 0.5)"
+    )
+    # A failure that the latest test contradicts, as after a repair, is said with what that shows.
+    repaired = outlook(ERROR, PLAY, replace(FRICTION, held=0.0))
+    assert cause_of_level(repaired) == (
+        "free play 0.6 mrad (failed: above 0.5 mrad), friction 0 in the latest test, which the "
+        "next one has to confirm, 0.2 before (warns above 0.1, fails above 0.5)"
     )
 
 

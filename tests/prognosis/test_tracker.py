@@ -229,6 +229,20 @@ def test_repair_restarts_the_level_and_reopens_the_growth(grown):
     assert not tracker.predict().components["friction"].known
 
 
+def test_repair_of_several_faults_is_known_after_two_tests_though_their_growth_is_uncertain():
+    growths = {
+        "friction": Growth("exponential", rate=8.5e-3, shape=0.05, noise=0.2),
+        "backlash": Growth("archard", rate=6e-4, shape=3.0, noise=0.2),
+        "short_circuit_a": Growth("self_heating", rate=7e-4, shape=6.0, noise=0.2, onset=100.0),
+    }
+    for seed in range(4):
+        tracker, rng = Tracker(), np.random.default_rng(seed)
+        feed(tracker, growths, 200.0, rng)
+        kinds = feed(tracker, growths, 220.0, rng, after=200.0)[0]
+        assert {event.kind for event in kinds} == {"outlier", "repair"}
+        assert all(of(tracker, name).value < 0.03 for name in growths)
+
+
 def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
     tracker, faults, rng = grown
     before, (_, spread) = of(tracker, "friction"), tracker._mixture.trend()

@@ -96,7 +96,7 @@ def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
         [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap friction"]
         seen.append((task.level, task.message))
     assert seen == [
-        (WARN, "0.45, limit 0.5"),
+        (WARN, "0.45, warning limit 0.1, limit 0.5"),
         (ERROR, "0.5113, limit 0.5"),
         (ERROR, "0.02, limit 0.5; OK once later tests confirm it"),
         (OK, "0.02, limit 0.5"),

@@ -199,7 +199,7 @@ def health(unit: Unit, stamp_ns: int) -> Health:
     distance = f"{worst.label} {values[FAULT_NAMES.index(worst.name)]:.3g}"
     causes = {
         OK: "",
-        WARN: f"{distance} (fails above {limit:.3g})",
+        WARN: f"{distance} (warns above {0.2 * limit:.3g}, fails above {limit:.3g})",
         ERROR: f"{distance} (failed: above {limit:.3g})",
         STALE: "",
     }

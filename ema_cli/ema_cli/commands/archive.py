@@ -22,7 +22,7 @@ from ema_cli.bags.predicting import GROWTH_OPTIONS, PROGNOSIS_SECTIONS, prognosi
 from ema_cli.bags.source import Source
 from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.options import REFUSED
-from ema_cli.output import REPLACE_OPTION, output_option, require_free
+from ema_cli.output import output_option, require_free
 from ema_cli.parameters import Command, Parameters, settings_options
 from ema_cli.show.prognosis_table import as_values
 from ema_cli.show.progress import progress_bar
@@ -227,7 +227,6 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
 @_ARCHIVE
 @click.argument("what", metavar="TABLE|SQL")
 @output_option(f"File to write: {' or '.join(FORMATS)}", dir_okay=False)
-@REPLACE_OPTION
 def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
     """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
     with Manifest(folder, writes=False):

@@ -8,7 +8,7 @@ import click
 from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.source import MEASURED_OPTION, Source, identifiable_windows
 from ema_cli.options import REFUSED
-from ema_cli.output import REPLACE_OPTION, output_option, require_free
+from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -23,7 +23,6 @@ _ENOUGH_WINDOWS = 5
 @click.command()
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
 @settings_options(Source, more=[MEASURED_OPTION])
-@REPLACE_OPTION
 @output_option("Calibration file to write", dir_okay=False)
 def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Path) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.

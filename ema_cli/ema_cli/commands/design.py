@@ -9,7 +9,7 @@ import click
 
 from ema_cli.bench import Bench, save_command
 from ema_cli.options import REFUSED, Assignments, assignments_option
-from ema_cli.output import REPLACE_OPTION, output_option, require_free
+from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.rehearsal import Rehearsal
@@ -54,7 +54,6 @@ class WantedSigmas(Assignments):
     WantedSigmas(),
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
-@REPLACE_OPTION
 @output_option(
     "YAML file to write: parameters of actuator and monitor, for --params", dir_okay=False
 )

@@ -11,7 +11,7 @@ from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_cli.bags.guide import mapping_of
 from ema_cli.bags.records import actuators_of, described, imported_by, read_record, write_records
 from ema_cli.bags.source import Source, read_windows
-from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, output_option, require_free
+from ema_cli.output import BAG_TO_WRITE, output_option, require_free
 from ema_core.wording import counted
 
 
@@ -48,7 +48,6 @@ from ema_core.wording import counted
     type=click.Path(path_type=Path),
     help="YAML file with the description of the actuator; default: the built-in one.",
 )
-@REPLACE_OPTION
 @click.option(
     "--accept-defects", is_flag=True, help="Write the bag whatever is wrong with the data."
 )

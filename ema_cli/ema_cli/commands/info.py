@@ -7,7 +7,7 @@ import click
 
 from ema_bags.telemetry import described_actuators
 from ema_bags.windows import BagWindows
-from ema_cli.bags.source import Source, open_bag, read_windows
+from ema_cli.bags.source import Source, open_bag, read_windows, why_no_window
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
@@ -39,6 +39,8 @@ def info(bag: Path, given: Source) -> None:
             continue
         _show(found)
         remarks |= dict.fromkeys(found.remarks)
+        if not found.windows:
+            remarks[why_no_window(bag, found, one)] = None
     for remark in remarks | dict.fromkeys(contents.remarks):
         click.echo(f"warning: {remark}")
 

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.bags.predicting import LIMIT_OPTION, with_growth
-from ema_cli.output import REPLACE_OPTION, output_option, require_free
+from ema_cli.output import output_option, require_free
 from ema_cli.parameters import Parameters
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -29,7 +29,6 @@ from ema_monitor.prognosis.sentences import label_of
 @output_option(f"File to write; its name ends in {SUFFIX}")
 @click.option("--name", default="", help='What the fleet is called, as in "A320 flaps".')
 @LIMIT_OPTION
-@REPLACE_OPTION
 def learn(
     histories: tuple[Path, ...], output: Path, name: str, limits: dict[str, float], overwrite: bool
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import click
 
-from ema_cli.output import REPLACE_OPTION, output_option, require_free
+from ema_cli.output import output_option, require_free
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.linear import in_si
@@ -54,7 +54,6 @@ def _figure(text: str) -> float | None:
 @click.option("--actuator-id", default="actuator", help="Name of the actuator in its system.")
 @click.option("--serial-number", default="1", help="Of the unit.")
 @_figure_options
-@REPLACE_OPTION
 @output_option("YAML file to write", dir_okay=False)
 def new_actuator(
     actuator_id: str, serial_number: str, overwrite: bool, output: Path, **options: float | None

@@ -37,13 +37,18 @@ from ema_monitor.windows.trigger import Refusal
 )
 @picture_option("; by default beside the bag")
 def plot(
-    bag: Path, given: Identifying, number: int | None, as_history: bool, output: Path | None
+    bag: Path,
+    given: Identifying,
+    number: int | None,
+    as_history: bool,
+    output: Path | None,
+    overwrite: bool,
 ) -> None:
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
     if as_history and number is not None:
         raise click.UsageError("--history and --window exclude each other")
     output = output or bag.with_suffix(".png")
-    require_drawable(output)
+    require_drawable(output, [bag], overwrite=overwrite)
     outline = Outline()
     if as_history:
         found = read_history(bag, given.actuator_id)

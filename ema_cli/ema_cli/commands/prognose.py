@@ -32,18 +32,20 @@ from ema_monitor.reports import health_report, scenario_report
 @settings_options(Predicting)
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @picture_option()
-def prognose(bags: tuple[Path, ...], given: Predicting, as_json: bool, output: Path | None) -> None:
+def prognose(
+    bags: tuple[Path, ...], given: Predicting, as_json: bool, output: Path | None, overwrite: bool
+) -> None:
     """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
-    All tests are of one unit; the stamps of their windows give their order. The figures are those
-    that a monitor publishes after the last of these tests.
+    All tests are of one unit, in the order of their stamps. The figures are those that a monitor
+    publishes after the last one.
 
     Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
     if output is not None:
-        require_drawable(output)
+        require_drawable(output, bags, overwrite=overwrite)
     course = diagnose_unit(bags, given)
     record, tests = course.record, counted(len(course.steps), "test")
     report = health_report(course.now, record.description)

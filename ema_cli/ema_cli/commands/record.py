@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from ema_cli.options import network_option
-from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, output_option
+from ema_cli.output import BAG_TO_WRITE, output_option
 from ema_cli.processes.bringup import node_parameters_option
 from ema_cli.processes.reach import run_node
 
@@ -19,7 +19,6 @@ from ema_cli.processes.reach import run_node
     help="Topic to record, full name or relative to /ema; by default all of /ema, /diagnostics and "
     "/clock.",
 )
-@REPLACE_OPTION
 @node_parameters_option
 @network_option
 def record(

@@ -11,7 +11,7 @@ from ema_bags.qos import joint_offer, recorded_qos
 from ema_bags.reader import Bag, Topic
 from ema_bags.schema import decoder, schema_text
 from ema_bags.telemetry import TELEMETRY_TYPE
-from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, new_bag, output_option, require_apart
+from ema_cli.output import BAG_TO_WRITE, new_bag, output_option, require_apart
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -21,7 +21,6 @@ from ema_ros.messages import telemetry_from_message
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @output_option(BAG_TO_WRITE)
-@REPLACE_OPTION
 def recover(bag: Path, output: Path, overwrite: bool) -> None:
     """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index.
 

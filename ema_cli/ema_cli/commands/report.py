@@ -12,7 +12,7 @@ from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.unit_course import diagnose_unit, find_bags
 from ema_cli.main import ARGUMENTS
 from ema_cli.options import REFUSED
-from ema_cli.output import REPLACE_OPTION, output_option, require_free
+from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.report.page import fleet_page, report_page
 from ema_cli.report.verdict import verdict_of
@@ -24,7 +24,6 @@ from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
 @click.command()
 @click.argument("bags", metavar="BAG...", nargs=-1, type=click.Path(path_type=Path))
 @settings_options(Predicting)
-@REPLACE_OPTION
 @output_option("Page to write (.html)", required=False, dir_okay=False, default="report.html")
 @click.pass_context
 def report(

@@ -7,7 +7,7 @@ import click
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.options import assignments_option, values_of_options
-from ema_cli.output import BAG_TO_WRITE, REPLACE_OPTION, START_OPTION, new_bag, output_option
+from ema_cli.output import BAG_TO_WRITE, START_OPTION, new_bag, output_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
@@ -30,7 +30,6 @@ from ema_sim.bench import ActuatorBench
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
 @START_OPTION
 @settings_options(Bench, "actuator", more=[COMMAND_OPTION])
-@REPLACE_OPTION
 @output_option(BAG_TO_WRITE)
 def simulate(
     given: Bench,

@@ -20,7 +20,7 @@ from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import StopRequest
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
-from ema_core.levels import ERROR, OK, WARN
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.yaml_file import load_yaml
 from ema_ros.topics import NAMESPACE
 
@@ -47,7 +47,7 @@ def run_demo(
     }
     folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
     if folder.exists() and any(folder.iterdir()):
-        raise ValueError(f"{folder} is there already and not empty")
+        raise ValueError(f"{folder} is there already: give a new or an empty folder")
     refuse_running([f"{NAMESPACE}/{node}" for node in _NODES], "demo", stop)
     if stop:
         return
@@ -96,7 +96,7 @@ class Technician:
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
         """Repair after a failure that was not seen before; return what was done, in words."""
         last = next((one for one in reversed(diagnoses) if one.level in (OK, WARN, ERROR)), None)
-        if last is None:
+        if last is None or last.level is None:
             return ""
         answer = self._answer
         if answer and (answer.done() or answer.cancelled()):
@@ -105,14 +105,17 @@ class Technician:
                 self._due = last.window + 1  # the next test that shows the failure asks again
                 return f"the actuator refused the repair: {refusal}"
         if last.level != ERROR:
-            self._due = 0.0
-        if last.level != ERROR or last.window < self._due:
+            due, self._due = self._due, 0.0
+            words = f"cycle {last.cycle} confirms the repair: {LEVEL_NAMES[last.level]} again"
+            return words if due == math.inf else ""
+        if last.window < self._due:
             return ""
         self._due = math.inf
         self._answer = observer.begin_life(self._growth)
         return (
-            f"failed in cycle {last.cycle}: {last.cause}; a technician removes and repairs the "
-            "unit, its wear begins again, and the level falls when further tests confirm it"
+            f"failed in cycle {last.cycle}: {last.cause}\n"
+            "next: remove the unit, repair what is worn, and make two tests, which lower the level "
+            "if they agree; the demo does so now, and the wear begins again"
         )
 
 
@@ -200,3 +203,4 @@ def _conclude(bag: Path, picture: Path, folder: Path) -> None:
     )
     click.echo(f"bag      {bag}")
     click.echo(f"picture  {picture}")
+    click.echo(f"next     ema report {bag}")

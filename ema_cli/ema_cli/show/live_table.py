@@ -16,6 +16,8 @@ from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import LEVEL_NAMES
 
 _LINES_BESIDE: Final = 8
+_TITLE: Final = "normalised faults: true → estimated ± sigma"
+_WIDTH: Final = len("0.000 → 0.000 ± 0.000")
 
 
 class LiveTable(TerminalDisplay):
@@ -46,6 +48,10 @@ class LiveTable(TerminalDisplay):
             # The health comes just after its estimate.
             if one.level is None and one.valid and is_last and not final:
                 return
+            if not self._written:
+                labels = [f"{FAULTS[i].label:{_WIDTH}}" for i in self._faults]
+                click.echo(f"{_TITLE}, 0 is healthy")
+                click.echo("  ".join(("cycle", *labels, "level", "latency", "why")))
             click.echo(self._line(one))
             self._written += 1
 
@@ -55,7 +61,7 @@ class LiveTable(TerminalDisplay):
             # Why the latest level is what it is, and since when it is.
             *_, first = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
             cause = f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
-        table = self._table("normalised faults: true→estimated±sigma", cause, state)
+        table = self._table(_TITLE, cause, state)
         table.add_column("cycle", justify="right")
         for i in self._faults:
             table.add_column(FAULTS[i].label, justify="center", overflow="fold")
@@ -68,9 +74,9 @@ class LiveTable(TerminalDisplay):
         return table
 
     def _line(self, one: DiagnosedWindow) -> str:
-        faults = [f"{FAULTS[i].label} {_figures(one, i)}" for i in self._faults]
-        parts = [f"cycle {_cycle(one):>3}", *faults, f"{_level(one):5}", f"{one.latency_s:.2f} s"]
-        return "   ".join(filter(None, (*parts, one.cause if one.valid else one.reason)))
+        faults = [f"{_figures(one, i):{_WIDTH}}" for i in self._faults]
+        parts = [f"{_cycle(one):>5}", *faults, f"{_level(one):5}", f"{one.latency_s:5.2f} s"]
+        return "  ".join((*parts, one.cause if one.valid else one.reason)).rstrip()
 
 
 def _cycle(one: DiagnosedWindow) -> str:

@@ -113,7 +113,8 @@ def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> T
     message = "not known"
     if is_known:
         value, limit = beside_limit(item.value, item.limit, 4)
-        message = f"{value}{of}, limit {limit}{of}"
+        warning = f"warning limit {item.warn_limit:.4g}{of}, " if level == WARN else ""
+        message = f"{value}{of}, {warning}limit {limit}{of}"
     if is_finite_number(item.held):
         message = f"{item.held:.4g}{of} in the latest test, before {message}"
     elif level != STALE and item.level < level:

@@ -37,10 +37,14 @@ def cause_of_level(outlook: Outlook) -> str:
         return outlook.failure
     if health.level not in (WARN, ERROR):
         return "" if health.level == OK else reason_of(outlook)
-    items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
+    items = [
+        item
+        for item in (*health.faults, *health.requirements)
+        if item.level == health.level or math.isfinite(item.held)
+    ]
     if not items:
         return health.reason
-    items.sort(key=lambda item: item.name != outlook.dominant)
+    items.sort(key=lambda item: (-item.level, item.name != outlook.dominant))
     causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)
     words = ", ".join(causes) + (f" and {more} more" if more else "")
@@ -53,16 +57,18 @@ def in_words(item: FaultHealth) -> str:
     if item.name not in FAULT_BY_NAME:
         unit, scale = shown_in(RequirementLimits.unit(item.name))
         unit = f" {unit}" if unit else ""
-    state = "failed:" if item.level == ERROR else "fails"
     side = "below" if item.limit_is_lower else "above"
     value, limit = beside_limit(scale * item.value, scale * item.limit)
+    ends = f"failed: {side} {limit}{unit}"
+    if item.level != ERROR:
+        ends = f"warns {side} {scale * item.warn_limit:.3g}{unit}, fails {side} {limit}{unit}"
     if math.isfinite(item.held):
         held = scale * item.held
         return (
             f"{label_of(item.name)} {held:.3g}{unit} in the latest test, which the next one has to "
-            f"confirm, {value}{unit} before (fails {side} {limit}{unit})"
+            f"confirm, {value}{unit} before ({ends})"
         )
-    return f"{label_of(item.name)} {value}{unit} ({state} {side} {limit}{unit})"
+    return f"{label_of(item.name)} {value}{unit} ({ends})"
 
 
 def reason_of(outlook: Outlook) -> str:

@@ -51,11 +51,11 @@ class OutlierDetector(Kept):
 
     The first two tests that agree begin a life, for either of two that do not may be wrong. Later
     a test with an odd value is held back as a whole, for what falsifies one component's estimate
-    falsifies the others. If the next test is off in the same components and agrees with it in all
-    of them, their level has changed; if it is as expected, the test held back is never used. A
-    jump that two errors of the occasional size can feign must show in three tests, and before that
-    is no event, for such errors are frequent. Whatever is off in four tests in a row has changed
-    as well.
+    falsifies the others. If the next test agrees with it in all components that were off, and is
+    off in no other, their level has changed; if it is as expected, the test held back is never
+    used. A jump that two errors of the occasional size can feign must show in three tests, and
+    before that is no event, for such errors are frequent. Whatever is off in four tests in a row
+    has changed as well.
     """
 
     kept = ("_held", "_odd", "_agreed", "_patience")
@@ -107,8 +107,9 @@ class OutlierDetector(Kept):
         large = np.abs(measurement.value - mean) > _AGREEMENT * reach
         for held in map(Measurement.of_row, self._held):
             since = held.hours
-            agrees = self._agrees(measurement, held, mean)[odd].all()
-            self._agreed = self._agreed + 1 if np.array_equal(odd, self._odd) and agrees else 0
+            # As growth is less and less certain, what was odd before may be within its bounds.
+            agrees = self._agrees(measurement, held, mean)[self._odd].all()
+            self._agreed = self._agreed + 1 if agrees and not (odd & ~self._odd).any() else 0
             is_long = self._patience >= _PATIENCE - 1
             changed = odd & self._odd & (is_long | (self._agreed >= np.where(large, 1, 2)))
         events = [

@@ -214,7 +214,9 @@ class Requirements:
             level = STALE
         else:
             level = WARN if bound > warn_share else OK
-        return FaultHealth(name, level, value, sigma, self.limit[name], name in BELOW, share)
+        limit = self.limit[name]
+        ends = limit, limit - (1.0 - warn_share) * self._scale[name]
+        return FaultHealth(name, level, value, sigma, *ends, name in BELOW, share)
 
 
 @lru_cache(_MOST_UNITS)

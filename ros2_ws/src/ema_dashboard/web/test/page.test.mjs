@@ -94,7 +94,7 @@ describe("a fleet of nine", () => {
     await page.waitForSelector("[aria-labelledby=tracked]");
     const messages = await stage.source.order({ do: "messages", actuator: WORN });
     const { health, fault_estimate: estimate, advice } = messages;
-    assert.match(await page.locator(".why").innerText(), /\(fails above/);
+    assert.match(await page.locator(".why").innerText(), /\(warns above [\d.]+, fails above/);
     assert.equal(await page.locator(".removal").first().innerText(), health.removal);
     assert.ok((await page.locator(".todo").innerText()).includes(advice.reason));
     for (const item of health.faults) {
