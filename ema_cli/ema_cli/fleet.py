@@ -173,7 +173,6 @@ def _dominant_in_words(health: Any) -> str:
     for item in (*health.faults, *health.requirements):
         if item.name == health.dominant_fault:
             unit, scale = shown_in(item.unit)
-            unit = f" {unit}" if unit else ""
             side = "≥" if item.limit_is_lower else "≤"
             sigma = f" ± {scale * item.sigma:.2g}" if math.isfinite(item.sigma) else ""
             value, limit = beside_limit(scale * item.value, scale * item.limit)

@@ -282,20 +282,10 @@ def _assess_fault(
         level = _level(fault.name, value - fault.healthy, sigma, limits)
         if tracked.doubtful and not is_unknown and max(alone, level) > OK:
             level, held = max(level, WARN), float(estimate.faults[number])
-    limit = limits.of(fault.name)
-    is_lower = value < fault.healthy
-    way = -limit if is_lower else limit
-    return FaultHealth(
-        fault.name,
-        level,
-        value,
-        sigma,
-        fault.healthy + way,
-        fault.healthy + limits.warn_share * way,
-        is_lower,
-        abs(value - fault.healthy) / limit,
-        held,
-    )
+    way = math.copysign(limits.of(fault.name), value - fault.healthy)
+    ends = fault.healthy + way, fault.healthy + limits.warn_share * way
+    share = (value - fault.healthy) / way
+    return FaultHealth(fault.name, level, value, sigma, *ends, way < 0.0, share, held)
 
 
 def _level(fault_name: str, difference: float, sigma: float, limits: HealthLimits) -> int:

@@ -6,15 +6,12 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
-from rclpy.task import Future
 from rich.console import Console
 
 from ema_bags.reader import Bag
@@ -227,26 +224,6 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
             assert technician.look([failed, well], observer) == ""
         finally:
             actuator.send_signal(signal.SIGTERM)
-
-
-def test_repair_that_is_refused_or_fails_is_asked_for_again_at_the_next_failed_test():
-    refused, broken, cancelled, done = answers = [Future() for _ in range(4)]
-    refused.set_result(SimpleNamespace(success=False, message="busy"))
-    broken.set_exception(RuntimeError("gone"))
-    cancelled.cancel()
-    done.set_result(SimpleNamespace(success=True, message=""))
-    left = list(answers)
-    observer: Any = SimpleNamespace(begin_life=lambda growth: left.pop(0))
-    technician = Technician()
-    for i, reason in enumerate(("busy", "RuntimeError('gone')", "the call was cancelled", "")):
-        tests = [replace(FAILED, window=30 + i)]
-        told = technician.look(tests, observer)
-        assert "failed in cycle 30" in told
-        told = technician.look(tests, observer)
-        assert reason in told if reason else told == ""
-        assert technician.look(tests, observer) == ""
-    assert technician.look([replace(FAILED, window=40)], observer) == ""
-    assert left == []
 
 
 def test_folder_that_is_not_empty_is_refused(ema, tmp_path, monkeypatch):

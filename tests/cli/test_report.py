@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -55,13 +56,15 @@ def estimated(ema, bag: Path) -> list[list[float]]:
     return rows
 
 
-def test_report_has_the_notes_of_persons_in_the_history(ema, tmp_path):
+@pytest.mark.parametrize("folder", ["", "history"])
+def test_report_has_the_notes_of_persons_in_the_history_given_or_beside(ema, tmp_path, folder):
     unit = ("flap", "SIM-0001")
-    history = History(*unit, history_path(tmp_path, *unit))
+    history = History(*unit, history_path(tmp_path / folder, *unit))
     note = UnitEvent(10**9, 5.0, "note", "Ada: greased <b>")
     history.assess(Assessment(10**9, 5.0, 0, 1.0, "", None, events=(note,)))
     history.close()
-    said = ema("report", SAMPLE, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
+    bag = shutil.copy(SAMPLE, tmp_path) if folder else SAMPLE
+    said = ema("report", bag, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
     assert said.exit_code == 0, said.stderr
     [line] = [line for line in Page(tmp_path / "a.html").said["li"] if "Ada" in line]
     assert line.startswith("Ada: greased <b>")
@@ -93,10 +96,10 @@ def test_figures_of_a_life_are_those_of_the_prognosis_exactly(told, of_life):
 
 
 @pytest.mark.slow
-def test_verdict_is_three_lines_and_says_what_to_do_and_when(told, of_life):
-    state, wearing, lasting = of_life.said["ol"][0].strip().splitlines()
-    assert state.startswith("Wearing: ")
-    assert told["cause"] in state
+def test_verdict_is_four_lines_and_says_what_to_do_and_when(told, of_life):
+    state, wearing, lasting, basis = of_life.said["ol"][0].strip().splitlines()
+    assert state == f"Wearing: {told['cause']}."
+    assert basis.startswith("10 valid tests of 10; health index 0.")
     assert "friction 0.279" in wearing.lower()
     assert "limit ≤ 0.5" in wearing
     before = told["flight_hours"] + told["rul"]["hours_05"]
@@ -163,7 +166,7 @@ def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(
     page = tmp_path / "r.html"
     assert ema("report", life_folder, *costs, "-o", page).exit_code == 0
     advice = json.loads(ema("prognose", life_folder, *costs, "--json").stdout)["advice"]
-    [first, *_] = Page(page).said["li"][3:]
+    [first, *_] = Page(page).said["li"][4:]
     assert advice["action"] in ("continue", "remove")
     assert f"{advice['hours']:,.0f} service hours (in {advice['from_now']:,.0f} h)" in first
     assert f"{advice['rate']:.3g} EUR/h" in first

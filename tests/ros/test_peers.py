@@ -24,7 +24,7 @@ def test_one_who_goes_is_told_once_and_missed_for_a_minute():
     assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 1.0) == ["/ema/actuator"]
     assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 2.0) == []
     task = peers.task("unit", 1.0 + FRESH_S - 1e-6)
-    assert (task.level, task.message) == (WARN, "gone from the graph: /ema/actuator")
+    assert (task.level, task.message) == (WARN, "no contact with /ema/actuator")
     task = peers.task("unit", 1.0 + FRESH_S)
     assert (task.level, task.message) == (OK, "1 in touch")
     assert task.values == {"present": "/ema/recorder", "gone": "/ema/actuator"}
@@ -35,10 +35,10 @@ def test_one_who_comes_back_is_not_missed_and_told_anew_when_gone_again():
     peers.update({"/ema/a", "/ema/b"}, {"/ema/a", "/ema/b"}, 0.0)
     assert peers.update(set(), set(), 1.0) == ["/ema/a", "/ema/b"]
     assert peers.update({"/ema/a"}, {"/ema/a"}, 2.0) == []
-    assert peers.task("unit", 2.0).message == "gone from the graph: /ema/b"
+    assert peers.task("unit", 2.0).message == "no contact with /ema/b"
     assert peers.update(set(), set(), 50.0) == ["/ema/a"]
     # The other has been gone for longer than a minute then, this one has not.
-    assert peers.task("unit", 61.5).message == "gone from the graph: /ema/a"
+    assert peers.task("unit", 61.5).message == "no contact with /ema/a"
 
 
 def test_one_who_is_only_inactive_is_not_missed():

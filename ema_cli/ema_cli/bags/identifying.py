@@ -61,7 +61,7 @@ class Identifying(Source):
             "--calibration",
             "calibration_file",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="File of `ema calibrate`; default: calibration.yaml beside BAG, or shipped.",
+            help="Default: calibration.yaml beside BAG, or shipped.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (

@@ -17,7 +17,7 @@ from ema_cli.parameters import settings_options
 from ema_cli.report.page import fleet_page, report_page
 from ema_cli.report.verdict import verdict_of
 from ema_core.files import complete_file
-from ema_monitor.prognosis.history import read_history
+from ema_monitor.prognosis.history import history_path, read_history
 from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
 
 
@@ -31,8 +31,9 @@ def report(
 ) -> None:
     """Write what the tests in bags, or folders of bags, say of a unit.
 
-    All tests are of one unit, as for `ema prognose`. Its history ACTUATOR+SERIAL.sqlite adds notes.
-    The page needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
+    All tests are of one unit, as for `ema prognose`. Notes come from its history
+    ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there. The page
+    needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
 
     Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
     """
@@ -55,7 +56,8 @@ def report(
         course = diagnose_unit(bags, given, skips_unreadable=True)
         verdict = verdict_of(course)
         lines, is_useless = verdict.lines, not course.outlooks or bool(course.now.finding)
-        notes = _notes(histories, course.record.description.unit_key)
+        unit = course.record.description.unit_key
+        notes = _notes(histories or _beside(bags, unit), unit)
         page = report_page(bags, course, verdict, command, notes)
     with complete_file(output) as partial:
         partial.write_text(page, encoding="utf-8")
@@ -63,6 +65,13 @@ def report(
         click.echo(f"{line}")
     if is_useless:
         sys.exit(REFUSED)
+
+
+def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
+    """Return the histories of a unit in the folders of bags, and in ``history`` there."""
+    places = dict.fromkeys(place for bag in bags for place in (bag, bag.absolute().parent))
+    paths = [history_path(one / inner, *unit) for one in places for inner in (".", "history")]
+    return [path for path in paths if path.is_file()]
 
 
 def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:

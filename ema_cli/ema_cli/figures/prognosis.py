@@ -196,7 +196,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
     crossed = _crossing(place, value, limit, last.hours)
     _mark_life(axes, last.hours, last.lives[name], limit, crossed)
     axes.margins(y=0.15)
-    axes.set_ylabel(label_of(name) + (f"\n[{unit}]" if unit else ""))
+    axes.set_ylabel(label_of(name) + (f"\n[{unit.strip()}]" if unit else ""))
 
 
 def _crossing(

@@ -1,12 +1,11 @@
 """What a demo does: its domain, its folder, its nodes, its end."""
 
-import math
 import os
 import time
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
 import numpy as np
@@ -90,44 +89,24 @@ class Technician:
     def __init__(self) -> None:
         demo = load_yaml(parameter_file("demo"))["/**/actuator"]["ros__parameters"]
         self._growth = demo["growth"]
-        self._due = 0.0  # the window from which on a failure is repaired
-        self._answer: Any = None
+        self._is_repairing = False
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
         """Repair after a failure that was not seen before; return what was done, in words."""
         last = next((one for one in reversed(diagnoses) if one.level in (OK, WARN, ERROR)), None)
         if last is None or last.level is None:
             return ""
-        answer = self._answer
-        if answer and (answer.done() or answer.cancelled()):
-            self._answer = None
-            if refusal := _refusal(answer):
-                self._due = last.window + 1  # the next test that shows the failure asks again
-                return f"the actuator refused the repair: {refusal}"
-        if last.level != ERROR:
-            due, self._due = self._due, 0.0
-            words = f"cycle {last.cycle} confirms the repair: {LEVEL_NAMES[last.level]} again"
-            return words if due == math.inf else ""
-        if last.window < self._due:
+        if (last.level == ERROR) == self._is_repairing:
             return ""
-        self._due = math.inf
-        self._answer = observer.begin_life(self._growth)
+        self._is_repairing = not self._is_repairing
+        if last.level != ERROR:
+            return f"cycle {last.cycle} confirms the repair: {LEVEL_NAMES[last.level]} again"
+        observer.begin_life(self._growth)
         return (
             f"failed in cycle {last.cycle}: {last.cause}\n"
             "next: remove the unit, repair what is worn, and make two tests, which lower the level "
             "if they agree; the demo does so now, and the wear begins again"
         )
-
-
-def _refusal(answer: Any) -> str:
-    """Return why a repair was not done; empty if it was."""
-    try:
-        response = answer.result()
-    except Exception as error:
-        return f"the call failed: {error!r}"
-    if response is None:
-        return "the call was cancelled"
-    return "" if response.success else response.message or "no reason given"
 
 
 def _watch(

@@ -21,7 +21,7 @@ from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, RequirementLimits
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.sentences import (
     TREND_HOURS,
     cause_of_level,
@@ -46,8 +46,7 @@ class Shown(NamedTuple):
 
 def shown(item: FaultHealth) -> Shown:
     """Return a fault or requirement as it is shown."""
-    unit, scale = shown_in(RequirementLimits.unit(item.name) if item.name in REQUIREMENTS else "1")
-    unit = f" {unit}" if unit else ""
+    unit, scale = shown_in(RequirementLimits.unit(item.name))
     value, limit = beside_limit(scale * item.value, scale * item.limit)
     sigma = scale * item.sigma
     uncertainty = f" ± {sigma:.2g}" if math.isfinite(sigma) else ""
@@ -153,20 +152,20 @@ def confusions(course: Course) -> list[tuple[str, str, int]]:
 
 @dataclass(frozen=True)
 class UnitVerdict:
-    """The verdict in three lines, and what to do.
+    """The verdict in a few lines, and what to do.
 
     Attributes
     ----------
     level
         Level of health.
     lines
-        Whether the unit is well; what wears; how long it lasts.
+        Whether the unit is well; what wears; how long it lasts; on what that rests.
     actions
         What to do, the most important first.
     """
 
     level: int
-    lines: tuple[str, str, str]
+    lines: tuple[str, ...]
     actions: list[str]
 
     @property
@@ -191,25 +190,24 @@ def verdict_of(course: Course) -> UnitVerdict:
             _after_the_last_test(course),
         )
     valid = [one for one in course.estimates if one.valid][-1]
-    lines = _state(course, last), _wearing(course, last, valid), _lasting(last)
+    lines = _state(last), _wearing(course, last, valid), _lasting(last), _basis(course, last)
     words = [advice_in_words(course), removal_in_words(last)]
     actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(course)]
     return UnitVerdict(last.health.level, lines, actions)
 
 
-def _state(course: Course, last: Outlook) -> str:
-    health = last.health
-    why = (
-        cause_of_level(last)
-        if health.level != OK
-        else ("no fault and no required performance gives a warning")
-    )
-    tests = f"{counted(len(course.outlooks), 'valid test')} of {len(course.estimates)}"
+def _state(last: Outlook) -> str:
+    level = last.health.level
+    state = "Changed" if last.departure and level == WARN else _STATES[level]
+    return f"{state}: {cause_of_level(last) or 'no fault and no requirement gives a warning'}."
+
+
+def _basis(course: Course, last: Outlook) -> str:
+    health, tests = last.health, counted(len(course.outlooks), "valid test")
     index = f"{health.health_index:.2f}" if math.isfinite(health.health_index) else "unknown"
-    state = "Changed" if last.departure and health.level == WARN else _STATES[health.level]
     return (
-        f"{state}: {why} ({tests}; health index {index}, severity "
-        f"{health.severity} of 4, confidence {health.confidence:.2f})."
+        f"{tests} of {len(course.estimates)}; health index {index}, severity {health.severity} "
+        f"of 4, confidence {health.confidence:.2f}."
     )
 
 
@@ -247,7 +245,8 @@ def _lasting(last: Outlook) -> str:
     if last.health.level == ERROR:
         return "Its life is over: a limit is exceeded or a required performance has failed."
     if not life.known:
-        return f"How long it lasts is unknown: {life.reason or 'no growth is certain'}."
+        reason = last.lives.get(last.dominant, life).reason or life.reason
+        return f"How long it lasts is unknown: {reason or 'no growth is certain'}."
     before = last.hours + last.removal.hours
     return (
         f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "

@@ -74,7 +74,7 @@ def table_of_growth(report: HealthReport) -> Table:
         unit, scale = shown_in(item.unit)
         side = "≥" if item.limit_is_lower else "≤"
         table.add_row(
-            label_of(item.name) + (rf" \[{unit}]" if unit else ""),
+            label_of(item.name) + (rf" \[{unit.strip()}]" if unit else ""),
             _figure(scale * item.value),
             _figure(scale * item.sigma),
             f"{side} {scale * item.limit:.4g}",

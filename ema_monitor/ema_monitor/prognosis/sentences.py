@@ -26,8 +26,8 @@ def label_of(name: str) -> str:
 
 
 def shown_in(unit: str) -> tuple[str, float]:
-    """Return the unit in which a value is shown, empty for a share ("1"), and its scale to that."""
-    return {"rad": ("mrad", 1e3), "1": ("", 1.0)}.get(unit, (unit, 1.0))
+    """Return the unit in which a value is shown after a blank, none for "1", and its scale."""
+    return {"rad": (" mrad", 1e3), "1": ("", 1.0)}.get(unit, (f" {unit}", 1.0))
 
 
 def cause_of_level(outlook: Outlook) -> str:
@@ -53,10 +53,7 @@ def cause_of_level(outlook: Outlook) -> str:
 
 def in_words(item: FaultHealth) -> str:
     """Return value and limit of a fault or requirement that gives a warning or has failed."""
-    unit, scale = "", 1.0
-    if item.name not in FAULT_BY_NAME:
-        unit, scale = shown_in(RequirementLimits.unit(item.name))
-        unit = f" {unit}" if unit else ""
+    unit, scale = shown_in(RequirementLimits.unit(item.name))
     side = "below" if item.limit_is_lower else "above"
     value, limit = beside_limit(scale * item.value, scale * item.limit)
     ends = f"failed: {side} {limit}{unit}"

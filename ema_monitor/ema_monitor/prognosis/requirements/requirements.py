@@ -50,10 +50,7 @@ class RequirementLimits(Checked):
 
     @classmethod
     def unit(cls, name: str) -> str:
-        """Return the unit of a requirement as messages write it; "1" for a share.
-
-        That of the torque per ampere, which is judged where a drive is unknown, is a share, too.
-        """
+        """Return the unit of a requirement as messages write it; "1" for a share or a fault."""
         units = {item.name: item.metadata["unit"] for item in fields(cls)}
         return units.get(name, "-").replace("-", "1")
 

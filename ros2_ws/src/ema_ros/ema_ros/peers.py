@@ -46,7 +46,7 @@ class Peers:
         """Return the status: a warning for a minute after somebody has gone, or is not heard."""
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
         values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
-        found = [f"gone from the graph: {', '.join(fresh)}"] if fresh else []
+        found = [f"no contact with {', '.join(fresh)}"] if fresh else []
         if self.unheard:
             found.append(f"not received: {', '.join(self.unheard)}")
         if found:

@@ -26,7 +26,6 @@ export interface Actuator extends Address {
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
-  lost?: { known: number; tests: number }; // tests that its monitor knew, and those of them it lost
   isSilent?: boolean; // the dashboard is not heard any more: its health may be another by now
 }
 
@@ -36,7 +35,7 @@ export interface Diagnostic extends DiagnosticStatus {
 }
 
 /** Namespace of the node that reports, as `/ema` of `/ema/monitor: flap health`. */
-function namespaceOf({ name }: DiagnosticStatus): string {
+export function namespaceOf({ name }: DiagnosticStatus): string {
   return /^([^:]*)\/[^/:]*: /.exec(name)?.[1] ?? "";
 }
 
@@ -45,14 +44,6 @@ export function isOf(address: Address, status: DiagnosticStatus): boolean {
   const key = keyOf(address);
   return namespaceOf(status) === address.namespace &&
     (status.hardware_id === key || status.hardware_id.startsWith(`${key}/`));
-}
-
-/** How many tests a monitor has lost that counts fewer of the same unit than it did. */
-function lostBy({ health, lost }: Actuator, now: Health): Actuator["lost"] {
-  if (!health || health.serial_number !== now.serial_number) return undefined;
-  const before = Number(health.cycles), left = Number(now.cycles);
-  const known = Math.max(lost?.known ?? 0, before);
-  return left < known ? { known, tests: (lost?.tests ?? 0) + Math.max(before - left, 0) } : undefined;
 }
 
 export class State {
@@ -158,7 +149,6 @@ export class State {
         break;
       case "health":
         after.health = message as Health;
-        if (!this.playback) after.lost = lostBy(before, after.health);
         break;
       case "fault_estimate":
         after.estimate = message as FaultEstimate;

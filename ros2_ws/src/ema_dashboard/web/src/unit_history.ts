@@ -102,6 +102,14 @@ export class UnitRecord {
   }
 }
 
+/** That a monitor began its history anew, in words, until it has as many tests as it lost. */
+export function begunAnew({ events, stamp }: HistoryColumns): string {
+  const event = events.findLast(({ kind, text }) => kind === "history" && /without \d+/.test(text));
+  if (!event) return "";
+  const lost = Number(/without (\d+)/.exec(event.text)![1]);
+  return stamp.filter((one) => one >= seconds(event.stamp)).length < lost ? event.text : "";
+}
+
 function identityOf(event: UnitEvent): string {
   return `${event.stamp.sec}.${event.stamp.nanosec} ${event.kind} ${event.text}`;
 }

@@ -10,6 +10,12 @@ export async function hindrances(page) {
     .map(({ id, nodes }) => `${id}: ${nodes.slice(0, 3).map((node) => node.html).join(" | ")}`);
 }
 
+/** How many elements of a kind have contents that are wider than they are. */
+export function cut(page, selector) {
+  return page.locator(selector).evaluateAll((all) =>
+    all.filter((one) => one.scrollWidth > one.clientWidth + 1).length);
+}
+
 /** By how much the page is wider than the screen [px]. */
 export function overflow(page) {
   return page.evaluate(() =>

@@ -7,7 +7,7 @@ import { load } from "./sources.mjs";
 const format = await load("format.ts");
 const faults = await load("faults.ts");
 const { Telemetry } = await load("telemetry.ts");
-const { UnitRecord } = await load("unit_history.ts");
+const { UnitRecord, begunAnew } = await load("unit_history.ts");
 const { levelNow } = await load("levels.ts");
 const { actuatorOf } = await load("peek.ts");
 const { State, isOf } = await load("state.ts");
@@ -184,19 +184,13 @@ test("an alarm of a monitor that is not heard any more stays, marked as old", ()
   assert.deepEqual(now(3, 3), ["STALE", "stale", undefined]);
 });
 
-test("a monitor that knows fewer tests of a unit than before has lost them, until it has more", () => {
-  mock.timers.enable({ apis: ["Date", "setTimeout"], now: 1e12 });
-  const state = new State(() => {});
-  const lost = (cycles, serial_number = "1") => {
-    const message = { header: { stamp: { sec: 1, nanosec: 0 } }, actuator_id: "flap", serial_number,
-      cycles: BigInt(cycles), level: 0, last_level: 0, faults: [], requirements: [] };
-    state.take({ kind: "messages", received: [{ namespace: "/ema", topic: "health", message }] });
-    return [...state.actuators.values()][0].lost?.tests;
-  };
-  const none = undefined;
-  assert.deepEqual([109, 110, 0, 3, 110, 30, 31].map((n) => lost(n)), [none, none, 110, 110, none, 80, 80]);
-  assert.equal(lost(1, "2"), undefined); // another unit
-  mock.timers.reset();
+test("tests that a monitor has lost are told until it has as many again, however they are counted", () => {
+  const event = (kind, text) => ({ kind, text, stamp: { sec: 50, nanosec: 0 } });
+  const anew = event("history", "the monitor began its history anew, without 3 earlier tests");
+  const words = (events, ...stamp) => begunAnew({ events, stamp: Float64Array.from(stamp) });
+  assert.equal(words([anew, event("note", "Ada: seen")], 10, 20, 30, 50, 60), anew.text);
+  assert.equal(words([anew], 50, 60, 70), "");
+  assert.equal(words([event("history", "the file is damaged")], 10), "");
 });
 
 test("a status is of the actuator of its own namespace", () => {

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, describe, test } from "node:test";
-import { hindrances, overflow } from "./access.mjs";
+import { cut, hindrances, overflow } from "./access.mjs";
 import { Stage, browse, until } from "./stage.mjs";
 import { load } from "./sources.mjs";
 
@@ -71,8 +71,11 @@ describe("a fleet of nine", () => {
       }
       const action = ["unknown", "continue", "inspect", "remove"][advice.action];
       assert.equal(await shown.locator(".c-advice").innerText(), action);
+      assert.match(await shown.locator(".c-remove").innerText(),
+        /^(now|no date|in [\d,.]+ h\s+service [\d,.]+ h)$/);
       ranks.push([2, 1, 3, 0].indexOf(health.level));
     }
+    assert.equal(await cut(page, "tbody td"), 0);
     assert.deepEqual(ranks, [...ranks].sort(), "the worst first");
   });
 
@@ -130,6 +133,7 @@ describe("a fleet of nine", () => {
       const end = parts.y + parts.height;
       assert.ok(end <= height, `${at} at ${width} px: ends at ${end}`);
       assert.ok(await page.evaluate(() => document.documentElement.scrollWidth) <= width, "wider");
+      assert.equal(await cut(page, ".figure"), 0);
       const whole = await page.evaluate(() => document.documentElement.scrollHeight);
       assert.ok(whole < 2 * height + 200, `${whole} px`);
       await page.context().close();
@@ -140,7 +144,7 @@ describe("a fleet of nine", () => {
     const { value } = health.faults.find(({ name }) => name === "eccentricity");
     const wrong = await page.locator("[data-wrong=eccentricity]").innerText();
     assert.equal(wrong.replace("\n", " "),
-      `eccentricity ${(100 * value).toFixed(0)} % limit 60 %`);
+      `eccentricity ${(100 * value).toFixed(0)} % fails at 60 %`);
     assert.match(await page.locator("tr[data-item=friction]").innerText(), /\+10 %/);
     for (const [part, id] of [["Life", "remaining"], ["Last test", "window"],
       ["Evidence", "vector"], ["Telemetry", "diagnostics"], ["Events", "events"]]) {
@@ -185,7 +189,11 @@ describe("a fleet of nine", () => {
   test("figures of a status have their unit and four digits", async () => {
     await stage.source.order({ do: "run", period: 20 });
     page = await open(stage, addressOf(WORN, "telemetry"));
+    const wide = page.locator(".quiet > summary");
+    assert.equal(await wide.innerText(), "1 OK");
+    await wide.click();
     await page.locator(".diagnostics summary").first().click();
+    assert.deepEqual(await page.locator(".diagnostics strong").allInnerTexts(), ["health", "telemetry"]);
     const shown = await page.locator(".diagnostics .values").first().innerText();
     assert.match(shown.replace(/\s+/g, " "), /latency 0\.1235 s/);
   });

@@ -6,7 +6,7 @@ import { dateTime, duration, fixed, hours, percent, shownUnit, significant, unit
 import { DEPARTED, type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
 import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
-import type { HistoryColumns } from "../unit_history.ts";
+import { type HistoryColumns, begunAnew } from "../unit_history.ts";
 import { Folded, WhatToDo, isPhone } from "./advice.tsx";
 import { Events } from "./events.tsx";
 import { History, Trend } from "./history.tsx";
@@ -86,6 +86,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   const { health, estimate, description } = actuator;
   const level = levelOf(actuator);
   const fault = health && worstFault(health);
+  const anew = columns && begunAnew(columns);
   const isDeparted = estimate?.verdict === DEPARTED;
   const isRefused = estimate !== undefined && (!estimate.valid || isDeparted);
   return (
@@ -108,10 +109,10 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
           <Folded title="Why">{estimate.reason || "no reason given"}</Folded>
         </p>
       )}
-      {actuator.lost !== undefined && (
+      {anew && (
         <p class="banner warn">
-          <strong>The monitor began anew:</strong> {actuator.lost.tests} tests that it knew before are
-          not in its history. Trends and remaining life follow from {String(health?.cycles)}.
+          <strong>Tests are lost:</strong> {anew}. Trends and remaining life follow from the tests
+          since then.
         </p>
       )}
       {health?.level === 3 && <Stale health={health} />}
@@ -129,7 +130,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
             <Figure label="remaining life" note={health.rul.known && health.rul.criterion}>
               <Life life={health.rul} />
             </Figure>
-            <Figure label="remove before"><RemoveBefore health={health} /></Figure>
+            <Figure label="remove"><RemoveBefore health={health} /></Figure>
             <Figure label="health index" note={`severity ${health.severity} of 4`}>
               <span class="with-bar" data-figure="health_index">
                 <Bar share={health.health_index} level={level} />
@@ -167,7 +168,7 @@ function Wrong({ actuator, health }: { actuator: Actuator; health: Health }) {
           return (
             <li key={item.name} data-wrong={item.name}>
               <Shape level={itemLevel(actuator, item.level)} size={20} />
-              <strong>{labelOf(item.name)} {value}</strong> <span class="soft">limit {limit}</span>
+              <strong>{labelOf(item.name)} {value}</strong> <span class="soft">fails at {limit}</span>
             </li>
           );
         })}

@@ -128,7 +128,7 @@ function Worst({ units, all }: { units: WorstUnit[]; all: number }) {
                   <td data-label="health index"><Health index={one.health_index} level={level} /></td>
                   <td data-label="worst">{one.dominant_fault ? labelOf(one.dominant_fault) : "–"}</td>
                   <td class="number" data-label="remaining life"><Left unit={one} /></td>
-                  <td class="number" data-label="remove before">{removal(one)}</td>
+                  <td class="number" data-label="remove before service hour">{removal(one)}</td>
                   <td class="number" data-label="service">{hours(one.hours ?? NaN)} h</td>
                   <td class="number" data-label="last test">{day(one.tested)}</td>
                 </tr>

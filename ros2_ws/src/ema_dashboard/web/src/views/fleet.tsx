@@ -34,7 +34,7 @@ const COLUMNS: Column[] = [
   { name: "cause", title: "Worst fault or requirement", of: (one) => dominant(one) || "~" },
   { name: "life", title: "Remaining life", unit: "median, 5 – 95 %",
     of: (one) => lifeOf(one, "hours_50") },
-  { name: "remove", title: "Remove before", unit: "service hour",
+  { name: "remove", title: "Remove",
     of: (one) => (one.health?.level === 2 ? -1 : lifeOf(one, "hours_05")) },
   { name: "test", title: "Last test", unit: "ago",
     of: (one) => -(one.health ? seconds(one.health.header.stamp) : 0) },
@@ -212,7 +212,7 @@ const Row = memo(({ actuator, hasNamespace, isAdvised }: {
       <td role="cell" class="c-life" data-label="Remaining life">
         {health ? <Life life={health.rul} /> : "–"}
       </td>
-      <td role="cell" class="c-remove" data-label="Remove before">
+      <td role="cell" class="c-remove" data-label="Remove">
         {health ? <RemoveBefore health={health} /> : "–"}
       </td>
       <td role="cell" class="c-test" data-label="Last test"><Since health={health} suffix=" ago" /></td>

@@ -37,8 +37,8 @@ export function RemoveBefore({ health }: { health: Health }) {
   if (hours < SOON_HOURS) return <strong>now</strong>;
   return (
     <span title={health.removal}>
-      <strong>{lifeHours(health.flight_hours + hours, life)} h</strong>{" "}
-      <span class="soft nowrap">in {lifeHours(hours, life)} h</span>
+      <strong>in {lifeHours(hours, life)} h</strong>{" "}
+      <span class="soft nowrap">service {lifeHours(health.flight_hours + hours, life)} h</span>
     </span>
   );
 }
