@@ -1,7 +1,7 @@
 """Where a command may write: never onto what it reads, and onto nothing else unless forced."""
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -36,8 +36,17 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
             raise ValueError(f"{output} is the input {path} itself: give another name")
 
 
-def require_free(output: Path, inputs: Iterable[Path], *, overwrite: bool) -> None:
-    """Refuse an output that is an input, or any other file unless it is to be replaced."""
+def require_free(
+    output: Path, inputs: Iterable[Path], *, overwrite: bool, endings: Sequence[str] = ()
+) -> None:
+    """Refuse an output that is an input, or any other file unless it is to be replaced.
+
+    One with another ending, or in no folder, is refused before the work, too.
+    """
+    if endings and output.suffix.lower() not in endings:
+        raise click.BadParameter(f"{output}: expected a name that ends in {' or '.join(endings)}")
+    if endings and not output.parent.is_dir():
+        raise ValueError(f"{output}: there is no folder {output.parent}: make it first")
     require_apart(output, inputs)
     if not overwrite and (output.exists() or output.is_symlink()):
         raise ValueError(f"{output} is there already: --replace replaces it")

@@ -163,15 +163,16 @@ def finite_samples(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 def _check_number(name: str, value: Any, whole: bool, metadata: Any) -> None:
     unit, description = metadata["unit"], metadata["description"]
+    shown = "" if unit == "-" else f" {unit}"
     lowest, highest = metadata["range"]
     if not is_finite_number(value):
         raise ValueError(
-            f"{name} = {value!r}: expected a finite number in [{lowest:g}, {highest:g}] {unit} "
+            f"{name} = {value!r}: expected a finite number in [{lowest:g}, {highest:g}]{shown} "
             f"({description})"
         )
     if not lowest <= value <= highest:
         raise ValueError(
-            f"{name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit} ({description})"
+            f"{name} = {value:g}{shown} is outside [{lowest:g}, {highest:g}]{shown} ({description})"
             + hint_of_unit(value, unit, metadata["usual"])
         )
     if whole and value != int(value):

@@ -110,7 +110,9 @@ def finished(demos):
     return demos[0]
 
 
-def test_demos_say_where_their_dashboards_are(demos):
+def test_demos_at_once_have_domains_and_dashboards_of_their_own(demos):
+    domains = [re.findall(r"ROS_DOMAIN_ID=(\d+)", demo.said)[0] for demo in demos]
+    assert domains[0] != domains[1]
     addresses = [re.findall(r"^dashboard at (http://127.0.0.1:\d+/)$", d.said, re.M) for d in demos]
     assert [len(found) for found in addresses] == [1, 1]
     assert addresses[0] != addresses[1]  # a port that is in use is passed over
@@ -159,11 +161,6 @@ def test_demo_ends_between_two_windows_and_waits_for_the_last(finished):
     assert [one.reason for one in diagnoses if "telemetry ends" in one.reason] == []
     # The next cycle may have begun, but not its window.
     assert diagnoses[-1].start_ns >= history.truths[-2].stamp_ns
-
-
-def test_demos_at_once_have_domains_of_their_own(demos):
-    domains = [re.findall(r"ROS_DOMAIN_ID=(\d+)", demo.said)[0] for demo in demos]
-    assert domains[0] != domains[1]
 
 
 @pytest.mark.parametrize(

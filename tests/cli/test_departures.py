@@ -133,7 +133,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(ema, tmp_path, 
     assert ema("report", later, *command, "-o", page).exit_code == 3
     assert "looks like: worn screw " in page.read_text()
     for wrong, state, words in (
-        (bags("other", serial="R2"), "dry", "serial number 'R2', the calibration was made on 'R1'"),
+        (bags("other", serial="R2"), "dry", "was made on 'R1': `ema calibrate` makes its own"),
         (later, "healthy", "`ema calibrate` takes all healthy bags together"),
     ):
         result = ema("label", calibration, wrong, "--state", state, *window)

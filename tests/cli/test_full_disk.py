@@ -55,10 +55,11 @@ def test_nothing_is_left_of_what_could_not_be_written(
 def test_picture_that_was_there_is_kept(ema: Callable, tmp_path: Path):
     picture = tmp_path / "case.png"
     picture.write_bytes(b"precious")
+    command = ("plot", SAMPLE, "-o", picture, "--replace")
     with largest_file(4000):
-        assert ema("plot", SAMPLE, "-o", picture).exit_code == 1
+        assert ema(*command).exit_code == 1
     assert picture.read_bytes() == b"precious"
-    assert ema("plot", SAMPLE, "-o", picture).exit_code == 0
+    assert ema(*command).exit_code == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.iterdir()) == [picture]
 

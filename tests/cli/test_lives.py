@@ -190,5 +190,5 @@ def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
-    assert error.strip() == f"Error: stopped: 0 of 100 lives are in {folder}"
+    assert error.splitlines()[-1] == f"Error: stopped: 0 of 100 lives are in {folder}"
     assert list(folder.iterdir()) == []

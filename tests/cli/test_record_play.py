@@ -96,7 +96,7 @@ def test_history_plot_is_written_beside_the_bag(ema, replayed):
 
 
 def test_history_names_the_actuators_that_there_are(ema, replayed):
-    result = ema("plot", replayed, "--history", "--actuator-id", "rudder")
+    result = ema("plot", replayed, "--replace", "--history", "--actuator-id", "rudder")
     assert result.exit_code == 1
     assert "no estimates of actuator 'rudder', but of flap" in result.stderr
 

@@ -39,7 +39,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"position": 3}, "position = 3: expected a mapping"),
         ({"command": None}, "neither of command and error given"),
         ({"error": "e"}, "both of command and error given"),
-        ({"speed": {"source": "s", "sign": 2}}, "speed: sign = 2 - is outside"),
+        ({"speed": {"source": "s", "sign": 2}}, "speed: sign = 2 is outside"),
         ({"speed": {"source": "s", "sign": 0}}, "speed: sign = 0: expected 1 or -1"),
         ({"speed": {"source": "s", "scale": 0}}, "speed: scale = 0"),
         ({"speed": {"topic": "/a", "source": "s"}}, "without topic: expected a topic for every"),

@@ -50,7 +50,7 @@ def test_listed_actuators_are_dealt_out_evenly_whatever_their_order(count):
 def test_impossible_shards_and_lists_are_refused_by_name():
     with pytest.raises(ValueError, match="index = 4: expected at most 3, as count = 4 monitors"):
         Shard(4, 4)
-    with pytest.raises(ValueError, match="count = 0 - is outside"):
+    with pytest.raises(ValueError, match="count = 0 is outside"):
         Shard(0, 0)
     with pytest.raises(ValueError, match=r"actuators = .*'flap' is given twice"):
         Selection(("flap", "left", "flap"))

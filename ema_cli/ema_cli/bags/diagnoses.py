@@ -130,7 +130,7 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
     known = ", ".join(sorted(estimated))
     if not estimated:
-        raise ValueError(f"{path} has no estimates, so no history; was a monitor running?")
+        raise ValueError(f"{path} has no estimates, so no history: `ema report` makes them")
     if actuator_id is None and len(estimated) > 1:
         raise ValueError(
             f"{path} has estimates of several actuators: {known}: choose one with --actuator-id"

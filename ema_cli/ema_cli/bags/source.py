@@ -10,6 +10,7 @@ import click
 from ema_bags.reader import Bag
 from ema_bags.telemetry import read_telemetry
 from ema_bags.windows import BagWindows, find_recorded_windows
+from ema_cli.options import values_of_options
 from ema_cli.parameters import Command, Parameters
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
@@ -122,7 +123,8 @@ def read_windows(
     with_duty
         Whether to measure the duty that was flown.
     """
-    measured = measured_causes_of(source.measured)
+    with values_of_options():
+        measured = measured_causes_of(source.measured)
     if bag is None:
         bag, source = open_bag(path, source)
     recorded = read_telemetry(bag, source.topic, source.actuator_id)

@@ -64,7 +64,7 @@ def compare(
     the rest once more. With --json each has its course: evaluations and lowest cost.
     """
     if given.any_motion:
-        raise ValueError(
+        raise click.UsageError(
             "--any-motion: algorithms are compared on one test cycle, and a stretch of "
             "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
             "one makes of the stretches combined"

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ema_cli.bench import Bench, save_command
-from ema_cli.options import REFUSED, Assignments, assignments_option
+from ema_cli.options import REFUSED, Assignments, assignments_option, values_of_options
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
@@ -76,18 +76,18 @@ def design(
     nothing is written then.
     """
     with progress_bar() as progress, deferred_signals() as stop:
-        if output.suffix not in (".yaml", ".yml"):
-            raise ValueError(f"{output}: expected a name that ends in .yaml")
-        require_free(output, filter(None, [given.actuator_file]), overwrite=overwrite)
+        inputs = filter(None, [given.actuator_file])
+        require_free(output, inputs, overwrite=overwrite, endings=(".yaml", ".yml"))
         description = given.description
-        limits = MotionLimits.within(
-            description.parameters,
-            travel=travel,
-            torque=torque,
-            current=current,
-            speed=speed,
-            longest=longest,
-        )
+        with values_of_options():
+            limits = MotionLimits.within(
+                description.parameters,
+                travel=travel,
+                torque=torque,
+                current=current,
+                speed=speed,
+                longest=longest,
+            )
         task = progress.add_task("designing", total=None)
 
         def follow() -> None:

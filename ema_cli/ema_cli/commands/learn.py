@@ -38,16 +38,14 @@ def learn(
     wrote at another site: it holds no test and no serial number, and a unit that is in two of them
     counts once. `ema prognose --fleet` and the monitor's parameter fleet_file use the result.
     """
-    if output.suffix != SUFFIX:
-        raise ValueError(f"{output}: expected a name that ends in {SUFFIX}")
-    require_free(output, histories, overwrite=overwrite)
+    require_free(output, histories, overwrite=overwrite, endings=[SUFFIX])
     chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
     fleet = Fleet(grid_digest(chosen))
     files = []
     for path in histories:
         found = sorted(path.glob("*+*.sqlite")) if path.is_dir() else [path]
         if not found:
-            raise ValueError(f"{path}: no file ACTUATOR+SERIAL.sqlite in the folder")
+            raise ValueError(f"{path}: no file ACTUATOR+SERIAL.sqlite in it: give a history_folder")
         files += found
     with progress_bar() as progress:
         for file in progress.track(files, description="reading"):

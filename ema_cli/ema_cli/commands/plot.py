@@ -10,10 +10,11 @@ from ema_cli.bags.diagnoses import DiagnosisLog, read_history
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
 from ema_cli.bags.source import read_windows
 from ema_cli.comparison import choose_window
-from ema_cli.figures.files import picture_option, require_drawable, save_picture
+from ema_cli.figures.files import PICTURES, picture_option, save_picture
 from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.history import draw_history
 from ema_cli.figures.telemetry import Outline, draw_telemetry
+from ema_cli.output import require_free
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.windows.trigger import Refusal
@@ -48,7 +49,7 @@ def plot(
     if as_history and number is not None:
         raise click.UsageError("--history and --window exclude each other")
     output = output or bag.with_suffix(".png")
-    require_drawable(output, [bag], overwrite=overwrite)
+    require_free(output, [bag], overwrite=overwrite, endings=PICTURES)
     outline = Outline()
     if as_history:
         found = read_history(bag, given.actuator_id)

@@ -10,9 +10,10 @@ from rich.console import Console
 
 from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.unit_course import diagnose_unit
-from ema_cli.figures.files import picture_option, require_drawable, save_picture
+from ema_cli.figures.files import PICTURES, picture_option, save_picture
 from ema_cli.figures.prognosis import draw_course
 from ema_cli.options import REFUSED
+from ema_cli.output import require_free
 from ema_cli.parameters import settings_options
 from ema_cli.show.prognosis_table import (
     advice_in_words,
@@ -45,7 +46,7 @@ def prognose(
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
     if output is not None:
-        require_drawable(output, bags, overwrite=overwrite)
+        require_free(output, bags, overwrite=overwrite, endings=PICTURES)
     course = diagnose_unit(bags, given)
     record, tests = course.record, counted(len(course.steps), "test")
     report = health_report(course.now, record.description)

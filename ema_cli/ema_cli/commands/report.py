@@ -43,12 +43,9 @@ def report(
     if (archive is None) == (not bags):
         raise click.UsageError("give one BAG or several, or --fleet ARCHIVE")
     command = shlex.join(context.meta[ARGUMENTS])
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"{output}: a report ends in .html")
-    if not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}")
     given_files = filter(None, (given.calibration_file, given.actuator_file))
-    require_free(output, [*find_bags(bags), *given_files], overwrite=overwrite)
+    inputs = [*find_bags(bags), *given_files]
+    require_free(output, inputs, overwrite=overwrite, endings=(".html", ".htm"))
     if archive is not None:
         lines, is_useless = (), False
         page = fleet_page(archive, fleet_summary(archive), command)

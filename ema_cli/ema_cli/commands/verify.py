@@ -149,7 +149,7 @@ def verify(
     with progress_bar() as progress:
         found = list(progress.track(found, description="making again"))
     if not found:
-        raise ValueError(f"{recorded} holds no estimates: expected a bag of a monitor's recorder")
+        raise ValueError(f"{recorded} holds no estimates: record beside a monitor, `ema up`")
     if as_json:
         click.echo(json.dumps([asdict(one) for one in found]))
     else:

@@ -164,7 +164,7 @@ def _normalised(namespace: str) -> str:
     try:
         validate_namespace(full)
     except InvalidNamespaceException as error:
-        raise ValueError(
+        raise click.UsageError(
             f"--namespace {namespace!r}: expected a name of letters, digits and _, such as /ema"
         ) from error
     return full

@@ -130,7 +130,7 @@ def _watch(
         if first_cycle is None:
             state = "waiting for the first test cycle"
             if now - began > _START_S:
-                raise ValueError(f"no test cycle began within {_START_S:g} s")
+                raise ValueError(f"no test cycle began within {_START_S:g} s; see the logs")
         else:
             left_s = duration_s - (now - first_cycle)
             state = f"test cycle {cycles - 1}, {max(0.0, left_s):.0f} s to go, Ctrl-C ends it"

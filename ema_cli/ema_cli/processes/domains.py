@@ -27,7 +27,8 @@ class Domain:
             if descriptor is not None:
                 self.number, self.descriptor = number, descriptor
                 return
-        raise RuntimeError(f"all of {len(_DOMAINS)} ROS domains are locked in {_FOLDER}")
+        count = len(_DOMAINS)
+        raise RuntimeError(f"all {count} ROS domains are in use ({_FOLDER}): set ROS_DOMAIN_ID")
 
     def close(self) -> None:
         """Let others use the domain."""

@@ -245,8 +245,7 @@ def _lasting(last: Outlook) -> str:
     if last.health.level == ERROR:
         return "Its life is over: a limit is exceeded or a required performance has failed."
     if not life.known:
-        reason = last.lives.get(last.dominant, life).reason or life.reason
-        return f"How long it lasts is unknown: {reason or 'no growth is certain'}."
+        return f"How long it lasts is unknown: {life.reason or 'no growth is certain'}."
     before = last.hours + last.removal.hours
     return (
         f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "

@@ -71,7 +71,7 @@ class StoredCalibration(ABC):
         if description.serial_number != self.serial_number:
             reasons.append(
                 f"the actuator has serial number {description.serial_number!r}, the calibration "
-                f"was made on {self.serial_number!r}"
+                f"was made on {self.serial_number!r}: `ema calibrate` makes its own"
             )
         mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
         return reasons + [

@@ -276,7 +276,8 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
                 bags = dict.fromkeys((one.bag, other.bag))
                 end_s = min(one.end_ns, other.end_ns) * 1e-9
                 what = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
-                reason = f"{what}: their stamps must show which came first"
+                hint = "`ema simulate --start` dates simulated ones"
+                reason = f"{what}: their stamps must show which came first; {hint}"
                 reasons = dict.fromkeys(bags, reason) | reasons
         begun.append(other)
     return reasons

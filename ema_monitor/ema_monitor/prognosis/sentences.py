@@ -37,11 +37,8 @@ def cause_of_level(outlook: Outlook) -> str:
         return outlook.failure
     if health.level not in (WARN, ERROR):
         return "" if health.level == OK else reason_of(outlook)
-    items = [
-        item
-        for item in (*health.faults, *health.requirements)
-        if item.level == health.level or math.isfinite(item.held)
-    ]
+    every = (*health.faults, *health.requirements)
+    items = [one for one in every if one.level == health.level or math.isfinite(one.held)]
     if not items:
         return health.reason
     items.sort(key=lambda item: (-item.level, item.name != outlook.dominant))

@@ -173,5 +173,5 @@ def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> Fo
     if other := sorted(path.name for path in folder.glob("*.db3*")):
         raise ValueError(f"{folder}: {other[0]} is in sqlite3 storage, expected MCAP; {CONVERT}")
     if not present:
-        raise FileNotFoundError(f"{folder} is not a recording: {reason}, and no .mcap file")
+        raise FileNotFoundError(f"{folder} is not a recording, with an .mcap file in it: {reason}")
     return FolderContents(list(present.values()), None, [reason])

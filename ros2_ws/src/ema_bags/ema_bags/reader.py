@@ -132,7 +132,7 @@ class Bag:
         self._files: dict[Path, Contents] = {}
         self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
-            raise FileNotFoundError(f"{self.path}: there is no such recording")
+            raise FileNotFoundError(f"{self.path}: there is no such recording, .mcap or folder")
         if self.path.is_dir():
             self._open_folder()
         else:

@@ -133,7 +133,8 @@ def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
     names = bag.topics_of(TELEMETRY_TYPE)
     if not names:
         raise ValueError(
-            f"{bag.path} has no topic of {TELEMETRY_TYPE}; topics: {present or 'none'}"
+            f"{bag.path} has no topic of {TELEMETRY_TYPE}; topics: {present or 'none'}; "
+            f"`ema import {bag.path} --preview` shows how to read others"
         )
     if topic is not None and topic not in names:
         raise ValueError(f"{bag.path} has no telemetry on {topic!r}; topics: {present}")
