@@ -84,7 +84,7 @@ def test_same_seed_same_life_whatever_the_order_of_the_growths():
         ({"law": "rust"}, "law = 'rust' is unknown; known: constant, linear"),
         ({"rate": math.nan}, "rate = nan"),
         ({"rate": 1e7}, r"rate = 1e\+07 1/h"),
-        ({"shape": -1.0}, "shape = -1 -"),
+        ({"shape": -1.0}, "shape = -1 is outside"),
         ({"noise": -0.1}, "noise = -0.1"),
         ({"onset": -5.0}, "onset = -5 h"),
         ({"law": "power", "shape": 1.6}, "rate = 0 h: law power"),
