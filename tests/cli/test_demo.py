@@ -149,8 +149,7 @@ def test_demo_tells_a_line_a_cycle_and_the_latency(finished):
         re.MULTILINE,
     )
     assert len(cycles) >= 2
-    heading = r"^cycle  friction +backlash +short circuit A +level  latency  why$"
-    assert len(re.findall(heading, finished.said, re.MULTILINE)) == 1
+    assert finished.said.count("\ncycle  friction ") == 1
     assert all(float(latency) > 0.0 for _, latency in cycles)
     assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", finished.said)
 

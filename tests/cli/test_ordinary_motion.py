@@ -30,8 +30,7 @@ def test_info_lists_the_stretches(ema, bag):
     result = ema("info", "--any-motion", bag)
     assert result.exit_code == 0
     assert result.stdout.count("start in the play") >= 6
-    none = ema("info", bag).stdout
-    assert ("windows: 0\n" in none, "(--any-motion: of any motion)" in none) == (True, True)
+    assert "(--any-motion: of any motion)" in ema("info", bag).stdout
 
 
 @pytest.fixture(scope="module")

@@ -89,13 +89,10 @@ def test_latency_is_left_out_where_stamps_are_of_another_time(replayed):
     assert labels == ["friction", "eccentricity", "error of\nthe others"]
 
 
-def test_history_plot_is_written_beside_the_bag(ema, replayed):
+def test_history_plot_is_beside_the_bag_and_names_the_actuators_there_are(ema, replayed):
     result = ema("plot", replayed, "--history")
     assert result.exit_code == 0
     assert replayed.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_history_names_the_actuators_that_there_are(ema, replayed):
     result = ema("plot", replayed, "--replace", "--history", "--actuator-id", "rudder")
     assert result.exit_code == 1
     assert "no estimates of actuator 'rudder', but of flap" in result.stderr

@@ -61,7 +61,6 @@ NEW = "simulate -o new.mcap"
         ("lives -o lives --fault backlas", 2, ["did you mean 'backlash'?"]),
         ("prognose a.mcap --duty 0", 2, ["duty", "0", "0.001"]),
         ("prognose a.mcap --known-law friction=linear", 2, ["friction", "exponential", "RATE"]),
-        ("report BAG -o report.pdf", 2, ["ends in .html or .htm"]),
         ("plot BAG -o a.gif", 2, ["ends in .png or .svg or .pdf"]),
         ("plot BAG -o none/a.png", 1, ["no folder none: make it first"]),
         ("report BAG --cost removl=1", 2, ["--cost", "did you mean 'removal'"]),

@@ -287,7 +287,6 @@ def test_cause_names_what_has_the_level_with_value_and_limit():
     assert cause_of_level(outlook(ERROR, margin)) == "torque margin 0.49996 (failed: below 0.5)"
     stale = outlook(STALE, reason="no telemetry for 3 s")
     assert cause_of_level(stale) == "no telemetry for 3 s"
-    # What ends life first is named first.
     two = outlook(WARN, FRICTION, MARGIN, dominant="torque_margin")
     assert cause_of_level(two) == (
         "torque margin 0.59 (warns below 0.62, fails below 0.5), "
