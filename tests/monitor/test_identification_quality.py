@@ -14,6 +14,7 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     USUAL_MISFIT,
+    WIDTHS,
     sandwich_covariance,
 )
 from ema_monitor.windows.band import band_limited, rms
@@ -109,9 +110,10 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     # Derivatives over other steps, of a model with dry friction, differ by some percent.
     assert estimate.sigma == pytest.approx(np.sqrt(expected), rel=0.15)
     assert estimate.sigma[ECCENTRICITY] > 2 * MISMATCH_SIGMA[ECCENTRICITY]
-    # Half of the distribution is narrow; the other half ends at 1.28 sigma, with 1.2 for 1.45.
+    # Half of the distribution is narrow; the other half ends at 1.28 of its width.
     low, high = estimate.quantiles[[0, -1], ECCENTRICITY]
-    assert (high - low) / 2 == pytest.approx(1.2 / 1.45 * 1.28 * estimate.sigma[ECCENTRICITY], 0.1)
+    width = np.sqrt(estimate.goodness_of_fit * told[ECCENTRICITY, ECCENTRICITY])
+    assert (high - low) / 2 == pytest.approx(1.28 * WIDTHS[1] * width, rel=0.15)
 
 
 def test_single_window_does_not_tell_the_fit_and_widens_as_the_worst_valid_one(

@@ -22,23 +22,21 @@ from ema_monitor.identification.knowledge import (
     surprise,
 )
 from ema_monitor.identification.memory import NOTHING, Memory
-from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.objective import CALIBRATED_SHARE, Objective
 from ema_monitor.identification.quantiles import quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import (
     GROUPS,
     MISMATCH_FACTOR,
-    MISMATCH_SIGMA,
     PLANE,
-    QUANTILE_FACTOR,
     SIGNIFICANT_CAUSE,
     SPANS,
+    WIDTHS,
     Linearisation,
     shifts_of,
     turn_of,
     uncertainty_of_faults,
     widening,
-    with_mismatch,
 )
 from ema_monitor.identification.verdict import (
     Misfit,
@@ -47,6 +45,7 @@ from ema_monitor.identification.verdict import (
     goodness_limit,
     judged,
 )
+from ema_monitor.model.deviations import NAMES
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import LEARNS_UNIT
 from ema_monitor.windows.band import band_limited
@@ -190,21 +189,17 @@ class Inference:
         at, kept = explanation.at, explanation.kept
         [faults], [play] = objective.decode(at.point[None])
         misfit = self._misfit(at)
-        widened = widening(assumed_goodness(faults, misfit.goodness))
+        goodness = assumed_goodness(faults, misfit.goodness)
         spread = explanation.open.spread / MISMATCH_FACTOR**2
         spans = np.outer(self._span, self._span)
-        alone = spans * self._uncertainty(explanation, widened)
-        covariance = alone + spans * spread
+        covariance = spans * (self._uncertainty(explanation, widening(goodness)) + spread)
         knowledge, surprised = None, 0.0
         if self._known is not None:
             knowledge, gained = self._knowledge(explanation, self._known)
             surprised = surprise(self._known, knowledge, gained)
         known, unobservable = uncertainty_of_faults(faults, covariance)
-        least = spans * self._uncertainty(explanation, 1.0, of_unit=False)
-        wide = with_mismatch(alone[_FAULTS, _FAULTS], MISMATCH_SIGMA, QUANTILE_FACTOR)
-        turn = turn_of(faults)
-        variances = [np.diag(turn @ one @ turn.T) for one in (least[_FAULTS, _FAULTS], wide)]
-        quantiles, probability = self._distribution(explanation, faults, np.sqrt(variances))
+        told = self._uncertainty(explanation, math.sqrt(goodness), of_quantiles=True)
+        quantiles, probability = self._distribution(explanation, faults, told[_FAULTS, _FAULTS])
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, covariance)
         limit = goodness_limit(faults, settings.goodness_limit)
@@ -256,28 +251,29 @@ class Inference:
         return surprise.reshape(points.shape[:-1])
 
     def _distribution(
-        self, explanation: Explanation, faults: Array, widths: Array
+        self, explanation: Explanation, faults: Array, told: Array
     ) -> tuple[Array, Array]:
         """Return quantiles, ``(5, 8)``, and the probability that each fault is present, ``(8,)``.
 
-        ``widths``, ``(m, 8)``, are standard deviations about each explanation (M18).
+        ``told``, ``(8, 8)``, is the covariance about each explanation (M18).
         """
         found = explanation.open
         steps = found.steps[:, _FAULTS]
         away = explanation.at.point[_FAULTS] + steps - self._objective.healthy[_FAULTS]
         present = ~np.isclose(away, 0.0)
         present[:, PLANE] = np.any(present[:, PLANE], axis=1, keepdims=True)
-        means = faults + (self._span[_FAULTS] * steps) @ turn_of(faults).T
-        return quantiles_of(found.weights, means, widths), found.weights @ present
+        turn = turn_of(faults) * SPANS
+        means, widths = faults + steps @ turn.T, np.sqrt(np.diag(turn @ told @ turn.T))
+        return quantiles_of(found.weights, means, np.outer(WIDTHS, widths)), found.weights @ present
 
     def _uncertainty(
-        self, explanation: Explanation, widened: float, *, of_unit: bool = True
+        self, explanation: Explanation, widened: float, *, of_quantiles: bool = False
     ) -> Array:
         """Return the covariance of all components in the unit box, ``(d, d)``.
 
         Where causes take part, that of what is kept holds for the explanation as it is; that of
         each other fault, for the explanation with it. What is not known of the unit is part of it
-        if wanted (M18); ``widened`` is what a poor fit makes of residuals.
+        (M18); ``widened`` is what a poor fit makes of residuals.
         """
         at, kept = explanation.at, explanation.kept
         # What is not known of the unit does not follow the misfit.
@@ -286,8 +282,8 @@ class Inference:
         effects = np.zeros((len(at.residuals), 0))
         # At the healthy point under a calibrated command there is no effect: it was measured.
         departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
-        if of_unit and (departs or self._window.measured):
-            effects = self._effects(at)
+        if departs or self._window.measured:
+            effects = self._effects(at, of_quantiles=of_quantiles)
         if self._is_told or not np.any(kept & is_cause):
             kept = kept | always
         result = self._covariance(at, kept, effects)
@@ -306,14 +302,21 @@ class Inference:
         result[np.ix_(shown, shown)] = known + shifts @ shifts.T
         return result
 
-    def _effects(self, at: Linearisation) -> Array:
+    def _effects(self, at: Linearisation, *, of_quantiles: bool = False) -> Array:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
 
-        It does not follow the faults, as the mismatch does that widens the whole later.
+        It does not follow the faults, as the mismatch does that widens the whole later. Quantiles
+        have little of the play, as faults are in multiples of the nominal one.
         """
         if self._unit_effects is None:
             self._unit_effects = self._objective.unit_effects(at.point) / MISMATCH_FACTOR
-        return self._unit_effects
+        if not of_quantiles:
+            return self._unit_effects
+        steps = self._objective.unit_steps
+        is_play = 2.0 * steps[:, NAMES.index("backlash")] ** 2 > np.sum(steps**2, axis=1)
+        shares = np.ones(self._unit_effects.shape[1])
+        shares[: len(steps)][is_play] = CALIBRATED_SHARE
+        return self._unit_effects * shares
 
     def _knowledge(self, explanation: Explanation, before: Knowledge) -> tuple[Knowledge, Array]:
         """Return what is known of the faults after the window, and its own information, ``(8, 8)``.

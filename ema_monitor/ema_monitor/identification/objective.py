@@ -39,7 +39,7 @@ from ema_monitor.windows.window import Window
 _UNEXPLAINED_POWER = 0.05
 # The fit of the unit takes the model's mismatch under the calibrated command for noise, which makes
 # its covariance too wide there: judged on drawn plants.
-_CALIBRATED_SHARE = 0.3
+CALIBRATED_SHARE = 0.3
 # What is not known of the lift of an idle phase, over that of equal phases, and the short circuit
 # from which on they are unlike: measured on the reference actuator and on drawn plants.
 _LIFT_UNCERTAINTY = 0.2
@@ -406,7 +406,7 @@ class Objective:
         if self._knows:
             # What was not worth fitting is in the correction, but for the play, which hardly shows
             # when healthy and of which a fault is a multiple.
-            shares = np.where(self._calibration.unit, _CALIBRATED_SHARE, 0.0)
+            shares = np.where(self._calibration.unit, CALIBRATED_SHARE, 0.0)
             shares[[NAMES.index("backlash"), NAMES.index("loop_delay")]] = 1.0
             covariance = covariance * np.outer(shares, shares)
         fitted = np.flatnonzero(np.diag(covariance))

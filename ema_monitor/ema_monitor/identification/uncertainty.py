@@ -57,8 +57,8 @@ MISMATCH_FACTOR: Final = 1.45
 """By how much the mismatch of the model widens the standard deviations from the residuals:
 it follows the faults, and so hides in the estimate [-]."""
 
-QUANTILE_FACTOR: Final = 1.2
-"""The same for the wider of the two distributions that give the quantiles [-]."""
+WIDTHS: Final = np.array([0.4, 1.4])
+"""Of two normal distributions, equally likely, that give the quantiles [standard deviations]."""
 
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
 """Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
@@ -71,7 +71,7 @@ SPANS: Final = np.array([2.0 if i in PLANE else 1.0 for i in range(N_FAULTS)])
 """What one unit of a point in Cartesian coordinates of the unit box is in faults, ``(8,)`` [-]."""
 
 USUAL_MISFIT: Final = 2.0
-"""Goodness of fit up to which both figures hold; beyond, the factor grows with it [-]."""
+"""Goodness of fit up to which that factor holds; beyond, it grows with it [-]."""
 
 GROUPS: Final = tuple(
     [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
@@ -152,12 +152,12 @@ def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
     return inverse, ridge
 
 
-def with_mismatch(covariance: Array, floor: Array, factor: float = MISMATCH_FACTOR) -> Array:
+def with_mismatch(covariance: Array, floor: Array) -> Array:
     """Return a covariance widened by what the mismatch of the model hides from the residuals.
 
     ``floor`` is the standard deviation that each component has at least, ``(d,)``.
     """
-    return factor**2 * covariance + np.diag(floor**2)
+    return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
 
 
 def widening(goodness_of_fit: float) -> float:
