@@ -205,7 +205,6 @@ def test_uncertainty_of_the_unit_widens_sigma(
     expected = (own.faults.backlash + 1.0 / 99.0) * of_unit
     widened = np.sqrt(own.sigma.backlash**2 - other.sigma.backlash**2)
     assert widened == pytest.approx(expected, rel=0.3)
-    # Faults are in multiples of the nominal play: intervals have little of it.
     assert samples < 5001 or np.ptp(own.quantiles[:, 1]) < 1.5 * own.sigma.backlash
     assert own.evaluations == other.evaluations + effects
 
