@@ -58,15 +58,11 @@ def test_law_of_short_circuits_is_that_of_each_phase():
     assert laws["short_circuit_b"] == NOMINAL_LAWS["short_circuit_b"]
 
 
-def test_impossible_text_among_several_is_named():
-    with pytest.raises(ValueError, match=r"^eccentricity = .cubic.: unknown law"):
-        KnownLawTexts(friction="exponential", eccentricity="cubic")
-
-
-def test_number_is_no_law():
-    """As a parameter file may give it."""
-    with pytest.raises(ValueError, match=r"friction = 0\.5: expected a text"):
-        KnownLawTexts(friction=0.5)
+# A parameter file may give a number.
+@pytest.mark.parametrize(("text", "told"), [("cubic", "'cubic': unknown law"), (0.5, "0.5: exp")])
+def test_impossible_text_among_several_is_named(text, told):
+    with pytest.raises(ValueError, match=f"^eccentricity = {told}"):
+        KnownLawTexts(friction="exponential", eccentricity=text)
 
 
 LIMIT = 0.5

@@ -1,12 +1,14 @@
 """Remaining useful life: first passage, duty, horizon, future of the faults, what is waited for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.course import FutureDuty
-from ema_monitor.prognosis.growth.forecast import draw, lives
+from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.prediction import beyond_horizon, growth_not_certain
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
@@ -68,6 +70,18 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
         after = float(grow({"backlash": before}, {"backlash": growth}, hours, 10.0, rng)[1])
         hours += 10.0
     return hours - 10.0 * (after - 0.5) / (after - before)
+
+
+def test_growth_of_unknown_law_may_change_for_good():
+    rng, known = np.random.default_rng(1), TrackerSettings(laws=NOMINAL_LAWS)
+    assert np.all(draw(Mixture(LIMITS, known), 100, rng).changed == 1.0)
+    sample = draw(Mixture(LIMITS, TrackerSettings()), 20_000, rng)
+    assert np.quantile(sample.changed[BACKLASH], [0.1, 0.9]) == pytest.approx([0.55, 6], rel=0.3)
+    one, limit = np.ones_like(sample.changed), LIMITS.of("backlash")
+    steady, sooner = (replace(sample, change=200.0 * one, changed=of * one) for of in (1.0, 4.0))
+    slow, fast = (np.mean(lives(drawn, rng)[BACKLASH] < 3000.0) for drawn in (steady, sooner))
+    over = futures(sooner, np.linspace(0.0, 3000.0, 20)[:, None, None], rng)[:, BACKLASH]
+    assert slow + 0.03 < fast == pytest.approx(np.mean(over.max(axis=0) > limit), abs=0.015)
 
 
 @pytest.fixture(scope="module")
@@ -151,9 +165,9 @@ def test_life_beyond_the_horizon_is_not_told():
 def test_fan_starts_at_the_present_and_widens(tracker):
     fan = tracker.fan([0.0, 20.0, 50.0, 90.0])
     friction = fan.values["friction"]
-    assert friction.shape == (5, 4)
+    assert friction.shape == (3, 4)
     assert set(fan.values) == set(COMPONENTS)
-    assert friction[2, 0] == pytest.approx(of(tracker, "friction").value, abs=1e-3)
+    assert friction[1, 0] == pytest.approx(of(tracker, "friction").value, abs=1e-3)
     assert np.all(np.diff(friction, axis=0) >= 0.0)
     assert np.all(np.diff(friction, axis=1) >= 0.0)
     assert np.all(np.diff(friction[-1] - friction[0]) > 0.0)

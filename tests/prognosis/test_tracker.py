@@ -238,7 +238,8 @@ def test_repair_of_several_faults_is_known_after_two_tests_though_their_growth_i
 
 def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
     tracker, faults, rng = grown
-    before, (_, spread) = of(tracker, "friction"), tracker._mixture.trend()
+    own = tracker._mixture.members[0]
+    before, sure = of(tracker, "friction"), tracker._mixture.weight[own].max()
     stepped = faults.copy()
     stepped[0] += 0.1
     tracker.update(observed(610.0, stepped, rng))
@@ -248,7 +249,7 @@ def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
     assert after.value == pytest.approx(stepped[0], abs=4 * SIGMA)
     # The exponential law itself goes (x + x_0) times faster at the higher level.
     assert before.trend < after.trend < 3.0 * before.trend
-    assert tracker._mixture.trend()[1][0] > spread[0]
+    assert tracker._mixture.weight[own].max() < sure
     life = tracker.predict().components["friction"]
     assert life.known
 

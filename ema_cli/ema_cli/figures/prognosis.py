@@ -38,7 +38,6 @@ _MOVES: Final = 0.25
 _PREDICTED: Final = BLUE
 _CONE: Final = ORANGE
 _EVENT: Final = {"color": "0.4", "ls": ":", "lw": 1.1}
-_FAN_LEVELS: Final = (0.05, 0.5, 0.95)
 _FAN_TIMES: Final = 60
 _ESTIMATES: Final[dict[str, Any]] = {**ESTIMATES, "ms": 3, "color": "0.55", "zorder": 2}
 _BAND: Final = "predicted, 5 to 95 %"
@@ -75,7 +74,7 @@ def draw_course(course: Course) -> Figure:
     # From the tracker's own hours: those of the last test may be refused.
     if in_hours and tracker.updates and (ahead := end - tracker.hours) > 0.0:
         times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
-        fan = tracker.fan(times, _FAN_LEVELS, last.future)
+        fan = tracker.fan(times, last.future)
     for axes, i in zip(panels[1:], shown, strict=False):
         _draw_fault(axes, course, place, truth, i, fan)
     if performance:

@@ -30,7 +30,8 @@ from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.duty.scenario import Scenario, scenarios_of
-from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
+from ema_monitor.prognosis.forecaster import Forecaster
+from ema_monitor.prognosis.growth.prediction import FAN_LEVELS
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.reports import EventReport, health_report
 from ema_monitor.unit import KnownTest
@@ -132,7 +133,7 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
         stamp_ns=outlook.stamp_ns,
         flight_hours=outlook.hours,
         duty=outlook.future.factor,
-        probabilities=np.array(LEVELS),
+        probabilities=np.array(FAN_LEVELS),
         faults=[
             _made(FaultForecast, name=name, limit=forecaster.limits.of(name), values=values)
             for name, values in (fan.values.items() if fan else ())

@@ -26,9 +26,6 @@ from ema_monitor.prognosis.requirements.required_life import RequiredLife, requi
 from ema_monitor.prognosis.requirements.requirements import Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
 
-LEVELS: Final = (0.05, 0.5, 0.95)
-"""Probabilities of the quantiles of a forecast [-]."""
-
 _TIMES: Final = 30
 _LEAST_SPAN_HOURS: Final = 1.0
 _QUANTILE: Final = 0.05
@@ -58,7 +55,7 @@ class Forecaster:
             return None
         ahead = hours_ahead(self.outlook.rul, self.outlook.observed_hours)
         hours = ahead * np.linspace(0.0, 1.0, _TIMES)
-        return self.tracker.fan(hours, LEVELS, self.outlook.future)
+        return self.tracker.fan(hours, self.outlook.future)
 
 
 def hours_ahead(life: RemainingLife, observed_hours: float) -> float:

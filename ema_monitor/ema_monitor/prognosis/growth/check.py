@@ -209,8 +209,6 @@ def widened_lives(hours: Array, factor: Array) -> Array:
 
 def widened(values: Array, factor: Array) -> Array:
     """Return futures, ``(m, 7, n)``, spread about their median by a factor of 1 or more [-]."""
-    if not np.any(factor > 1.0):
-        return values
     within = np.clip(values, -_FARTHEST, _FARTHEST)
     middle = np.median(within, axis=2, keepdims=True)
     return middle + factor[:, None] * (within - middle)

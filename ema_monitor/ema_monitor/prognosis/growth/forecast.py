@@ -1,7 +1,8 @@
 """Samples of what is known of growth, continued into the future.
 
 A fault grows as its law says, in a time of its own whose increments are random with mean 1 (P7): to
-first order a Wiener process with drift, whose first passage is inverse Gaussian (P10).
+first order a Wiener process with drift, whose first passage is inverse Gaussian (P10). Growth of
+unknown law may change for good, at an hour that nothing announces: more often it speeds up.
 """
 
 from collections.abc import Iterator
@@ -12,12 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
-from ema_monitor.prognosis.growth.cells import Cells
+from ema_monitor.prognosis.growth.cells import N_RATES, Cells
 from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Figures, Future, Law
 from ema_monitor.prognosis.growth.mixture import Mixture
+from ema_monitor.prognosis.growth.settings import LIFE_HOURS
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
 from ema_monitor.prognosis.growth.waves import WaveDraw
+
+CHANGE_LIVES: Final = 1.0
+"""Mean time until growth changes, in lives from healthy to the limit [-]."""
+
+CHANGED: Final = (0.4, 10.0)
+"""How many times as fast it then is: log-uniform within this range [-]."""
 
 _PACE_SPACING: Final = float(PACES[1] - PACES[0])
 
@@ -32,6 +40,8 @@ class Draw:
     x: Array  # distance from healthy to the side of the cell, with its wave [-]
     rate: Array  # of the law at pace 1
     pace: Array  # its logarithm [-]
+    change: Array  # hours of growth from now on until it changes [h]
+    changed: Array  # how many times as fast it then is, 1 where it never changes [-]
     is_wave: Flags
     waves: WaveDraw  # the samples under a wave
 
@@ -65,7 +75,12 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     between = _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     pace = cells.pace[cell] + np.where(cells.wanders[cell], between, 0.0)
-    return Draw(cells, mixture.settings.noise_hours, cell, x, rate, pace, is_wave, waves)
+    life = LIFE_HOURS[::3][cells.place[cell] % N_RATES]
+    change = CHANGE_LIVES * life * rng.standard_exponential(cell.shape)
+    steady = mixture.is_known[:, None] | is_wave | (cells.scatter[cell] > 0.0)
+    changed = np.where(steady, 1.0, np.exp(rng.uniform(*np.log(CHANGED), cell.shape)))
+    noise_hours = mixture.settings.noise_hours
+    return Draw(cells, noise_hours, cell, x, rate, pace, change, changed, is_wave, waves)
 
 
 def lives(sample: Draw, rng: np.random.Generator) -> Array:
@@ -80,7 +95,8 @@ def lives(sample: Draw, rng: np.random.Generator) -> Array:
     wandering = sample.cells.wanders[sample.cell] & passing
     hours[wandering] = hours_of(hours[wandering], sample.pace[wandering], rng)
     hours[sample.is_wave] = sample.waves.lives()
-    return hours
+    after = hours - sample.change
+    return np.where(after > 0.0, sample.change + after / sample.changed, hours)
 
 
 def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
@@ -96,7 +112,8 @@ def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
         Random numbers.
     """
     shape = (len(hours), *sample.cell.shape)
-    hours = np.broadcast_to(hours, shape)
+    after = hours - sample.change
+    hours = np.where(after > 0.0, sample.change + after * sample.changed, hours)
     steps = np.diff(hours, axis=0, prepend=0.0)
     wiener = np.cumsum(np.sqrt(steps) * rng.standard_normal(shape), axis=0)
     wanders, paced = sample.cells.wanders[sample.cell], hours.copy()

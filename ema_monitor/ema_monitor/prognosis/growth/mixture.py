@@ -32,6 +32,8 @@ class Mixture(Kept):
         those of a component.
     component, members
         The component that each is of, and the numbers of those of each component.
+    is_known
+        Components whose law is known, ``(7,)``.
     """
 
     kept = ("weight",)
@@ -57,8 +59,8 @@ class Mixture(Kept):
         self._forgets = np.flatnonzero(kind >= _WANDERS)
         self._kind = kind * _N + self.component
         self._kinds_prior = self._of_kinds(self._prior)
-        is_known = np.array([name in settings.laws for name in COMPONENTS])
-        self._power = np.where(is_known, 1.0, settings.forgetting)
+        self.is_known = np.array([name in settings.laws for name in COMPONENTS])
+        self._power = np.where(self.is_known, 1.0, settings.forgetting)
 
     def _split(self, values: Array) -> tuple[Array, Array]:
         """Return views of the values of cells, ``(n,)``, and of waves, ``(7, k)``."""
@@ -70,21 +72,17 @@ class Mixture(Kept):
         sums = np.bincount(self._kind, values, 4 * _N).astype(np.float64, copy=False)
         return sums.reshape(4, _N)
 
-    def _moments_of(self, values: Array, variances: Array) -> tuple[Array, Array]:
-        mean = self._sums(self.weight * values)
-        away = values - mean[self.component]
-        return mean, self._sums(self.weight * (variances + away**2))
-
     def moments(self) -> tuple[Array, Array]:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
         bank, (mean, variance) = self.bank, self.waves.moments()
         values = np.append(bank.mean, mean)
-        return self._moments_of(values, np.append(bank.variance, variance))
+        mean = self._sums(self.weight * values)
+        spread = np.append(bank.variance, variance) + (values - mean[self.component]) ** 2
+        return mean, self._sums(self.weight * spread)
 
-    def trend(self) -> tuple[Array, Array]:
-        """Return mean and variance of each component's signed growth [1/h], ``(7,)`` each."""
-        rates = np.append(self.bank.rates(), self.waves.rates())
-        return self._moments_of(rates, np.zeros_like(rates))
+    def trend(self) -> Array:
+        """Return the mean of each component's signed growth [1/h], ``(7,)``."""
+        return self._sums(self.weight * np.append(self.bank.rates(), self.waves.rates()))
 
     def constant(self) -> Array:
         """Return the probability that each component does not grow, ``(7,)``."""

@@ -30,6 +30,9 @@ however long it is monitored (Ville's inequality for likelihood ratios).
 ENDS_ABOVE: Final = 0.2
 """Probability of no growth above which it no longer is [-]."""
 
+FAN_LEVELS: Final = (0.05, 0.5, 0.95)
+"""Probabilities of the quantiles of a ``Fan`` [-]."""
+
 _LIKELY: Final = 0.5
 _LEAST: Final = 1e-300
 _MOST_TESTS: Final = 1000
@@ -166,7 +169,7 @@ class Fan:
     hours
         Hours from the latest test on [h], ``(m,)``.
     values
-        Fault values by component [-], ``(q, m)`` each.
+        Fault values by component [-], ``(3, m)`` each.
     """
 
     hours: Array

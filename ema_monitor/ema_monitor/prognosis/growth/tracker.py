@@ -35,6 +35,7 @@ from ema_monitor.prognosis.growth.outliers import Event, OutlierDetector
 from ema_monitor.prognosis.growth.prediction import (
     BEGINS_BELOW,
     ENDS_ABOVE,
+    FAN_LEVELS,
     LEAST_TESTS,
     NOT_SHOWN,
     Fan,
@@ -209,7 +210,7 @@ class Tracker(Kept):
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        (mean, variance), (trend, _) = self._mixture.moments(), self._mixture.trend()
+        (mean, variance), trend = self._mixture.moments(), self._mixture.trend()
         value = np.clip(HEALTHY + mean, 0.0, HIGHEST[INDICES])
         figures = np.array([value, np.sqrt(variance), trend])
         figures[:, self._tests == 0] = np.nan
@@ -289,27 +290,9 @@ class Tracker(Kept):
         vectors[..., ECCENTRICITY_PHASE] = self._phase
         return np.clip(vectors, 0.0, HIGHEST)
 
-    def fan(
-        self,
-        hours: ArrayLike,
-        levels: tuple[float, ...] = (0.05, 0.25, 0.5, 0.75, 0.95),
-        duty: FutureDuty = STEADY,
-    ) -> Fan:
-        """Return quantiles of the future of each component, for plots.
-
-        Parameters
-        ----------
-        hours, duty
-            As of ``futures``.
-        levels
-            Probabilities of the quantiles [-].
-
-        Raises
-        ------
-        ValueError
-            As ``futures``.
-        """
-        values = np.quantile(self.futures(hours, duty=duty), levels, axis=1)
+    def fan(self, hours: ArrayLike, duty: FutureDuty = STEADY) -> Fan:
+        """Return quantiles of the ``futures`` of each component, for plots."""
+        values = np.quantile(self.futures(hours, duty=duty), FAN_LEVELS, axis=1)
         return Fan(
             np.atleast_1d(np.asarray(hours, dtype=np.float64)),
             {name: values[..., i] for name, i in zip(COMPONENTS, INDICES, strict=True)},
