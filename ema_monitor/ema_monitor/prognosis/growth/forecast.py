@@ -21,10 +21,10 @@ from ema_monitor.prognosis.growth.settings import LIFE_HOURS
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
 from ema_monitor.prognosis.growth.waves import WaveDraw
 
-CHANGE_LIVES: Final = 1.0
+CHANGE_LIVES: Final = 0.7
 """Mean time until growth changes, in lives from healthy to the limit [-]."""
 
-CHANGED: Final = (0.4, 10.0)
+CHANGED: Final = (0.4, 15.0)
 """How many times as fast it then is: log-uniform within this range [-]."""
 
 _PACE_SPACING: Final = float(PACES[1] - PACES[0])
@@ -78,7 +78,8 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     life = LIFE_HOURS[::3][cells.place[cell] % N_RATES]
     change = CHANGE_LIVES * life * rng.standard_exponential(cell.shape)
     steady = mixture.is_known[:, None] | is_wave | (cells.scatter[cell] > 0.0)
-    changed = np.where(steady, 1.0, np.exp(rng.uniform(*np.log(CHANGED), cell.shape)))
+    changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
+    changed[steady] = 1.0
     noise_hours = mixture.settings.noise_hours
     return Draw(cells, noise_hours, cell, x, rate, pace, change, changed, is_wave, waves)
 
