@@ -77,7 +77,7 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     pace = cells.pace[cell] + np.where(cells.wanders[cell], between, 0.0)
     life = LIFE_HOURS[::3][cells.place[cell] % N_RATES]
     change = CHANGE_LIVES * life * rng.standard_exponential(cell.shape)
-    steady = mixture.is_known[:, None] | is_wave | (cells.scatter[cell] > 0.0)
+    steady = mixture.is_told[:, None] | is_wave | (cells.scatter[cell] > 0.0)
     changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
     changed[steady] = 1.0
     noise_hours = mixture.settings.noise_hours
