@@ -58,7 +58,6 @@ def test_law_of_short_circuits_is_that_of_each_phase():
     assert laws["short_circuit_b"] == NOMINAL_LAWS["short_circuit_b"]
 
 
-# A parameter file may give a number.
 @pytest.mark.parametrize(("text", "told"), [("cubic", "'cubic': unknown law"), (0.5, "0.5: exp")])
 def test_impossible_text_among_several_is_named(text, told):
     with pytest.raises(ValueError, match=f"^eccentricity = {told}"):

@@ -238,8 +238,8 @@ def test_repair_of_several_faults_is_known_after_two_tests_though_their_growth_i
 
 def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
     tracker, faults, rng = grown
-    own = tracker._mixture.members[0]
-    before, sure = of(tracker, "friction"), tracker._mixture.weight[own].max()
+    before, own = of(tracker, "friction"), tracker._mixture.members[0]
+    sure = tracker._mixture.weight[own].max()
     stepped = faults.copy()
     stepped[0] += 0.1
     tracker.update(observed(610.0, stepped, rng))
