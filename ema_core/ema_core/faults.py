@@ -201,6 +201,8 @@ class FaultVector(NamedTuple):
 FAULT_NAMES: Final = FaultVector._fields
 N_FAULTS: Final = len(FAULTS)
 HIGHEST: Final = np.array([fault.highest for fault in FAULTS])
+_BASES: Final = np.array([fault.base for fault in FAULTS])
+_SLOPES: Final = np.array([fault.slope for fault in FAULTS])
 SHORT_CIRCUITS: Final = [i for i, fault in enumerate(FAULTS) if fault.kind == "short_circuit"]
 FRICTION: Final = FAULT_NAMES.index("friction")
 BACKLASH: Final = FAULT_NAMES.index("backlash")
@@ -351,11 +353,9 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     -----
     Equation M9; section 6.1 of the thesis.
     """
-    k = np.moveaxis(fault_vector(faults), -1, 0)
-    phase = k[ECCENTRICITY_PHASE]
-    friction, backlash, turns_a, turns_b, turns_c, zeta, _, gain = (
-        fault.at(value) for fault, value in zip(FAULTS, k, strict=True)
-    )
+    k = fault_vector(faults)
+    physical = np.moveaxis(_BASES + _SLOPES * k, -1, 0)
+    friction, backlash, turns_a, turns_b, turns_c, zeta, _, gain = physical
     return PlantConstants(
         plant.control._replace(G_prop=plant.control.G_prop * gain),
         plant.motor._replace(
@@ -364,7 +364,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
             N_c=plant.motor.N_c * turns_c,
             zeta=plant.motor.zeta + zeta,
             # In this form the healthy direction leaves phi exactly unchanged.
-            phi=plant.motor.phi + eccentricity_angle(phase),
+            phi=plant.motor.phi + eccentricity_angle(k[..., ECCENTRICITY_PHASE]),
         ),
         plant.mechanics._replace(
             f_s=plant.mechanics.f_s * friction,

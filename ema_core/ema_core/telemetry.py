@@ -61,10 +61,9 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
-        lengths = {name: len(getattr(self, name)) for name in COLUMNS}
-        measured = {length for name, length in lengths.items() if length or name not in OPTIONAL}
-        if len(measured) != 1 or not len(self.command):
-            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        n = len(self)
+        if not n or len(self.position) != n or {len(self.current), len(self.speed)} - {0, n}:
+            listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
             raise ValueError(
                 f"telemetry columns must have one length of at least 1, not {listed}; only "
                 f"{' and '.join(OPTIONAL)} may be empty, where they are not measured"

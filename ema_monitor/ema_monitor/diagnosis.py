@@ -296,16 +296,18 @@ class Diagnosis:
         ValueError
             When the settings cannot be used.
         """
-        self._looked_at = found.number
+        self._looked_at, window = found.number, found.window
         described = found.description, _identity(calibration)
         previous, memory = None, NOTHING
         if search.warm_start and search.memory and self._last[0] == described:
-            previous, memory = self._last[1], self._memory.before(found.window.start_ns)
+            previous, memory = self._last[1], self._memory.before(window.start_ns)
         if combining is not None:
-            yield from self._combine(found, calibration, search, combining, previous, force)
+            yield from self._combine(
+                window, found.description, calibration, search, combining, previous, force
+            )
         else:
             estimate = yield from _identified(
-                found.window, found.description, calibration, search, force, previous, memory
+                window, found.description, calibration, search, force, previous, memory
             )
             yield Diagnosed(found.number, found.number, found.description, estimate)
             self.begin_at(found.description, estimate)
@@ -343,14 +345,14 @@ class Diagnosis:
 
     def _combine(
         self,
-        found: Found,
+        window: Window | Refusal,
+        description: ActuatorDescription,
         calibration: AnyCalibration | str,
         search: SearchSettings,
         combining: CombinationSettings,
         previous: NDArray[np.float64] | None,
         force: bool,
     ) -> Iterator[Generation | Diagnosed]:
-        description = found.description
         key = (description, _identity(calibration), search, combining)
         if self._motion is None or self._motion.key != key:
             if isinstance(calibration, UnknownDriveUnit):
@@ -363,9 +365,9 @@ class Diagnosis:
                 )
             yield from self.finish()
             self._motion = _Motion(new, key, description, calibration, search)
-        motion, window = self._motion, found.window
+        motion = self._motion
         figures = _figures(window, calibration)
-        motion.since[found.number] = window.start_ns, window.end_ns, figures
+        motion.since[self._looked_at] = window.start_ns, window.end_ns, figures
         for old in list(motion.since)[: -combining.most_stretches]:
             del motion.since[old]
         for one in motion.combination.add(window):

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from ema_core._jit import kernel
 from ema_core.arrays import Array
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.model.monitor_model import Response
@@ -142,6 +143,7 @@ class BandLimited(LeastSquares):
         return np.sqrt(self.spacing) * pseudo_huber(distance, self._scale)
 
 
+@kernel(nogil=False)
 def pseudo_huber(distance: Array, scale: float) -> Array:
     """Return numbers whose squares are the pseudo-Huber loss of distances.
 

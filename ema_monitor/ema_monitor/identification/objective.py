@@ -321,7 +321,8 @@ class Objective:
     def _deviations(self, points: Array) -> Array:
         """Return the columns at points, ``(m, 28)``: the measured ones and the components."""
         deviations = np.tile(self._measured, (len(points), 1))
-        deviations[:, self._columns] = self._coordinates.causes(points)
+        if self._columns:
+            deviations[:, self._columns] = self._coordinates.causes(points)
         return deviations
 
     def expect(self, points: Array) -> Response:

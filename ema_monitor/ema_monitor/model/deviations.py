@@ -189,28 +189,28 @@ def _prior(name: str, sigma: float, reach: float) -> Prior:
 
 def deviating(plant: PlantConstants, deviations: Array) -> PlantConstants:
     """Return the constants of plants that deviate, but for load, drive and Stribeck friction."""
-    d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
+    factors = Deviations(*(1.0 + deviations.T))  # pyright: ignore[reportArgumentType]
+    warmer = deviations[:, NAMES.index("winding_temperature")]
     control, motor, mechanics = plant
-    friction = 1.0 + d.friction
     return PlantConstants(
         control._replace(
-            G_prop=control.G_prop * (1.0 + d.loop_gain), GAP=control.GAP * (1.0 + d.speed_loop)
+            G_prop=control.G_prop * factors.loop_gain, GAP=control.GAP * factors.speed_loop
         ),
         motor._replace(
-            k_e=motor.k_e * (1.0 + d.torque_constant),
-            G_M=motor.G_M * (1.0 + d.torque_constant),
-            R_s=motor.R_s * (1.0 + COPPER * d.winding_temperature),
-            V_max=motor.V_max * (1.0 + d.supply_voltage),
-            N_a=motor.N_a * (1.0 + d.turns_a),
-            N_b=motor.N_b * (1.0 + d.turns_b),
-            N_c=motor.N_c * (1.0 + d.turns_c),
+            k_e=motor.k_e * factors.torque_constant,
+            G_M=motor.G_M * factors.torque_constant,
+            R_s=motor.R_s * (1.0 + COPPER * warmer),
+            V_max=motor.V_max * factors.supply_voltage,
+            N_a=motor.N_a * factors.turns_a,
+            N_b=motor.N_b * factors.turns_b,
+            N_c=motor.N_c * factors.turns_c,
         ),
         mechanics._replace(
-            C=mechanics.C * (1.0 + d.viscous_friction),
-            J=mechanics.J * (1.0 + d.inertia),
-            f_s=mechanics.f_s * friction,
-            f_d=mechanics.f_d * friction,
-            half_backlash=mechanics.half_backlash * (1.0 + d.backlash),
+            C=mechanics.C * factors.viscous_friction,
+            J=mechanics.J * factors.inertia,
+            f_s=mechanics.f_s * factors.friction,
+            f_d=mechanics.f_d * factors.friction,
+            half_backlash=mechanics.half_backlash * factors.backlash,
         ),
     )
 

@@ -5,7 +5,6 @@ are those of ``docs/model.md``.
 """
 
 import math
-import operator
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -31,6 +30,8 @@ IDLE_CONTRAST: Final = 0.5
 fractions of turns of the driven pair and of the idle phase [-]."""
 
 _PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+# Phases of the driven pairs, and the one that is idle.
+_FIRST, _SECOND, _IDLE = [1, 0, 0], [2, 1, 2], [0, 2, 1]
 
 Pairs = tuple[PerLane, PerLane, PerLane]
 """A constant of the driven pairs BC, AB and AC."""
@@ -88,25 +89,12 @@ def fast_constants(
 
     ``lift`` [A] is that of the healthy motor, ``loop_delay`` [s] that of its current loop (M12).
     """
-    phases = []
-    for N, delta in zip((motor.N_a, motor.N_b, motor.N_c), _PHASE_ANGLES, strict=True):
-        k, angle = 0.5 * motor.k_e * N, motor.phi + delta
-        wave = k * motor.zeta
-        phases.append(
-            (
-                0.5 * motor.R_s * N,
-                0.5 * motor.L_s * N * N,
-                k,
-                wave * np.cos(angle),
-                -wave * np.sin(angle),
-            )
-        )
-    a, b, c = phases
-    pairs = [map(operator.add, first, second) for first, second in ((b, c), (a, b), (a, c))]
-    R, L, K, K_cos, K_sin = zip(*pairs, strict=True)
-    N_a, N_b, N_c = motor.N_a, motor.N_b, motor.N_c
-    contrasts = ((N_b + N_c) / 2.0 - N_a, (N_a + N_b) / 2.0 - N_c, (N_a + N_c) / 2.0 - N_b)
-    lift_bc, lift_ab, lift_ac = (lift * (1.0 + IDLE_CONTRAST * contrast) for contrast in contrasts)
+    N = np.stack([motor.N_a, motor.N_b, motor.N_c])
+    k, angle = 0.5 * motor.k_e * N, np.add.outer(_PHASE_ANGLES, motor.phi)
+    wave, R_s, L_s = k * motor.zeta, 0.5 * motor.R_s * N, 0.5 * motor.L_s * N * N
+    of_phases = np.stack([N, R_s, L_s, k, wave * np.cos(angle), -wave * np.sin(angle)])
+    both, R, L, K, K_cos, K_sin = of_phases[:, _FIRST] + of_phases[:, _SECOND]
+    contrasts = both / 2.0 - N[_IDLE]
     return FastDrive(
         V_max=motor.V_max,
         T_max=motor.T_max,
@@ -115,12 +103,12 @@ def fast_constants(
         delay=loop_delay / dt,
         half_turns=motor.P / math.pi,
         waves=1.0,
-        R=R,
-        slew=tuple(dt / L_of_pair for L_of_pair in L),
-        K=K,
-        K_cos=K_cos,
-        K_sin=K_sin,
-        lift=(lift_bc, lift_ab, lift_ac),
+        R=tuple(R),
+        slew=tuple(dt / L),
+        K=tuple(K),
+        K_cos=tuple(K_cos),
+        K_sin=tuple(K_sin),
+        lift=tuple(lift * (1.0 + IDLE_CONTRAST * contrasts)),
     )
 
 

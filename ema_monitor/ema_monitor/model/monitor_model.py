@@ -94,7 +94,7 @@ class MonitorModel:
             raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
         self.unit = unit or Deviations()
         self.acquisition = acquisition or Acquisition()
-        self._plant = constants(parameters)
+        self._own, self._plant = np.array(self.unit), constants(parameters)
         self._loop = current_loop(parameters)
 
     def respond(
@@ -141,8 +141,7 @@ class MonitorModel:
         )
         # Copies of the last individual fill the last group.
         lane_of = np.minimum(np.arange(groups * LANES), m - 1)
-        own = np.tile(self.unit, (m, 1))
-        own = (own if deviations is None else own + deviations)[lane_of]
+        own = self._own + (np.zeros((m, 1)) if deviations is None else deviations)[lane_of]
         d = Deviations(*own.T.copy())  # pyright: ignore[reportArgumentType]
         plant = degrade(self._plant, with_own_eccentricity(faults[lane_of], own))
         control, motor, mechanics = deviating(plant, own)

@@ -323,7 +323,7 @@ def _columns(missing: tuple[str, ...]) -> str:
 def _not_finite(block: Telemetry) -> str:
     """Return which sample is not finite, or so large that computing with it is of no use."""
     columns = [getattr(block, name) for name in COLUMNS]
-    if np.max(np.abs(np.concatenate(columns))) < _LARGEST:
+    if np.abs(np.concatenate(columns)).max() < _LARGEST:
         return ""
     for name, column in zip(COLUMNS, columns, strict=True):
         bad = np.flatnonzero(~(np.abs(column) < _LARGEST))

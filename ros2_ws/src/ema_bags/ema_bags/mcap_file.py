@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import BinaryIO, Final
 
 import zstandard
@@ -47,7 +49,7 @@ class DamageError(Exception):
     """Something in a file is cut off or not what it should be."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Stretch:
     """A run of bytes that holds messages: a chunk, or messages side by side outside of chunks.
 
@@ -62,7 +64,7 @@ class Stretch:
     channels: set[int] = field(default_factory=set)
 
 
-@dataclass
+@dataclass(eq=False)
 class Contents:
     """What an MCAP file holds.
 
@@ -141,16 +143,23 @@ def read_contents(file: BinaryIO) -> Contents:
     return _by_reading(file, size, index_is_whole=is_whole)
 
 
-def read_messages(file: BinaryIO, stretch: Stretch, contents: Contents) -> list[Message]:
-    """Read the messages of a stretch of a file, in their order there.
+def read_messages(path: Path, stretch: Stretch, contents: Contents) -> list[Message]:
+    """Read the messages of a stretch of a file, in their order there; short ones are kept a while.
 
     Raises
     ------
     DamageError
         When it is not whole, or defines a schema or channel otherwise than the file does.
     """
-    file.seek(stretch.offset)
-    data = file.read(stretch.stop - stretch.offset)
+    read = _messages if stretch.stop - stretch.offset <= _STRETCH_BYTES else _messages.__wrapped__
+    return read(path, stretch, contents)
+
+
+@lru_cache(maxsize=8)
+def _messages(path: Path, stretch: Stretch, contents: Contents) -> list[Message]:
+    with path.open("rb") as file:
+        file.seek(stretch.offset)
+        data = file.read(stretch.stop - stretch.offset)
     if len(data) < stretch.stop - stretch.offset:
         raise DamageError("it is cut off")
     messages = []

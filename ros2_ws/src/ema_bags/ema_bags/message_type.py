@@ -36,9 +36,13 @@ def definition(name: str) -> str:
 
 def type_hash(name: str) -> str:
     """Return the hash of a message type, ``RIHS01_...``; ValueError when it is not installed."""
-    description = json.loads(_shared_file(name, ".json").read_text(encoding="utf-8"))
-    hashes = {item["type_name"]: item["hash_string"] for item in description["type_hashes"]}
-    return hashes[name]
+    return _hashes(_shared_file(name, ".json"))[name]
+
+
+@lru_cache(maxsize=1024)
+def _hashes(path: Path) -> dict[str, str]:
+    description = json.loads(path.read_text(encoding="utf-8"))
+    return {item["type_name"]: item["hash_string"] for item in description["type_hashes"]}
 
 
 def _parts(name: str) -> tuple[str, str, str]:

@@ -1,6 +1,5 @@
 """Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
 
-import heapq
 import shutil
 import tempfile
 import weakref
@@ -334,28 +333,29 @@ class Bag:
             except ValueError as error:
                 self.malformed.note(item, str(error))
                 continue
-            yield item._replace(message=message)
+            yield Recorded(*item[:3], message, item.publish_time_ns)
 
     def _in_log_order(
         self, chosen: Mapping[str, Topic], first: MessagePlace | None, last: MessagePlace | None
     ) -> Iterator[Recorded]:
         found: Counter[str] = Counter()
         # The stretches may overlap in time: what is read waits until no stretch to come can hold
-        # anything earlier. Equal times stay in the order of the files.
+        # anything earlier, the earliest last. Equal times stay in the order of the files.
         waiting: list[Recorded] = []
         for file_number, path, stretch in self._stretches(chosen):
             if first and stretch.end_ns < first.log_time_ns:
                 continue
             if last and stretch.start_ns > last.log_time_ns:
                 break
-            while waiting and waiting[0].log_time_ns < stretch.start_ns:
-                yield heapq.heappop(waiting)
+            while waiting and waiting[-1].log_time_ns < stretch.start_ns:
+                yield waiting.pop()
             for item in self._read(file_number, path, stretch, chosen):
                 found[item.topic] += 1
                 if (not first or first <= item.place) and (not last or item.place <= last):
-                    heapq.heappush(waiting, item)
+                    waiting.append(item)
+            waiting.sort(reverse=True)
         while waiting:
-            yield heapq.heappop(waiting)
+            yield waiting.pop()
         if first or last:
             return
         for name, topic in chosen.items():
@@ -379,8 +379,7 @@ class Bag:
         """Yield the messages of a stretch; none where it is damaged."""
         contents = self._files[path]
         try:
-            with self._readable(path).open("rb") as file:
-                messages = read_messages(file, stretch, contents)
+            messages = read_messages(self._readable(path), stretch, contents)
         except DamageError as error:
             self._note(path, f"the chunk at byte {stretch.offset} is lost: {error}")
             return

@@ -21,8 +21,7 @@ HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 def described_actuators(bag: Bag) -> list[str]:
     """Return the actuators that a recording describes, in their order."""
-    described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
-    return list(dict.fromkeys(item.message.actuator_id for item in described))
+    return list(dict.fromkeys(_actuator_ids(bag, *bag.topics_of(DESCRIPTION_TYPE))))
 
 
 @dataclass(frozen=True)
@@ -144,17 +143,15 @@ def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
     return filled
 
 
-def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
-    return (item.message.actuator_id for item in bag.messages([topic]))
+def _actuator_ids(bag: Bag, *topics: str) -> Iterator[str]:
+    return (item.message.actuator_id for item in bag.messages(topics))
 
 
 def _converted(bag: Bag, item: Recorded) -> Telemetry | Malformed | ActuatorDescription:
+    is_block = item.type_name == TELEMETRY_TYPE
     try:
-        if item.type_name == TELEMETRY_TYPE:
-            return telemetry_from_message(item.message)
-        return description_from_message(item.message)
+        return (telemetry_from_message if is_block else description_from_message)(item.message)
     except ValueError as error:
-        is_block = item.type_name == TELEMETRY_TYPE
         bag.malformed.note(item, f"{'' if is_block else 'the description is impossible: '}{error}")
         return Malformed(stamp_from_message(item.message.header.stamp), str(error))
 
