@@ -50,7 +50,7 @@ from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPACE, TELEMETRY
 from ema_sim.actuator import SimulatedActuator
 
-LEAST_ACTUATORS: Final = 16
+LEAST_ACTUATORS: Final = 100
 """Actuators that one monitor is to follow."""
 
 PERIOD_S: Final = 5.0

@@ -1,6 +1,5 @@
 """The ``ema`` command."""
 
-import os
 from importlib import import_module
 from keyword import iskeyword
 from typing import Final
@@ -8,7 +7,6 @@ from typing import Final
 import click
 
 from ema_core import __version__
-from ema_core.linear_algebra import array_environment
 from ema_core.start import quiet_imports
 
 _COMMANDS: Final = {
@@ -96,7 +94,6 @@ class _CommandsOnDemand(click.Group):
             from ema_core.wording import unknown_name
 
             ctx.fail(unknown_name("command", cmd_name, self.list_commands(ctx)))
-        os.environ.update(array_environment())  # before numpy is imported
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
             command = getattr(import_module(f"ema_cli.commands.{name}"), name)

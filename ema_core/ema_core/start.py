@@ -1,11 +1,14 @@
-"""The start of a program: while it imports, SIGINT ends it without a traceback."""
+"""The start of a program: SIGINT ends its imports without a traceback; arrays have one thread."""
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
+
+from ema_core.linear_algebra import array_environment
 
 
 @contextmanager
@@ -26,6 +29,7 @@ def program(module: str) -> Callable[[], Any]:
     """Return the program whose ``main`` is in a module that takes long to import."""
 
     def main() -> Any:
+        os.environ.update(array_environment())  # before numpy is imported
         with quiet_imports():
             run = import_module(module).main
         return run()

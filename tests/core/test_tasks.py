@@ -221,22 +221,22 @@ except tasks.ClusterLostError as error:
 # Large enough for several threads below numpy, where there are several processors.
 ARRAYS = """
 import os, resource
-from ema_core.linear_algebra import array_environment
-os.environ.update(array_environment())
 import numpy as np
-np.ones((400, 400)) @ np.ones((400, 400))
-began = resource.getrusage(0).ru_minflt
-for _ in range(100): np.ones(100_000)
-print(len(os.listdir("/proc/self/task")), resource.getrusage(0).ru_minflt - began)
+def main():
+    np.ones((400, 400)) @ np.ones((400, 400))
+    began = resource.getrusage(0).ru_minflt
+    for _ in range(100): np.ones(100_000)
+    print(len(os.listdir("/proc/self/task")), resource.getrusage(0).ru_minflt - began)
 """
 
 
-def test_process_for_arrays_has_one_thread_and_uses_memory_again():
+def test_program_has_one_thread_and_uses_memory_again(tmp_path):
+    (tmp_path / "arrays.py").write_text(ARRAYS)
     said = array_environment({})
     unsaid = {name: value for name, value in os.environ.items() if name not in said}
     # Arrays that are mapped anew fault in 19,600 pages.
     for environment, most in ((unsaid, 30_000), (unsaid | said, 1000)):
-        words = [sys.executable, "-c", ARRAYS]
-        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+        words = [sys.executable, "-c", "from ema_core.start import program; program('arrays')()"]
+        done = subprocess.run(words, cwd=tmp_path, env=environment, stdout=-1, check=True)
         threads, faults = map(int, done.stdout.split())
         assert (threads, faults < most) == (1, True)
