@@ -27,7 +27,7 @@ def run_once(name: str) -> tuple[float, float]:
     unset = ("PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED")
     before_s, begin_s = children_s(), time.perf_counter()
     subprocess.run(
-        [sys.executable, "-c", "from ema_cli.main import main; main()", *arguments],
+        [sys.executable, "-c", "from ema_ros.programs import ema; ema()", *arguments],
         env={name: value for name, value in os.environ.items() if name not in unset},
         stdout=subprocess.DEVNULL,
         check=True,
