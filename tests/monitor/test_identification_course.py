@@ -94,7 +94,7 @@ def test_cancelled_identification_has_no_estimate(windows_of, calibration, descr
 
 # Evaluations of the search alone. A healthy window ends at once, where the search begins healthy.
 @pytest.mark.parametrize(
-    ("case", "share"), [("healthy", 4.0), ("short circuit high", 0.6), ("multiple", 0.6)]
+    ("case", "share"), [("healthy", 4.0), ("short circuit high", 0.6), ("multiple", 0.7)]
 )
 def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
     stirred_window, calibration, description, case, share

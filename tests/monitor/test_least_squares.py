@@ -87,7 +87,7 @@ def test_better_half_of_the_descents_goes_on_until_one_is_left(screen):
     expected = [starts]
     while expected[-1] > 1:
         expected.append(-(-expected[-1] // 2))
-    alternating = [n * size for n in expected for size in (D, len(_DAMPINGS))][:-1]
+    alternating = [n * size for n in expected for size in (D, len(_DAMPINGS) + 1)][:-1]
     # The best may have arrived before the others are given up, but not at once.
     assert sizes[: len(alternating)] == alternating[: len(sizes)]
     assert len(sizes) >= 6
@@ -98,7 +98,7 @@ def test_good_start_takes_no_screen():
     batches, progress = search(valley, start, good_cost=1e-6)
     assert screens(batches) == [1]
     assert np.array_equal(batches[0][0], start)
-    assert {len(batch) for batch in batches[1:]} <= {D, len(_DAMPINGS)}
+    assert {len(batch) for batch in batches[1:]} <= {D, len(_DAMPINGS) + 1, 1}
     assert progress[-1].point == pytest.approx(CENTRE, abs=1e-3)
     assert progress[-1].evaluations == sum(len(batch) for batch in batches)
 

@@ -16,7 +16,7 @@ DIFFERENCE: Final = 5e-3
 # Points and starts; the first is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
 # Of the trial steps, over the one that was the best in the last iteration.
-_DAMPINGS: Final = np.array([0.05, 0.3, 1.0, 4.0])
+_DAMPINGS: Final = np.array([2.0, 0.3])
 _FIRST_DAMPING: Final = 2.0
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 30.0
 _STEP_TOLERANCE: Final = 2e-4
@@ -39,6 +39,7 @@ class _Descent:
     residuals: Array
     jacobian: Array = field(default_factory=lambda: _UNKNOWN)
     damping: float = _FIRST_DAMPING
+    promised: float = 0.0
     iterations: int = 0
     done: bool = False
 
@@ -49,15 +50,16 @@ class _Descent:
         self.jacobian[:, ~np.all(np.isfinite(self.jacobian), axis=0)] = 0.0
 
     def trials(self) -> Array:
-        """Return where steps lead, ``(m, d)``; the last one alone, where hardly any gain is left.
+        """Return where steps lead, ``(m, d)``, the last one hardly damped.
 
-        Then the descent is done.
+        Where they would gain hardly anything it is the only one, and the descent is done.
         """
         dampings = np.append(self.damping * _DAMPINGS, _LEAST_DAMPING)
         points = bounded_steps(self.point, self.residuals, self.jacobian, dampings)
         left = self.residuals + self.jacobian @ (points[-1] - self.point)
-        self.done = bool(left @ left > (1.0 - _SETTLED) * self.cost)
-        return points[-1:] if self.done else points[:-1]
+        self.promised = float(left @ left)
+        self.done = self.promised > (1.0 - _SETTLED) * self.cost
+        return points[-1:] if self.done else points
 
 
 class ScreenedLeastSquares:
@@ -67,8 +69,9 @@ class ScreenedLeastSquares:
     start. Each iteration asks for the difference columns of all descents in one batch, then for
     their trial steps in another, under several dampings about the one that was the best before.
     After each iteration the worse half of the descents is given up, until one is left. It ends
-    where a step gains hardly anything; where one would by the linear model, it is the last one. A
-    component at its bound is held there as long as the step would leave the box.
+    where a step gains hardly anything, or would by the linear model, and where an undamped one has
+    led to a good fit as the linear model said. A component at its bound is held there as long as
+    the step would leave the box.
 
     A descent from the start comes first. As long as what was found costs more than a good fit, a
     small screen with a few starts follows, then a large one with many. The large one is left out
@@ -158,8 +161,12 @@ class ScreenedLeastSquares:
             number = int(np.argmin(costs[first : first + size]))
             best = first + number
             descent.iterations += 1
-            damping = descent.damping * _DAMPINGS[number]
+            # The last of several is hardly damped.
+            damping = descent.damping * _DAMPINGS[min(number, len(_DAMPINGS) - 1)]
             descent.damping = float(np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING))
+            if number == len(_DAMPINGS):
+                kept = costs[best] - descent.promised < _SETTLED * costs[best]
+                descent.done |= bool(kept and costs[best] <= self._hints.good_cost)
             step = np.max(np.abs(points[best] - descent.point))
             gain = descent.cost - costs[best]
             descent.done |= not gain > _GAIN_TOLERANCE * descent.cost or step < _STEP_TOLERANCE
