@@ -207,11 +207,11 @@ def test_signal_ends_a_node_in_each_state():
 
 
 def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_recorded, capfd):
-    node = make_recorded(parameters={"use_sim_tme": True, "colour": "red"})
+    node = make_recorded(parameters={"use_sim_tme": True, "use_time": "red"})
     assert node.bring_up()
     told = capfd.readouterr().err
     assert "use_sim_tme is not one of this node and has no effect: is use_sim_time meant?" in told
-    assert "colour is not one of this node" in told
+    assert "use_time is not one of this node and has no effect\n" in told
 
 
 def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(graph: Spinning):

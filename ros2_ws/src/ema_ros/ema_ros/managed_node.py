@@ -362,8 +362,7 @@ class ManagedNode(LifecycleNode):
             if name in own:
                 continue
             text = f"parameter {name} is not one of this node and has no effect"
-            similar = get_close_matches(name, own, 1)
-            if similar:
+            if similar := get_close_matches(name, own, 1, 0.85):
                 self.get_logger().warning(f"{text}: is {similar[0]} meant?")
             else:
                 self.get_logger().info(text)

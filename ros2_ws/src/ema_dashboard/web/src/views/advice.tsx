@@ -27,7 +27,7 @@ export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string
       <div class="todo">
         <h2>What to do</h2>
         <div class="removal">
-          <strong>{what}</strong>
+          <strong>{isPhone() ? what?.replace(/:$/, "") : what}</strong>
           <Folded title="Why">{more.join("")}</Folded>
         </div>
       </div>

@@ -22,8 +22,9 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
       significant; band: forecast, 5 – 95 %
     </>
   );
+  const title = Number.isNaN(columns?.hours.at(-1)) ? "Faults over time" : "Faults over service hours";
   return (
-    <Section title="Faults over service hours" id="history" note={note}>
+    <Section title={title} id="history" note={note}>
       {!columns || count === 0 ? (
         <Empty>{columns ? "No test of this unit has been kept yet." : "Loading the history…"}</Empty>
       ) : (

@@ -84,7 +84,7 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
       y: yRange ? { range: yRange } : {},
     },
     axes: [
-      { ...axis, label: x, labelSize: 20, size: 30 },
+      { ...axis, label: x, labelSize: 20, size: isTime ? 46 : 30 }, // a time has its date below
       { ...axis, label: y, labelSize: 20, size: 52 },
     ],
     legend: { show: legend ?? true, live: true },
