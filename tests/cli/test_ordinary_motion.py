@@ -58,7 +58,7 @@ def test_a_line_names_what_the_motion_does_not_show(ema, bag):
     result = ema("estimate", "--any-motion", "-p", "wanted_sigma=0.005", bag)
     assert result.exit_code == 0
     assert "1 stretch" in result.stdout or " stretches" in result.stdout
-    assert "the motion does not show short circuit A" in " ".join(result.stdout.split())
+    assert "short circuit A" in " ".join(result.stdout.split()).partition("not show")[2]
 
 
 def test_a_bag_without_motion_is_an_error(ema, tmp_path):

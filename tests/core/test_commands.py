@@ -97,11 +97,11 @@ class TestMoves:
         ("rate", "rad/s"),
         ("start_frequency", "Hz"),
         ("end_frequency", "Hz"),
-        ("final_fraction", "-"),
+        ("final_fraction", ""),
     ],
 )
 def test_impossible_figure_is_refused_by_name_value_unit_and_range(name, unit, value):
-    with pytest.raises(ValueError, match=rf"{name} = {value:g}\b.* \[.*\] {unit} "):
+    with pytest.raises(ValueError, match=rf"{name} = {value:g}\b.* \[.*\] {unit}"):
         Command(**{name: value})
 
 

@@ -25,7 +25,7 @@ CHANGES = (
         "    gain: float\n\n    @classmethod",
         "    gain: float\n    viscosity: float\n\n    @classmethod",
     ),
-    ("zeta, _, gain = (", "zeta, _, gain, viscosity = ("),
+    ("zeta, _, gain = physical", "zeta, _, gain, viscosity = physical"),
     (
         "            f_s=plant.",
         "            C=plant.mechanics.C * viscosity,\n            f_s=plant.",

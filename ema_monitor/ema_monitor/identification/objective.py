@@ -338,7 +338,8 @@ class Objective:
         of_sensors = deviations[:, -N_SENSOR:].copy()
         deviations[:, -N_SENSOR:] = 0.0
         moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
-        known = self._responses
+        # Threads may share an objective: each goes on with what it has found.
+        known = dict(self._responses)
         keys = [row.tobytes() for row in np.round(moving, _DECIMALS) + 0.0]
         new = list({key: row for row, key in enumerate(keys) if key not in known}.values())
         if new:
@@ -354,8 +355,8 @@ class Objective:
             known.update(zip([keys[row] for row in new], zip(*model, strict=True), strict=True))
         current, speed = map(np.array, zip(*[known[key] for key in keys], strict=True))
         # The first is where the search begins, mostly the healthy point: it is asked for again.
-        for key in list(known)[1:-_MOST_KEPT]:
-            del known[key]
+        first, *others = known.items()
+        self._responses = dict([first, *others[-_MOST_KEPT:]])
         if len(seen := np.flatnonzero(np.any(of_sensors, axis=1))):
             rows = current[seen], speed[seen]
             current[seen], speed[seen] = sensed(rows, of_sensors[seen], self._window.sample_period)
