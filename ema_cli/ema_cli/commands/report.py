@@ -66,7 +66,7 @@ def report(
 
 def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
     """Return the histories of a unit in the folders of bags, and in ``history`` there."""
-    places = dict.fromkeys(place for bag in bags for place in (bag, bag.absolute().parent))
+    places = dict.fromkeys(place for bag in map(Path.resolve, bags) for place in (bag, bag.parent))
     paths = [history_path(one / inner, *unit) for one in places for inner in (".", "history")]
     return [path for path in paths if path.is_file()]
 

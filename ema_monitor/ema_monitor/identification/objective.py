@@ -203,7 +203,7 @@ class Objective:
         self._model = calibration.model()
         self.fitness = FITNESS[fitness](window, calibration, self.scatter)
         # The latest responses, by what moves the model, and how many there were.
-        self._responses: dict[bytes, tuple[Array, Array]] = {}
+        self._responses: list[dict[bytes, tuple[Array, Array]]] = [{}]
         self._counts = Counter[str]()
         self._measured = measured_columns(window.measured)
         self.known = known
@@ -339,7 +339,7 @@ class Objective:
         deviations[:, -N_SENSOR:] = 0.0
         moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
         # Threads may share an objective: each goes on with what it has found.
-        known = dict(self._responses)
+        known = dict(self._responses[0])
         keys = [row.tobytes() for row in np.round(moving, _DECIMALS) + 0.0]
         new = list({key: row for row, key in enumerate(keys) if key not in known}.values())
         if new:
@@ -356,7 +356,7 @@ class Objective:
         current, speed = map(np.array, zip(*[known[key] for key in keys], strict=True))
         # The first is where the search begins, mostly the healthy point: it is asked for again.
         first, *others = known.items()
-        self._responses = dict([first, *others[-_MOST_KEPT:]])
+        self._responses[0] = dict([first, *others[-_MOST_KEPT:]])
         if len(seen := np.flatnonzero(np.any(of_sensors, axis=1))):
             rows = current[seen], speed[seen]
             current[seen], speed[seen] = sensed(rows, of_sensors[seen], self._window.sample_period)

@@ -141,7 +141,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
             missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
             values[name] = column.to_numpy(**missing)
         else:
-            points = column.astype(str).str.replace(written.decimal, ".", regex=False)
+            points = column.astype(str).str.replace(",", ".") if written.decimal == "," else column
             numbers = pd.to_numeric(points, errors="coerce")
             if numbers.notna().mean() > 0.5:
                 values[name] = numbers.to_numpy(float)
