@@ -12,8 +12,8 @@ from ..commands import SAMPLE, ema
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch):
-    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.02)
-    monkeypatch.setattr(progress, "LINES_S", 0.02)
+    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.001)
+    monkeypatch.setattr(progress, "LINES_S", 0.001)
 
 
 def test_long_command_says_how_far_it_is_and_how_long_it_takes(tmp_path):
