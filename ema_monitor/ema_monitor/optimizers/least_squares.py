@@ -165,7 +165,7 @@ class ScreenedLeastSquares:
             damping = descent.damping * _DAMPINGS[min(number, len(_DAMPINGS) - 1)]
             descent.damping = float(np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING))
             if number == len(_DAMPINGS):
-                kept = costs[best] - descent.promised < _SETTLED * costs[best]
+                kept = abs(costs[best] - descent.promised) < _SETTLED * costs[best]
                 descent.done |= bool(kept and costs[best] <= self._hints.good_cost)
             step = np.max(np.abs(points[best] - descent.point))
             gain = descent.cost - costs[best]
