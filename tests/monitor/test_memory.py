@@ -16,7 +16,7 @@ from ema_monitor.windows.finder import Segment
 
 DAY = 86_400 * 10**9
 INERTIA = CauseEstimate("inertia", 0.15, 0.005)
-SHORTS = dict.fromkeys(("short_circuit_a", "short_circuit_b", "short_circuit_c"), 0.15)
+SHORTS = dict.fromkeys(("short_circuit_a", "short_circuit_b", "short_circuit_c"), 0.1)
 KNOWN = fault_vector({"friction": 0.2})
 
 
@@ -103,7 +103,7 @@ def followed(
 def test_equal_shorts_are_told_from_a_weaker_motor_by_when_they_came(shorted, calibration):
     """The window alone names the torque constant, which is one cause; neither is certain."""
     *_, last = followed(Diagnosis(), shorted, calibration)
-    assert np.array(last.faults)[SHORT_CIRCUITS] == pytest.approx(0.15, abs=0.02)
+    assert np.array(last.faults)[SHORT_CIRCUITS] == pytest.approx(0.1, abs=0.02)
     assert "torque_constant" not in {cause.name for cause in last.causes}
     assert "torque constant" in last.reason
     alone = SearchSettings(memory=False)

@@ -12,14 +12,14 @@ from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
 from ema_monitor.optimizers.bounded_quadratic import lowest_of_each
 
-ADDED_EVIDENCE: Final = 14.0
-"""What an added cause must lower the evidence by."""
-
 COMPONENT_EVIDENCE: Final = 8.0
 """What a component is worth: how much a set with one less may be higher."""
 
 REPLACED_EVIDENCE: Final = 6.0
 """What a cause must lower the evidence by to take the place of a fault."""
+
+UNUSUAL_EVIDENCE: Final = 2.0
+"""How much more usual a fault is than a cause among explanations that a window leaves open."""
 
 AMBIGUOUS_EVIDENCE: Final = 8.0
 """Up to this difference the window does not tell two explanations apart."""
@@ -95,6 +95,11 @@ class Evidence:
         The ``sets`` are ``(n, d)``, the result is ``(n,)``; ``most`` as of `against`.
         """
         return self._difference(*self._optima(at, sets), at, most)
+
+    def price(self, kept: Components) -> float:
+        """Return what a set must lower the evidence by against a healthy motor."""
+        causes = int(np.sum(kept[self._suspects]))
+        return COMPONENT_EVIDENCE * components(kept) + REPLACED_EVIDENCE * causes
 
     def predicted(self, at: Linearisation, shown: Components) -> Array:
         """Return the linear model's optimum with only some components, ``(d,)``."""

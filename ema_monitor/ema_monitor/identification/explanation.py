@@ -8,21 +8,21 @@ other places too.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations, compress
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import compress
 from typing import Final
 
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.faults import N_FAULTS, SHORT_CIRCUITS
+from ema_core.faults import FRICTION, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.evidence import (
-    ADDED_EVIDENCE,
     AMBIGUOUS_EVIDENCE,
     COMPONENT_EVIDENCE,
     REMEMBERED_EVIDENCE,
     REPLACED_EVIDENCE,
+    UNUSUAL_EVIDENCE,
     Components,
     Evidence,
     Explanations,
@@ -33,6 +33,7 @@ from ema_monitor.identification.evidence import (
 from ema_monitor.identification.knowledge import FLOOR
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import Linearisation, refitted, significant_components
+from ema_monitor.model.deviations import Prior
 from ema_monitor.model.readings import MOVES_START
 
 MOST_CAUSES: Final = 3
@@ -44,10 +45,10 @@ MOST_LOSS: Final = 1.1
 DOUBTFUL_SIGMAS: Final = 4.0
 """From this distance from what is usual on, a cause is doubted: other places are looked at, too."""
 
-FAR_EVIDENCE: Final = 40.0
-"""Up to this difference by the linear model an explanation far away is tried."""
-
-_EQUAL = (0.03, 0.1)
+# By how much an explanation may be worse before it is fitted.
+_ABOUT = 2.0
+# Causes that change the strength of the motor, and the power of it that they go with.
+_WEAKER: Final = {"torque_constant": 1.0, "inertia": -1.0}
 _SEEDED: Final = {
     "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
     "command_delay": (1.0, 2.0, 4.0),
@@ -142,70 +143,88 @@ class Explainer:
             # The optimum of the faults alone may have led astray.
             trial = kept | self._always
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
-            at, kept = self._without_what_cancels(at, kept)
-        confused, found, alternatives = self._evidence.alternatives(at, kept, self._tried)
-        far = np.zeros((len(kept), len(kept)))
-        explanation = Explanation(at, kept, confused, alternatives, found, far)
-        return self._with_weaker_motors(explanation)
+        return self._with_other_motors(at, kept)
 
-    def _with_weaker_motors(self, explanation: Explanation) -> Explanation:
-        """Return an explanation after the others by which the motor is as weak.
+    def _with_other_motors(self, at: Linearisation, kept: Components) -> Explanation:
+        """Return an explanation after the others by which the motor is as strong.
 
         Equal parts of short circuits weaken it as a smaller torque constant does, or a larger
-        inertia and friction; the linear model misses that, as the two are far apart. Where the
-        window does not tell them apart the explanation is less certain, by how far they are.
+        inertia and friction. The linear model misses that, as they are far apart: the model itself
+        compares them. A better one takes the place of the explanation; one that the window does not
+        tell from it makes it less certain, by how far they are apart.
         """
-        at, evidence = explanation.at, self._evidence
-        for group, other, starts in self._weaker_motors(explanation):
-            trial = including(excluding(explanation.kept | self._always, group), other)
-            if evidence.worse(at, trial[None], REMEMBERED_EVIDENCE)[0] > FAR_EVIDENCE:
-                continue
-            if not self._can_afford_more:
-                break
-            starts = np.vstack([evidence.predicted(at, trial), starts])
-            there = self._objective.linearise(self._descended(starts, trial), trial)
-            if not np.all(np.isfinite(there.jacobian)):
-                continue
-            worse = evidence.against(there, at, REMEMBERED_EVIDENCE)
-            if worse < AMBIGUOUS_EVIDENCE:
-                away, found = there.point - at.point, explanation.open
-                # What the linear model said of it does not hold.
-                named = evidence.named(group, other)
-                others = [pair != named for pair in explanation.alternatives]
-                rest = [True, *others]
-                return replace(
-                    explanation,
-                    alternatives=[named, *compress(explanation.alternatives, others)],
-                    open=Explanations(
-                        np.insert(found.worse[rest], 1, worse),
-                        np.insert(found.steps[rest], 1, away, axis=0),
-                    ),
-                    far=Explanations(np.array([0.0, worse]), np.stack([0.0 * away, away])).spread,
-                )
-        return explanation
+        evidence, others = self._evidence, self._other_motors(at, kept)
+        points = np.stack([at.point, *(point for _, _, point in others)])
+        _, *rows = self._objective.residuals(points)
+        worse, named = [0.0], []
+        for (group, other, point), row in zip(others, rows, strict=True):
+            there = Linearisation(point, row, at.jacobian)
+            worse.append(evidence.against(there, at, REMEMBERED_EVIDENCE))
+            dearer = evidence.price(including(excluding(kept, group), other)) - evidence.price(kept)
+            if worse[-1] + dearer < _ABOUT and self._can_afford_more:
+                trial = including(excluding(kept | self._always, group), other)
+                better = self._better(point[None], trial, at, kept)
+                if better is not None:
+                    return self._with_other_motors(*better)
+            more = (other[0] in self._suspects) - (group[0] in self._suspects)
+            worse[-1] += UNUSUAL_EVIDENCE * more
+            named.append(evidence.named(group, other))
+        confused, linear, pairs = evidence.alternatives(at, kept, self._tried)
+        near = np.array(worse) < AMBIGUOUS_EVIDENCE
+        found = Explanations(np.array(worse)[near], (points - at.point)[near])
+        # What the linear model said of these does not hold.
+        rest = np.array([False, *(pair not in named for pair in pairs)])
+        linear = (one[rest] for one in linear)
+        return Explanation(
+            at,
+            kept,
+            confused,
+            [*compress(named, near[1:]), *compress(pairs, rest[1:])],
+            Explanations(*map(np.concatenate, zip(found, linear, strict=True))),
+            found.spread,
+        )
 
-    def _weaker_motors(
-        self, explanation: Explanation
-    ) -> Iterator[tuple[list[int], list[int], Array]]:
-        """Yield what may be replaced, by what, and where to begin, ``(m, d)``."""
-        point, kept = explanation.at.point, explanation.kept
-        shorts = point[SHORT_CIRCUITS]
+    def _other_motors(
+        self, at: Linearisation, kept: Components
+    ) -> list[tuple[list[int], list[int], Array]]:
+        """Return what may be replaced, by what, and where that leads, ``(d,)``."""
         healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
-        if len(healthy) > 1:
-            for cause in self._suspects:
-                if kept[cause]:
-                    starts = np.tile(point, (len(_EQUAL), 1))
-                    starts[:, cause] = self._objective.healthy[cause]
-                    starts[:, SHORT_CIRCUITS] = shorts + np.outer(_EQUAL, 1.0 - shorts)
-                    yield [cause], healthy, starts
-        for cause, one in zip(self._causes, self._objective.hidden_causes, strict=True):
-            is_open = self._tried[cause] and not kept[cause]
-            if one.name == "torque_constant" and is_open and not healthy:
-                least = float(np.min(shorts))
-                start = point.copy()
-                start[SHORT_CIRCUITS] = 1.0 - (1.0 - shorts) / (1.0 - least)
-                start[cause] = np.clip(0.5 - least / (2.0 * one.reach), 0.0, 1.0)
-                yield [SHORT_CIRCUITS[int(np.argmin(shorts))]], [cause], start[None]
+        least = min(SHORT_CIRCUITS, key=lambda phase: float(at.point[phase]))
+        causes = [[n] for n in self._suspects if self._prior(n).name in _WEAKER]
+        result = []
+        for group in [one for one in [*causes, [least]] if kept[one[0]]]:
+            strength = self._strength(at.point, group[0])
+            without = self._strengthened(at.point, group[0], 1.0 / strength)
+            for other in [*causes, healthy or SHORT_CIRCUITS]:
+                if other != group and not (group == [least] and other[0] in SHORT_CIRCUITS):
+                    point = self._strengthened(without, other[0], strength)
+                    result.append((group, other, point))
+        return result
+
+    def _prior(self, cause: int) -> Prior:
+        return self._objective.hidden_causes[cause - self._causes.start]
+
+    def _strength(self, point: Array, number: int) -> float:
+        """Return how many times as strong a short circuit or a cause makes the motor."""
+        if number in SHORT_CIRCUITS:
+            return 1.0 - float(point[number])
+        one = self._prior(number)
+        return (1.0 + one.reach * (2.0 * float(point[number]) - 1.0)) ** _WEAKER[one.name]
+
+    def _strengthened(self, point: Array, number: int, factor: float) -> Array:
+        """Return a point with a stronger motor, by all short circuits or by a cause."""
+        result = point.copy()
+        if number in SHORT_CIRCUITS:
+            result[SHORT_CIRCUITS] = 1.0 - factor * (1.0 - point[SHORT_CIRCUITS])
+        else:
+            one = self._prior(number)
+            value = (factor * self._strength(point, number)) ** _WEAKER[one.name] - 1.0
+            result[number] = 0.5 + value / (2.0 * one.reach)
+            if one.name == "inertia":
+                result[FRICTION] = ((1.0 + 2.0 * point[FRICTION]) / factor - 1.0) / 2.0
+                loads = [n for n in self._causes if self._prior(n).name.startswith("load")]
+                result[loads] = 0.5 + (point[loads] - 0.5) / factor
+        return np.clip(result, 0.0, 1.0)
 
     def _worth_trying(self, at: Linearisation) -> Components:
         """Return the components whose derivatives are worth their runs of the model, ``(d,)``.
@@ -280,24 +299,6 @@ class Explainer:
             best.setdefault(numbers[place], place)
         return [(points[place], trials[place]) for place in list(best.values())[:_MOST_SEEDS]]
 
-    def _without_what_cancels(self, at: Linearisation, kept: Components) -> Fitted:
-        """Return an explanation without two causes that cancel, or itself.
-
-        Torque constant, or equal short circuits, and inertia hardly change a motion in which load
-        and friction are in the same proportion: each is significant beside the other.
-        """
-        parts = [group for group in self._evidence.groups(kept) if group[0] in self._suspects]
-        if np.all(kept[SHORT_CIRCUITS]):
-            parts.append(list(SHORT_CIRCUITS))
-        for one, other in combinations(parts, 2):
-            both = one + other
-            if np.all(kept[both]):
-                trial = excluding(kept | self._always, both)
-                starts = np.stack([self._evidence.predicted(at, trial), at.point])
-                starts[:, both] = self._objective.healthy[both]
-                at, kept = self._better(starts, trial, at, kept) or (at, kept)
-        return at, kept
-
     def _better(
         self, starts: Array, trial: Components, at: Linearisation, kept: Components
     ) -> Fitted | None:
@@ -307,9 +308,8 @@ class Explainer:
         if not np.all(np.isfinite(there.jacobian)):
             return None  # two phases without turns: the model has no finite response
         found, shown = self._reduced(there, trial)
-        more = components(shown) - components(kept)
-        wanted = COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
-        if self._evidence.against(found, at) >= -wanted:
+        dearer = self._evidence.price(shown) - self._evidence.price(kept)
+        if self._evidence.against(found, at) >= -(dearer or REPLACED_EVIDENCE):
             return None
         return self._objective.extended(found, self._tried), shown
 
@@ -319,10 +319,8 @@ class Explainer:
         The linear model is no judge over far steps: an explanation with fewer components is worth
         trying as long as the window might not tell the two apart.
         """
-        now = components(kept)
-        groups = self._evidence.groups(kept)
-        # The new cause takes the place of one of them.
-        fewer = [now - components(excluding(kept, group)) - 1 for group in groups]
+        evidence = self._evidence
+        groups = evidence.groups(kept)
         trials, worths = [], []
         for cause in self._causes:
             if kept[cause] or not self._tried[cause]:
@@ -330,13 +328,15 @@ class Explainer:
             added = including(kept, [cause])
             # Faults that the cause has hidden may come back.
             trials.append(added | self._always)
-            worths.append(-ADDED_EVIDENCE)
-            for group, less in zip(groups, fewer, strict=True):
+            worths.append(evidence.price(kept) - evidence.price(added))
+            # The new cause takes the place of one of them.
+            for group in groups:
                 trials.append(excluding(added, group))
-                worths.append(COMPONENT_EVIDENCE * less + AMBIGUOUS_EVIDENCE if less else 0.0)
+                cheaper = evidence.price(kept) - evidence.price(trials[-1])
+                worths.append(cheaper + AMBIGUOUS_EVIDENCE)
         if not trials:
             return None
-        gains = np.array(worths) - self._evidence.worse(at, np.array(trials))
+        gains = np.array(worths) - evidence.worse(at, np.array(trials))
         best = int(np.argmax(gains))
         return trials[best] if gains[best] > 0.0 else None
 
