@@ -107,7 +107,7 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
 def test_motor_that_is_as_weak_by_equal_shorts_is_not_told_apart_however_far_they_are(
     calibration, description, faults, causes, alternative
 ):
-    """The wrong one is found, 7 and 9 % off: sigma has to say so."""
+    """The wrong one is found, 9 and 7 % off: sigma has to say so."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert (estimate.verdict, alternative in estimate.alternatives) == ("degraded", True)
     off = errors(estimate, faults)
