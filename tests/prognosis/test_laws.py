@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ema_core.faults import COMPONENTS
+from ema_core.growth_laws import LAWS as KNOWN
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.laws import LAWS
@@ -72,10 +73,11 @@ FIGURES = {
     "archard": (3e-4, 3.0, 0.0),
     "self_heating": (3e-4, 3.0, 0.0),
     "power": (1500.0, 1.6, 0.0),
+    "logistic": (2e-3, 0.65, 0.03),
     "drift": (5e-4, 0.0, 1e-3),
     "jumps": (3e-4, 4.0, 0.01),
 }
-"""Rate, shape and scatter of a life of some thousand hours; laws without growth have none."""
+"""Rate, shape and third figure of a life of some thousand hours; laws without growth have none."""
 
 each = pytest.mark.parametrize("name", FIGURES)
 
@@ -115,7 +117,7 @@ def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
     n, law = 40_000, LAWS["jumps"]
     of, x = figures("jumps", n), np.full(n, 0.25)
     hours, _ = law.passage(x, of, NOISE_HOURS, np.random.default_rng(0))
-    first = of.scatter / of.rate / (1.0 + of.shape * x)
+    first = of.third / of.rate / (1.0 + of.shape * x)
     assert hours.mean() == pytest.approx((first + law.hours_until(x, of)).mean(), rel=0.01)
 
 
@@ -142,8 +144,9 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
     until = float(law.hours_until(begin, of)[0])
     hours = np.arange(0.0, 0.7 * until, 10.0)
     values = law.future(begin, of, ahead(hours, 1, rng, 0.0), rng)[:, 0]
-    rate, shape, scatter = FIGURES[name]
-    laws = {} if name == "jumps" else {"friction": KnownLaw.of(name, rate, scatter or shape)}
+    rate, shape, third = FIGURES[name]
+    is_known = name in KNOWN
+    laws = {"friction": KnownLaw.of(name, rate, third or shape)} if is_known else {}
     tracker, restored = (Tracker(settings=TrackerSettings(laws=laws)) for _ in range(2))
     is_shown = (hours < 0.3 * until) | (hours > 0.4 * until)
     for number in np.flatnonzero(is_shown):

@@ -53,7 +53,7 @@ def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
     mixture, cell_rate = sure_of(law, rate, shape, x)
     rng = np.random.default_rng(0)
     # The same rates as the cell holds, so that the noise alone is compared.
-    predicted = lives(draw(mixture, 4000, rng), rng)[BACKLASH]
+    predicted = lives(draw(mixture, 4000, np.zeros(7), rng), rng)[BACKLASH]
     growth = Growth(law, cell_rate, shape, 1e-3 if law == "drift" else 0.3)
     passed = [hours_to_half(growth, x, rng) for _ in range(150)]
     # Four standard errors of the median of 150, 1.25 / sqrt(150) each, and half an interval.
@@ -74,8 +74,10 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
 
 def test_growth_of_unknown_law_may_change_for_good():
     rng, known = np.random.default_rng(1), TrackerSettings(laws=NOMINAL_LAWS)
-    assert np.all(draw(Mixture(LIMITS, known), 100, rng).changed == 1.0)
-    sample = draw(Mixture(LIMITS, TrackerSettings()), 20_000, rng)
+    watched = np.full(7, 300.0)
+    assert np.all(draw(Mixture(LIMITS, known), 100, watched, rng).changed == 1.0)
+    sample = draw(Mixture(LIMITS, TrackerSettings()), 20_000, watched, rng)
+    assert np.median(sample.change) == pytest.approx(300.0, rel=0.02)
     assert np.quantile(sample.changed[BACKLASH], [0.1, 0.9]) == pytest.approx([0.55, 10], rel=0.3)
     one, limit = np.ones_like(sample.changed), LIMITS.of("backlash")
     steady, sooner = (replace(sample, change=200.0 * one, changed=of * one) for of in (1.0, 4.0))

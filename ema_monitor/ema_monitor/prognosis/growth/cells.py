@@ -42,7 +42,8 @@ class Cells:
     side: Array  # of healthy, on which it grows, -1 or 1
     rate: Array  # of the law now, its pace included
     shape: Array
-    scatter: Array  # of drift its s [1/sqrt(h)], of jumps their mean size [-]; else 0
+    third: Array
+    is_random: Flags  # whether they follow a law whose growth is random
     limit: Array  # distance from healthy at which life ends [-]
     prior: Array  # sums to 1 over the cells of a component
     base: Array  # the rate without its pace
@@ -53,7 +54,7 @@ class Cells:
 
     def figures(self, at: slice | NDArray[np.intp]) -> Figures:
         """Return the figures of some cells of a law."""
-        every = self.side, self.rate, self.shape, self.scatter, self.limit
+        every = self.side, self.rate, self.shape, self.third, self.limit
         return Figures(*(one[at] for one in every))
 
 
@@ -70,7 +71,7 @@ class Owners:
         return sums.astype(np.float64, copy=False)
 
 
-_KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": np.bool_}
+_KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": bool, "is_random": bool}
 _ROW: Final = np.dtype(
     [(one.name, _KINDS.get(one.name, np.float64)) for one in fields(Cells) if one.name != "slices"]
 )
@@ -110,8 +111,8 @@ Block = tuple[str, NDArray[np.void]]
 
 def _known(known: KnownLaw, limit: float) -> Iterator[Block]:
     """Return the cells of a component whose law is known."""
-    scatter = known.diffusion if LAWS[known.law].is_random else 0.0
-    rows = _rows(LAWS[known.law], Curve(known.shape, 1.0, scatter), limit, LIFE_HOURS)
+    third = known.diffusion if LAWS[known.law].is_random else 0.0
+    rows = _rows(LAWS[known.law], Curve(known.shape, 1.0, third), limit, LIFE_HOURS)
     away = (np.log(rows["rate"] / known.rate) / known.rate_sigma) ** 2
     # Of a rate far off the grid, the nearest is left.
     peak = np.exp(0.5 * (away.min() - away))
@@ -149,11 +150,11 @@ def _rows(
     """
     rows = np.zeros(lives.size, _ROW)
     # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
-    figures = np.array([1.0, 1.0, curve.shape, curve.scatter, limit])
+    figures = np.array([1.0, 1.0, curve.shape, curve.third, limit])
     at_one = float(law.hours_until(np.zeros(1), Figures(*figures[:, None]))[0])
     rate = lives / at_one if law.name == "power" else at_one / lives
     rows["side"], rows["rate"], rows["base"] = 1.0, rate, rate
-    rows["shape"], rows["scatter"] = curve.shape, curve.scatter
+    rows["shape"], rows["third"], rows["is_random"] = curve.shape, curve.third, law.is_random
     rows["spacing"] = math.log(lives[1] / lives[0])
     rows["prior"] = np.full(lives.size, 1.0 / lives.size) * kind * (1.0 - CONSTANT_PRIOR) * share
     rows["place"] = np.rint(np.log(lives / lives[0]) / RATE_SPACING)

@@ -21,7 +21,7 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 LEAST_LOG: Final = -30.0
 """Logarithm below the highest at which a likelihood is cut off [-]."""
-_KEPT: Final = 0.5
+_KEPT: Final = 0.8
 """Share of the prior without a fleet that is kept: the unit may be of another kind [-]."""
 _UNITS_OF_CURVES: Final = 4.0
 _UNITS_OF_RATES: Final = 2.0
@@ -103,7 +103,7 @@ def grid_digest(limits: HealthLimits) -> str:
     """Return what tells whether likelihoods are of the same curves and rates."""
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
-    own = cells.side, cells.base, cells.shape, cells.scatter
+    own = cells.side, cells.base, cells.shape, cells.third
     for one in (cells.component, *own, cells.place):
         digest.update(np.round(np.asarray(one, dtype=np.float64), 12).tobytes())
     return digest.hexdigest()[:16]

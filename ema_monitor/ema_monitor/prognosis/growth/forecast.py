@@ -13,16 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
-from ema_monitor.prognosis.growth.cells import N_RATES, Cells
+from ema_monitor.prognosis.growth.cells import Cells
 from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Figures, Future, Law
 from ema_monitor.prognosis.growth.mixture import Mixture
-from ema_monitor.prognosis.growth.settings import LIFE_HOURS
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
 from ema_monitor.prognosis.growth.waves import WaveDraw
-
-CHANGE_LIVES: Final = 0.7
-"""Mean time until growth changes, in lives from healthy to the limit [-]."""
 
 CHANGED: Final = (0.4, 15.0)
 """How many times as fast it then is: log-uniform within this range [-]."""
@@ -52,8 +48,11 @@ class Draw:
             yield LAWS[name], at, self.cells.figures(self.cell[at])._replace(rate=self.rate[at])
 
 
-def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
-    """Return n samples of a unit: of each component by its cells and filters."""
+def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) -> Draw:
+    """Return n samples of a unit: of each component by its cells and filters.
+
+    The components have been observed over some hours of growth, ``(7,)`` [h].
+    """
     bank, cells = mixture.bank, mixture.bank.cells
     chosen = np.empty((len(mixture.members), n), dtype=np.intp)
     for number, of_it in enumerate(mixture.members):
@@ -75,9 +74,9 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     between = _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     pace = cells.pace[cell] + np.where(cells.wanders[cell], between, 0.0)
-    life = LIFE_HOURS[::3][cells.place[cell] % N_RATES]
-    change = CHANGE_LIVES * life * rng.standard_exponential(cell.shape)
-    steady = mixture.is_told[:, None] | is_wave | (cells.scatter[cell] > 0.0)
+    # What went on for u hours goes on for t more with a probability of u / (u + t).
+    change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
+    steady = mixture.is_told[:, None] | is_wave | cells.is_random[cell]
     changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
     changed[steady] = 1.0
     noise_hours = mixture.settings.noise_hours

@@ -55,7 +55,7 @@ class Mixture(Kept):
         # No growth, a law for life, a rate that wanders, a wave under growth: of each component.
         kind = np.concatenate([self.bank.kind, np.tile(np.where(waves.grows, _WAVE, 0), _N)])
         self._is_constant = kind == 0
-        self._is_random = np.append(cells.scatter > 0.0, np.zeros(waves.prior.size))
+        self._is_random = np.append(cells.is_random, np.zeros(waves.prior.size))
         self._forgets = np.flatnonzero(kind >= _WANDERS)
         self._kind = kind * _N + self.component
         self._kinds_prior = self._of_kinds(self._prior)

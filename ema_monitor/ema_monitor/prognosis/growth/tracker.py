@@ -189,7 +189,7 @@ class Tracker(Kept):
     def _keep_prediction(self, own_hours: Array) -> None:
         """Keep a prediction of what later tests will show, to hold it against them."""
         rng = np.random.default_rng([1, self.updates])
-        sample = draw(self._mixture, SAMPLES, rng)
+        sample = draw(self._mixture, SAMPLES, self._observed(), rng)
         ahead = self._check.hours_ahead(self.hours)
         away = futures(sample, ahead[:, None, None], rng)
         self._check.keep(own_hours, ahead, away, self._tests > 0, self._growing)
@@ -229,7 +229,7 @@ class Tracker(Kept):
             The duty to come: with a factor of 2 all lives are half as long.
         """
         rng = np.random.default_rng([0, self.updates])
-        sample = draw(self._mixture, self._settings.samples, rng)
+        sample = draw(self._mixture, self._settings.samples, self._observed(), rng)
         own = widened_lives(lives(sample, rng), self._check.widening())
         hours = duty.hours_of(own)
         mean, variance = self._mixture.moments()
@@ -252,8 +252,12 @@ class Tracker(Kept):
         if not self._growing[number]:
             constant = float(self._mixture.constant()[number])
             return growth_not_certain(constant, tests)
-        observed = float(self._own_hours[number] - self._first_hours[number])
+        observed = float(self._observed()[number])
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
+
+    def _observed(self) -> Array:
+        """Return over how many hours of growth each component was observed, ``(7,)`` [h]."""
+        return np.fmax(self._own_hours - self._first_hours, 0.0)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:
         """Return samples of the fault vector in the future.
@@ -282,7 +286,7 @@ class Tracker(Kept):
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = np.random.default_rng([0, self.updates])
-        sample = draw(self._mixture, n, rng)
+        sample = draw(self._mixture, n, self._observed(), rng)
         own = duty.own_hours(times, n)
         away = widened(futures(sample, own, rng), self._check.widening())
         vectors = np.tile(healthy_faults(), (times.size, n, 1))

@@ -14,12 +14,16 @@ from ema_monitor.prognosis.growth.laws.exponential import Exponential
 from ema_monitor.prognosis.growth.laws.interface import Law
 from ema_monitor.prognosis.growth.laws.jumps import Jumps
 from ema_monitor.prognosis.growth.laws.linear import Linear
+from ema_monitor.prognosis.growth.laws.logistic import Logistic
 from ema_monitor.prognosis.growth.laws.power import Power
 from ema_monitor.prognosis.growth.laws.self_heating import SelfHeating
 
 LAWS: Final[Mapping[str, Law]] = MappingProxyType(
     {
         law.name: law()
-        for law in (Constant, Linear, Exponential, Archard, SelfHeating, Power, Drift, Jumps)
+        for law in (
+            *(Constant, Linear, Exponential, Archard, SelfHeating, Power, Logistic, Drift),
+            Jumps,
+        )
     }
 )

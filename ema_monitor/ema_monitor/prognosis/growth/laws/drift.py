@@ -26,12 +26,12 @@ class Drift(Law):
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
         levels.mean[:] += of.side * of.rate * hours
-        levels.variance[:] += of.scatter**2 * hours
+        levels.variance[:] += of.third**2 * hours
 
     def passage(
         self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        return self.hours_until(x, of), ((of.limit - x) / of.scatter) ** 2
+        return self.hours_until(x, of), ((of.limit - x) / of.third) ** 2
 
     def future(self, x: Array, of: Figures, ahead: Future, rng: np.random.Generator) -> Array:
-        return x + of.rate * ahead.hours + of.scatter * ahead.wiener
+        return x + of.rate * ahead.hours + of.third * ahead.wiener

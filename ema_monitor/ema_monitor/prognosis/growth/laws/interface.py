@@ -23,7 +23,7 @@ class Curve(NamedTuple):
 
     shape: float = 0.0  # second figure of the law [-]
     share: float = 1.0  # of the prior, relative to other curves [-]
-    scatter: float = 0.0  # of drift its s [1/sqrt(h)], of jumps their mean size [-]
+    third: float = 0.0  # of drift its s [1/sqrt(h)], of jumps their mean size, of logistic x_0 [-]
 
 
 class Figures(NamedTuple):
@@ -32,7 +32,7 @@ class Figures(NamedTuple):
     side: Array  # of healthy, on which it grows, -1 or 1
     rate: Array  # of the law [1/h], of ``power`` its time scale [h]
     shape: Array
-    scatter: Array
+    third: Array
     limit: Array  # distance from healthy at which life ends [-]
 
 

@@ -40,7 +40,7 @@ class Jumps(Law):
         middle = np.sum(weight / total * mean, axis=0)
         variance[:] = np.sum(weight / total * (variance + (mean - middle) ** 2), axis=0)
         mean[:] = middle
-        side, jump = _paired(of.side)[1], _paired(of.scatter)[1]
+        side, jump = _paired(of.side)[1], _paired(of.third)[1]
         x = np.clip(_paired(of.side * levels.mean)[1], 0.0, 1.0)
         count = self._count(x, Figures(*(_paired(one)[1] for one in of)), _paired(hours)[1])
         some = -np.expm1(-count)
@@ -52,7 +52,7 @@ class Jumps(Law):
 
     def _count(self, x: Array, of: Figures, hours: Array) -> Array:
         """Return the expected number of jumps over some hours [-]."""
-        return np.minimum(self.increment(x, of, hours), 10.0) / of.scatter
+        return np.minimum(self.increment(x, of, hours), 10.0) / of.third
 
     def passage(
         self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
@@ -63,10 +63,10 @@ class Jumps(Law):
         """
         x, numbers = np.maximum(x, 0.0), np.arange(x.size)
         left = np.maximum(of.limit - x, 0.0)
-        between = np.repeat(numbers, rng.poisson(left / of.scatter))
+        between = np.repeat(numbers, rng.poisson(left / of.third))
         level = np.append(x, x[between] + left[between] * rng.random(between.size))
         number = np.append(numbers, between)
-        rate = of.rate[number] * (1.0 + of.shape[number] * level) / of.scatter[number]
+        rate = of.rate[number] * (1.0 + of.shape[number] * level) / of.third[number]
         waits = rng.standard_exponential(number.size) / rate
         hours = np.bincount(number, waits, x.size).astype(np.float64, copy=False)
         return np.where(left > 0.0, hours, 0.0), np.zeros_like(x)
@@ -75,7 +75,7 @@ class Jumps(Law):
         steps, values = np.diff(ahead.hours, axis=0, prepend=0.0), np.empty(ahead.hours.shape)
         x = np.maximum(x, 0.0)
         for number, step in enumerate(steps):
-            x = x + of.scatter * rng.standard_gamma(rng.poisson(self._count(x, of, step)))
+            x = x + of.third * rng.standard_gamma(rng.poisson(self._count(x, of, step)))
             values[number] = x
         return values
 

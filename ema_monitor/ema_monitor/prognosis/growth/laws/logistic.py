@@ -1,0 +1,37 @@
+"""dx/du = a (x + x_0) (1 - x / K): growth that feeds on itself, and settles beyond the limit."""
+
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, Law
+
+_TOPS: Final = (1.1, 1.3, 1.7)
+"""Levels K at which growth settles, as multiples of the limit [-]."""
+_SEEDS: Final = (0.03, 0.12)
+"""Levels x_0, the same [-]."""
+
+
+class Logistic(Law):
+    """Growth along an S whose end lies beyond the limit, twice as probable as a law with bends."""
+
+    name = "logistic"
+
+    def curves(self, limit: float) -> list[Curve]:
+        share = 2.0 * len(BENDS) / len(_TOPS) / len(_SEEDS)
+        return [Curve(top * limit, share, seed * limit) for top in _TOPS for seed in _SEEDS]
+
+    def increment(self, x: Array, of: Figures, hours: Array) -> Array:
+        x = np.minimum(x, of.shape)
+        left = _left(x, of) * np.exp(-of.rate * (1.0 + of.third / of.shape) * hours)
+        return (of.shape - of.third * left) / (1.0 + left) - x
+
+    def hours_until(self, x: Array, of: Figures) -> Array:
+        passed = _left(np.minimum(x, of.limit), of) / _left(of.limit, of)
+        return np.log(passed) / (of.rate * (1.0 + of.third / of.shape))
+
+
+def _left(x: Array, of: Figures) -> Array:
+    """Return how far growth still is from its end, over how far it has come [-]."""
+    return (of.shape - x) / (x + of.third)
