@@ -306,15 +306,15 @@ class Inference:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
 
         It does not follow the faults, as the mismatch does that widens the whole later. Quantiles
-        have little of the play, as faults are in multiples of the nominal one.
+        have half of it, and less of the play: faults are in multiples of the nominal one.
         """
         if self._unit_effects is None:
-            self._unit_effects = self._objective.unit_effects(at.point) / MISMATCH_FACTOR
+            self._unit_effects = self._objective.unit_effects(at.point)
         if not of_quantiles:
-            return self._unit_effects
+            return self._unit_effects / MISMATCH_FACTOR
         steps = self._objective.unit_steps
         is_play = 2.0 * steps[:, NAMES.index("backlash")] ** 2 > np.sum(steps**2, axis=1)
-        shares = np.ones(self._unit_effects.shape[1])
+        shares = np.full(self._unit_effects.shape[1], 0.5)
         shares[: len(steps)][is_play] = CALIBRATED_SHARE
         return self._unit_effects * shares
 

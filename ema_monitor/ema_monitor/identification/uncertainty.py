@@ -57,7 +57,7 @@ MISMATCH_FACTOR: Final = 1.45
 """By how much the mismatch of the model widens the standard deviations from the residuals:
 it follows the faults, and so hides in the estimate [-]."""
 
-WIDTHS: Final = np.array([0.4, 1.4])
+WIDTHS: Final = np.array([0.5, 1.4])
 """Of two normal distributions, equally likely, that give the quantiles [standard deviations]."""
 
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
