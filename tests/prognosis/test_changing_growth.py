@@ -182,7 +182,7 @@ def test_rate_that_changes_is_told_once_and_where(seed, factor):
     assert 53 <= test <= 80
     assert change.hours == pytest.approx(500.0, abs=60.0)
     assert change.before == pytest.approx(rate, rel=0.15)
-    assert change.after == pytest.approx(factor * rate, abs=4.0 * change.sigma)
+    assert change.after == pytest.approx(factor * rate, abs=0.1 * max(factor, 1.0) * rate)
 
 
 @pytest.mark.parametrize(

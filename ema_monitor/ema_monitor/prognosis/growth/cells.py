@@ -105,8 +105,7 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     return Cells(slices, **columns)
 
 
-Block = tuple[str, NDArray[np.void]]
-"""Cells of a curve on the upper side, with the name of its law."""
+Block = tuple[str, NDArray[np.void]]  # the law of a curve, and its cells on the upper side
 
 
 def _known(known: KnownLaw, limit: float) -> Iterator[Block]:

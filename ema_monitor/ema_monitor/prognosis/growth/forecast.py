@@ -72,13 +72,11 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     x[is_wave] = waves.state[:, 0] + waves.state[:, 2]
     # The grid's rates and paces stand for what lies between them.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
-    between = _PACE_SPACING * (rng.random(cell.shape) - 0.5)
-    pace = cells.pace[cell] + np.where(cells.wanders[cell], between, 0.0)
+    pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     # What went on for u hours goes on for t more with a probability of u / (u + t).
     change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
-    steady = mixture.is_told[:, None] | is_wave | cells.is_random[cell]
     changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
-    changed[steady] = 1.0
+    changed[mixture.is_told[:, None] | is_wave | cells.is_random[cell]] = 1.0
     noise_hours = mixture.settings.noise_hours
     return Draw(cells, noise_hours, cell, x, rate, pace, change, changed, is_wave, waves)
 

@@ -94,19 +94,6 @@ class Mixture(Kept):
         """Return the probability that each component grows by jumps or drift, ``(7,)``."""
         return self._sums(self.weight * self._is_random)
 
-    def change_rate(self, number: int, rate: float, sigma: float) -> None:
-        """Forget how a component grew, but for its rate of now and that it grows [1/h]."""
-        at = self.members[number]
-        at = at[(at < self.bank.mean.size) & ~self._is_constant[at]]
-        rates = self.bank.rates()[at]
-        # A cell stands for the rates about it.
-        spread = np.hypot(sigma, 0.3 * self.bank.cells.spacing[at] * rates)
-        log_p = -0.5 * ((rates - rate) / spread) ** 2 - np.log(spread)
-        weight = self._prior[at] * np.exp(log_p - log_p.max())
-        weight *= self.weight[at].sum() / weight.sum()
-        self.weight[at] = np.maximum(weight, LEAST_PROBABILITY)
-        self.waves.change_rate(number, rate, sigma)
-
     def advance(self, hours: Array) -> None:
         """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
         of_cells, of_waves = self._split(self.weight)

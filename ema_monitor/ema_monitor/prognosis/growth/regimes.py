@@ -47,7 +47,6 @@ class RegimeChange(NamedTuple):
     hours: float  # service hour at which it happened, by the tests [h]
     before: float  # rates [1/h]
     after: float
-    sigma: float  # standard deviation of the rate after it [1/h]
     tests: int  # after it
 
     def event(self, name: str) -> Event:
@@ -127,12 +126,12 @@ def _found(tests: Array, settings: TrackerSettings) -> RegimeChange | None:
     design = white @ np.stack([line[0], np.minimum(t, t[at]), np.maximum(t - t[at], 0.0)], axis=1)
     covariance = np.linalg.inv(design.T @ design)
     _, before, after = (covariance @ design.T @ y / span).tolist()
-    _, sigma_before, sigma_after = (np.sqrt(np.diag(covariance)) / span).tolist()
+    sigma = math.sqrt(covariance[1, 1]) / span
     growth = math.copysign(1.0, value[-1]) * before
     low, high = sorted((abs(before), abs(after)))
-    if growth < _SIGNIFICANT * sigma_before or high < _LEAST_RATIO * low:
+    if growth < _SIGNIFICANT * sigma or high < _LEAST_RATIO * low:
         return None
-    return RegimeChange(float(service[at]), before, after, sigma_after, t.size - at)
+    return RegimeChange(float(service[at]), before, after, t.size - at)
 
 
 def _whitener(hours: Array, value: Array, variance: Array, settings: TrackerSettings) -> Array:

@@ -167,24 +167,16 @@ class Tracker(Kept):
         constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
-        events = self._changes_of_regime(measurement, plain)
+        self._regimes.add(measurement, plain)
+        steady = self._mixture.is_random() < MOST_RANDOM
+        changes = {
+            number: self._regimes.judge(number, self._settings)
+            for number in np.flatnonzero(plain & self._growing & steady).tolist()
+        }
         self._check.observe(measurement, plain)
         if self._check.is_due:
             self._keep_prediction(measurement.own_hours)
-        return events
-
-    def _changes_of_regime(self, measurement: Measurement, plain: Flags) -> list[Event]:
-        """Return the changes of growth that a test shows; what was known of it is forgotten."""
-        mixture, events = self._mixture, list[Event]()
-        self._regimes.add(measurement, plain)
-        steady = mixture.is_random() < MOST_RANDOM
-        for number in np.flatnonzero(plain & self._growing & steady).tolist():
-            change = self._regimes.judge(number, self._settings)
-            if change is not None:
-                mixture.change_rate(number, change.after, change.sigma)
-                self._check.restart(number, is_new=False)
-                events.append(change.event(COMPONENTS[number]))
-        return events
+        return [one.event(COMPONENTS[number]) for number, one in changes.items() if one is not None]
 
     def _keep_prediction(self, own_hours: Array) -> None:
         """Keep a prediction of what later tests will show, to hold it against them."""
@@ -241,8 +233,7 @@ class Tracker(Kept):
             "" if is_over[number] else self._reason_unknown(number, one)
             for number, one in enumerate(own)
         ]
-        levels = sample.x
-        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, levels)
+        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
 
     def _reason_unknown(self, number: int, own_hours: Array) -> str:
         """Return why no life of a component can be given; empty when one can."""

@@ -96,13 +96,6 @@ class Waves(Kept):
         one[:, 2, 2] = one[:, 3, 3] = wave
         self.covariance[number] = one
 
-    def change_rate(self, number: int, rate: float, sigma: float) -> None:
-        """Let a component that grows go on at another rate, of a standard deviation [1/h]."""
-        self.mean[number, self.grows, 1] = rate
-        self.covariance[number, self.grows, 1, :] = 0.0
-        self.covariance[number, self.grows, :, 1] = 0.0
-        self.covariance[number, self.grows, 1, 1] = sigma**2
-
     def rates(self) -> Array:
         """Return the growth of each filter, without its wave [1/h], ``(7, k)``."""
         return np.where(self.grows, self.mean[..., 1], 0.0)

@@ -4,7 +4,6 @@ To add one, write it in a file of its own after ``interface.Law`` and name it he
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Final
 
 from ema_monitor.prognosis.growth.laws.archard import Archard
@@ -18,12 +17,7 @@ from ema_monitor.prognosis.growth.laws.logistic import Logistic
 from ema_monitor.prognosis.growth.laws.power import Power
 from ema_monitor.prognosis.growth.laws.self_heating import SelfHeating
 
-LAWS: Final[Mapping[str, Law]] = MappingProxyType(
-    {
-        law.name: law()
-        for law in (
-            *(Constant, Linear, Exponential, Archard, SelfHeating, Power, Logistic, Drift),
-            Jumps,
-        )
-    }
-)
+LAWS: Final[Mapping[str, Law]] = {
+    law.name: law()
+    for law in (Constant, Linear, Exponential, Archard, SelfHeating, Power, Logistic, Drift, Jumps)
+}

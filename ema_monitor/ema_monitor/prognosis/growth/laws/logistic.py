@@ -24,14 +24,11 @@ class Logistic(Law):
 
     def increment(self, x: Array, of: Figures, hours: Array) -> Array:
         x = np.minimum(x, of.shape)
-        left = _left(x, of) * np.exp(-of.rate * (1.0 + of.third / of.shape) * hours)
+        passed = of.rate * (1.0 + of.third / of.shape) * hours
+        left = (of.shape - x) / (x + of.third) * np.exp(-passed)
         return (of.shape - of.third * left) / (1.0 + left) - x
 
     def hours_until(self, x: Array, of: Figures) -> Array:
-        passed = _left(np.minimum(x, of.limit), of) / _left(of.limit, of)
+        x, end = np.minimum(x, of.limit), of.limit
+        passed = (of.shape - x) / (x + of.third) * (end + of.third) / (of.shape - end)
         return np.log(passed) / (of.rate * (1.0 + of.third / of.shape))
-
-
-def _left(x: Array, of: Figures) -> Array:
-    """Return how far growth still is from its end, over how far it has come [-]."""
-    return (of.shape - x) / (x + of.third)
