@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ema_core.parameters import ActuatorParameters
 
-from ..sim.reference_twin import PHASES, driven, saturate, sign
+from ..sim.reference_twin import PHASES, Moved, driven, saturate, sign
 
 
 def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:
@@ -21,7 +21,7 @@ def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:
     return 1 - 0.42 * zeta * wave
 
 
-class MonitorTwin:
+class MonitorTwin(Moved):
     def __init__(
         self,
         actuator: ActuatorParameters,
@@ -203,15 +203,4 @@ class MonitorTwin:
         else:
             friction = f_d * sign(self.omega)
         omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
-        if sign(omega) == -sign(self.omega):
-            omega = 0.0
-        self.omega = omega
-        self.theta_m += omega * self.dt
-        stop = self.actuator.theta_stop / self.actuator.tau
-        if abs(self.theta_m) > stop:
-            self.theta_m = stop * sign(self.theta_m)
-            self.omega = 0.0
-        if self.theta_m - self.theta_out > self.play / 2:
-            self.theta_out = self.theta_m - self.play / 2
-        elif self.theta_out - self.theta_m > self.play / 2:
-            self.theta_out = self.theta_m + self.play / 2
+        self._move(omega)

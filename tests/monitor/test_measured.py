@@ -55,6 +55,14 @@ def test_faults_beside_a_measured_cause_are_as_without(
 
 
 @pytest.mark.slow
+def test_measured_load_and_another_inertia_are_no_short_circuits(calibration, description):
+    window = recorded({"friction": 0.2}, {"load_torque": 0.2, "inertia": 0.2})
+    estimate = identify(window, description, calibration, measured={"load_torque": (0.2, 0.01)})
+    assert [cause.name for cause in estimate.causes] == ["inertia"]
+    assert error(estimate, {"friction": 0.2}) < 0.003
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "causes", "said"), [({}, {}, 0.3), (FRICTION, LOAD, 0.1)], ids=["none", "another"]
 )

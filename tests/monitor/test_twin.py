@@ -12,26 +12,15 @@ from ema_monitor.model.deviations import NAMES, Deviations
 from ema_monitor.model.drives import IDLE_CONTRAST
 from ema_monitor.model.monitor_model import MonitorModel
 
+from ..sim.reference_twin import MULTIPLE
 from .monitor_twin import MonitorTwin
 from .windows import window_from
 
-# Both round differently, by some 1e-13 A and 1e-11 rad/s. A comparison that falls the other way,
-# between current and reference in the source form or at the edge of a driven pair, takes a
-# coincidence to that precision and would move a sample by at least 1e-4 A.
+# Both round by some 1e-13 A and 1e-11 rad/s; a comparison that falls the other way moves 1e-4 A.
 TOLERANCE = 1e-9
 SPEED_TOLERANCE = 1e-7
 LIFT = {"fast": {"lift": 0.3}, "source": {}}
 STEPS = 5000
-
-MULTIPLE = {
-    "friction": 0.3,
-    "backlash": 0.02,
-    "short_circuit_a": 0.1,
-    "short_circuit_b": 0.25,
-    "eccentricity": 0.4,
-    "eccentricity_phase": 0.1,
-    "gain": 0.8,
-}
 
 
 def sticks(twin: MonitorTwin) -> bool:

@@ -80,8 +80,7 @@ def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_befor
         assert share[5, 11:18].sum() > least
         assert np.all(share > 0.79 * before)
     # What says nothing changes nothing.
-    flat = distribution([np.zeros_like(log)] * 20, before)
-    np.testing.assert_allclose(flat, before, rtol=1e-6)
+    np.testing.assert_allclose(distribution([np.zeros_like(log)] * 20, before), before, rtol=1e-6)
 
 
 def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_without(units):
@@ -97,8 +96,8 @@ def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_witho
     known, median, width = life(5e-4, 300.0, True)
     _, median_without, width_without = life(5e-4, 300.0, False)
     assert known
-    assert abs(median - 700.0) <= min(abs(median_without - 700.0), 0.1 * 700.0)
-    assert width < 0.8 * width_without
+    assert abs(median - 700.0) <= 0.5 * abs(median_without - 700.0)
+    assert width < width_without
     # One that grows four times as fast is found all the same: 250 h of life, 130 h over.
     known, median, _ = life(2e-3, 130.0, True)
     assert known

@@ -113,6 +113,15 @@ def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
         assert passed[at].mean() == pytest.approx(np.mean(ends <= hours[at]), abs=0.06)
 
 
+@each
+def test_what_is_at_its_limit_has_no_life_left(name):
+    for limit in np.arange(0.02, 1.0, 0.01):
+        of = figures(name, 2)
+        of = of._replace(limit=np.full(2, limit), shape=of.shape + limit)
+        over = limit * np.array([1.0, 1.3])
+        assert np.all(LAWS[name].passage(over, of, NOISE_HOURS, np.random.default_rng())[0] == 0.0)
+
+
 def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
     n, law = 40_000, LAWS["jumps"]
     of, x = figures("jumps", n), np.full(n, 0.25)

@@ -74,7 +74,8 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
 
 def test_growth_of_unknown_law_may_change_for_good():
     rng, known = np.random.default_rng(1), TrackerSettings(laws=NOMINAL_LAWS)
-    assert np.all(draw(Mixture(LIMITS, known), 100, np.ones(7), rng).changed == 1.0)
+    for settings, hours in ((known, 300.0), (TrackerSettings(), 0.0)):
+        assert np.all(draw(Mixture(LIMITS, settings), 100, np.full(7, hours), rng).changed == 1.0)
     sample = draw(Mixture(LIMITS, TrackerSettings()), 20_000, np.full(7, 300.0), rng)
     assert np.median(sample.change) == pytest.approx(300.0, rel=0.02)
     assert np.quantile(sample.changed[BACKLASH], [0.1, 0.9]) == pytest.approx([0.55, 10], rel=0.3)

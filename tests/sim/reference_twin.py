@@ -12,6 +12,15 @@ from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
 
 PHASES = (0, 1, 2)
+MULTIPLE = {
+    "friction": 0.3,
+    "backlash": 0.02,
+    "short_circuit_a": 0.1,
+    "short_circuit_b": 0.25,
+    "eccentricity": 0.4,
+    "eccentricity_phase": 0.1,
+    "gain": 0.8,
+}
 
 
 def sign(x: float) -> int:
@@ -46,7 +55,25 @@ def back_emf_shape(degrees: float) -> float:
     return (degrees - 360) / 30
 
 
-class ReferenceTwin:
+class Moved:
+    """What moves between end stops, and drives an output through its play."""
+
+    def _move(self, omega: float) -> None:
+        if sign(omega) == -sign(self.omega):
+            omega = 0.0
+        self.omega = omega
+        self.theta_m += omega * self.dt
+        stop = self.actuator.theta_stop / self.actuator.tau
+        if abs(self.theta_m) > stop:
+            self.theta_m = stop * sign(self.theta_m)
+            self.omega = 0.0
+        if self.theta_m - self.theta_out > self.play / 2:
+            self.theta_out = self.theta_m - self.play / 2
+        elif self.theta_out - self.theta_m > self.play / 2:
+            self.theta_out = self.theta_m + self.play / 2
+
+
+class ReferenceTwin(Moved):
     dt = 1e-6
 
     def __init__(self, actuator: ActuatorParameters, faults: Mapping[str, float]) -> None:
@@ -190,15 +217,4 @@ class ReferenceTwin:
         else:
             friction = f_d * sign(self.omega)
         omega = self.omega + (T - C * self.omega - friction) / J * self.dt
-        if sign(omega) == -sign(self.omega):
-            omega = 0.0
-        self.omega = omega
-        self.theta_m += omega * self.dt
-        stop = self.actuator.theta_stop / self.actuator.tau
-        if abs(self.theta_m) > stop:
-            self.theta_m = stop * sign(self.theta_m)
-            self.omega = 0.0
-        if self.theta_m - self.theta_out > self.play / 2:
-            self.theta_out = self.theta_m - self.play / 2
-        elif self.theta_out - self.theta_m > self.play / 2:
-            self.theta_out = self.theta_m + self.play / 2
+        self._move(omega)

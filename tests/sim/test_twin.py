@@ -14,26 +14,14 @@ from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import GAP_REACH, sector_at, windings
 from ema_sim.reference import DT, State, Stepping, advance_sample
 
-from .reference_twin import ReferenceTwin
+from .reference_twin import MULTIPLE, ReferenceTwin
 from .trajectories import MEAN, run
 
-# Both round differently, by some 1e-13 A and N.m, and mostly damp what differs; but the first
-# comparison of a current with its band that falls the other way moves a phase by 0.04 A and sets
-# the two switching patterns apart for good. Anything between the two sizes tells them apart. That
-# event needs a current within 1e-13 A of its threshold: none comes up in these runs, one must come
-# up in a long enough one, so the runs stay short.
+# Both round by some 1e-13 A and N.m, and mostly damp what differs; but the first comparison of a
+# current with its band that falls the other way moves a phase by 0.04 A and sets the switching
+# patterns apart for good. None comes up in these runs, one must in a long one: the runs are short.
 TOLERANCE = 1e-9
 STEPS = 6000
-
-MULTIPLE = {
-    "friction": 0.3,
-    "backlash": 0.02,
-    "short_circuit_a": 0.1,
-    "short_circuit_b": 0.25,
-    "eccentricity": 0.4,
-    "eccentricity_phase": 0.1,
-    "gain": 0.8,
-}
 
 
 def at_end_stop(twin: ReferenceTwin) -> bool:

@@ -43,7 +43,7 @@ class Explanations(NamedTuple):
     @property
     def weights(self) -> Array:
         """Probability of each, ``(k,)``; the estimate, which the search chose, has half or more."""
-        odds = np.exp(-self.worse / 2.0)
+        odds = np.exp(-np.maximum(self.worse, -100.0) / 2.0)
         odds[1:] /= max(1.0, float(np.sum(odds[1:])))
         return odds / np.sum(odds)
 

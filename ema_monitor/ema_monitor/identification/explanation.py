@@ -78,8 +78,8 @@ class Explanation:
     confused, alternatives
         Components that could stand in for what is kept, ``(d,)``, and pairs of both in words.
     open, far
-        Explanations that the window leaves open; and the second moment of the one of them that the
-        linear model does not predict, about the estimate, ``(d, d)``.
+        Explanations that the window leaves open; and the second moment of those that the model
+        itself compared, about the estimate, ``(d, d)``.
     """
 
     at: Linearisation
@@ -222,8 +222,9 @@ class Explainer:
             result[number] = 0.5 + value / (2.0 * one.reach)
             if one.name == "inertia":
                 result[FRICTION] = ((1.0 + 2.0 * point[FRICTION]) / factor - 1.0) / 2.0
-                loads = [n for n in self._causes if self._prior(n).name.startswith("load")]
-                result[loads] = 0.5 + (point[loads] - 0.5) / factor
+                for load in (n for n in self._causes if self._prior(n).name.startswith("load")):
+                    expected = self._prior(load).expected / (2.0 * self._prior(load).reach)
+                    result[load] = 0.5 + (point[load] - 0.5 + expected) / factor - expected
         return np.clip(result, 0.0, 1.0)
 
     def _worth_trying(self, at: Linearisation) -> Components:
@@ -333,7 +334,8 @@ class Explainer:
             for group in groups:
                 trials.append(excluding(added, group))
                 cheaper = evidence.price(kept) - evidence.price(trials[-1])
-                worths.append(cheaper + AMBIGUOUS_EVIDENCE)
+                is_fewer = components(trials[-1]) < components(kept)
+                worths.append(cheaper + AMBIGUOUS_EVIDENCE * is_fewer)
         if not trials:
             return None
         gains = np.array(worths) - evidence.worse(at, np.array(trials))

@@ -42,7 +42,7 @@ class Cells:
     side: Array  # of healthy, on which it grows, -1 or 1
     rate: Array  # of the law now, its pace included
     shape: Array
-    third: Array
+    third: Array  # as of `Curve`
     is_random: Flags  # whether they follow a law whose growth is random
     limit: Array  # distance from healthy at which life ends [-]
     prior: Array  # sums to 1 over the cells of a component

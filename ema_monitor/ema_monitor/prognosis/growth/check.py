@@ -97,7 +97,7 @@ class PredictionCheck(Kept):
         self._first_hours = math.nan
 
     def restart(self, number: int, *, is_new: bool) -> None:
-        """Drop the predictions of a component whose level or growth has changed.
+        """Drop the predictions of a component whose level has changed.
 
         If it was repaired (``is_new``) its scores are of another part, and go as well.
         """

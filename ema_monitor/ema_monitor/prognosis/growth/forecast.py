@@ -51,7 +51,7 @@ class Draw:
 def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) -> Draw:
     """Return n samples of a unit: of each component by its cells and filters.
 
-    The components have been observed over some hours of growth, ``(7,)`` [h].
+    Those that grow have been seen for hours of growth, healthy ones included, ``(7,)`` [h]; else 0.
     """
     bank, cells = mixture.bank, mixture.bank.cells
     chosen = np.empty((len(mixture.members), n), dtype=np.intp)
@@ -73,10 +73,10 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     # The grid's rates and paces stand for what lies between them.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
-    # What went on for u hours goes on for t more with a probability of u / (u + t).
+    # What was seen for u hours goes on for t more with a probability of u / (u + t).
     change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
     changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
-    changed[mixture.is_told[:, None] | is_wave | cells.is_random[cell]] = 1.0
+    changed[is_wave | cells.is_random[cell] | (mixture.is_known | (observed == 0.0))[:, None]] = 1.0
     noise_hours = mixture.settings.noise_hours
     return Draw(cells, noise_hours, cell, x, rate, pace, change, changed, is_wave, waves)
 

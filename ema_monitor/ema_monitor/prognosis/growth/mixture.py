@@ -7,7 +7,7 @@ Probabilities of cells and filters are exact marginal likelihoods, but for those
 import numpy as np
 
 from ema_core.arrays import Array, Flags
-from ema_core.faults import COMPONENTS, kind_of
+from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import Owners, grid
@@ -32,8 +32,8 @@ class Mixture(Kept):
         those of a component.
     component, members
         The component that each is of, and the numbers of those of each component.
-    is_told
-        Components whose law is known, or of whose growth a fleet tells, ``(7,)``.
+    is_known
+        Components whose law is known, ``(7,)``.
     """
 
     kept = ("weight",)
@@ -59,10 +59,8 @@ class Mixture(Kept):
         self._forgets = np.flatnonzero(kind >= _WANDERS)
         self._kind = kind * _N + self.component
         self._kinds_prior = self._of_kinds(self._prior)
-        is_known = np.array([name in settings.laws for name in COMPONENTS])
-        fleet = settings.fleet.shares if settings.fleet else {}
-        self.is_told = is_known | np.array([kind_of(name) in fleet for name in COMPONENTS])
-        self._power = np.where(is_known, 1.0, settings.forgetting)
+        self.is_known = np.array([name in settings.laws for name in COMPONENTS])
+        self._power = np.where(self.is_known, 1.0, settings.forgetting)
 
     def _split(self, values: Array) -> tuple[Array, Array]:
         """Return views of the values of cells, ``(n,)``, and of waves, ``(7, k)``."""

@@ -247,8 +247,8 @@ class Tracker(Kept):
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 
     def _observed(self) -> Array:
-        """Return over how many hours of growth each component was observed, ``(7,)`` [h]."""
-        return np.fmax(self._own_hours - self._first_hours, 0.0)
+        """Return over how many hours each component was seen that grows, else 0, ``(7,)`` [h]."""
+        return np.where(self._growing, self._own_hours - self._first_hours, 0.0)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:
         """Return samples of the fault vector in the future.

@@ -32,7 +32,7 @@ class Figures(NamedTuple):
     side: Array  # of healthy, on which it grows, -1 or 1
     rate: Array  # of the law [1/h], of ``power`` its time scale [h]
     shape: Array
-    third: Array
+    third: Array  # as of `Curve`
     limit: Array  # distance from healthy at which life ends [-]
 
 

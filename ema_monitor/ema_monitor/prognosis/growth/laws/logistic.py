@@ -30,5 +30,5 @@ class Logistic(Law):
 
     def hours_until(self, x: Array, of: Figures) -> Array:
         x, end = np.minimum(x, of.limit), of.limit
-        passed = (of.shape - x) / (x + of.third) * (end + of.third) / (of.shape - end)
-        return np.log(passed) / (of.rate * (1.0 + of.third / of.shape))
+        gained = (end - x) * (of.shape + of.third) / (x + of.third) / (of.shape - end)
+        return np.log1p(gained) / (of.rate * (1.0 + of.third / of.shape))
