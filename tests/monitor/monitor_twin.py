@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ema_core.parameters import ActuatorParameters
 
-from ..sim.reference_twin import PHASES, Moved, driven, saturate, sign
+from ..sim.reference_twin import PHASES, driven, move, saturate, sign
 
 
 def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:
@@ -21,7 +21,7 @@ def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:
     return 1 - 0.42 * zeta * wave
 
 
-class MonitorTwin(Moved):
+class MonitorTwin:
     def __init__(
         self,
         actuator: ActuatorParameters,
@@ -203,4 +203,4 @@ class MonitorTwin(Moved):
         else:
             friction = f_d * sign(self.omega)
         omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
-        self._move(omega)
+        move(self, omega)

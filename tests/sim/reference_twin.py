@@ -7,6 +7,7 @@ in order, each with what the parts before it left.
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
@@ -55,25 +56,23 @@ def back_emf_shape(degrees: float) -> float:
     return (degrees - 360) / 30
 
 
-class Moved:
-    """What moves between end stops, and drives an output through its play."""
-
-    def _move(self, omega: float) -> None:
-        if sign(omega) == -sign(self.omega):
-            omega = 0.0
-        self.omega = omega
-        self.theta_m += omega * self.dt
-        stop = self.actuator.theta_stop / self.actuator.tau
-        if abs(self.theta_m) > stop:
-            self.theta_m = stop * sign(self.theta_m)
-            self.omega = 0.0
-        if self.theta_m - self.theta_out > self.play / 2:
-            self.theta_out = self.theta_m - self.play / 2
-        elif self.theta_out - self.theta_m > self.play / 2:
-            self.theta_out = self.theta_m + self.play / 2
+def move(twin: Any, omega: float) -> None:
+    """Move what lies between end stops and drives an output through its play."""
+    if sign(omega) == -sign(twin.omega):
+        omega = 0.0
+    twin.omega = omega
+    twin.theta_m += omega * twin.dt
+    stop = twin.actuator.theta_stop / twin.actuator.tau
+    if abs(twin.theta_m) > stop:
+        twin.theta_m = stop * sign(twin.theta_m)
+        twin.omega = 0.0
+    if twin.theta_m - twin.theta_out > twin.play / 2:
+        twin.theta_out = twin.theta_m - twin.play / 2
+    elif twin.theta_out - twin.theta_m > twin.play / 2:
+        twin.theta_out = twin.theta_m + twin.play / 2
 
 
-class ReferenceTwin(Moved):
+class ReferenceTwin:
     dt = 1e-6
 
     def __init__(self, actuator: ActuatorParameters, faults: Mapping[str, float]) -> None:
@@ -217,4 +216,4 @@ class ReferenceTwin(Moved):
         else:
             friction = f_d * sign(self.omega)
         omega = self.omega + (T - C * self.omega - friction) / J * self.dt
-        self._move(omega)
+        move(self, omega)
