@@ -1,0 +1,1 @@
+"""Comparison of any machine with its own healthy records, by inverse dynamics."""

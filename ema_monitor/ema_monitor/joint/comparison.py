@@ -1,0 +1,186 @@
+"""Result of comparing a record with the baseline of its unit, as typed values."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any, Final, NamedTuple, Self
+
+
+class Judgement(StrEnum):
+    """What a record says about one quantity."""
+
+    CHANGED = "changed"
+    UNCHANGED = "unchanged"
+    NOT_JUDGED = "not judged"
+
+
+class Quantity(NamedTuple):
+    """A physical quantity of a joint: its label, and whether its change is relative to healthy.
+
+    The change of a quantity that is not relative has the unit of the effort.
+    """
+
+    label: str
+    is_relative: bool = True
+
+
+FRICTION: Final = "friction"
+VISCOUS: Final = "viscous_friction"
+TORQUE: Final = "torque_per_ampere"
+INERTIA: Final = "inertia"
+GRAVITY: Final = "gravity"
+LOAD: Final = "load"
+PLAY: Final = "play"
+TRACKING: Final = "tracking_lag"
+
+QUANTITIES: Final[Mapping[str, Quantity]] = {
+    FRICTION: Quantity("Coulomb friction"),
+    VISCOUS: Quantity("viscous friction"),
+    TORQUE: Quantity("torque per ampere"),
+    INERTIA: Quantity("inertia"),
+    GRAVITY: Quantity("gravity"),
+    LOAD: Quantity("constant load", is_relative=False),
+    PLAY: Quantity("play"),
+    TRACKING: Quantity("tracking lag"),
+}
+"""The quantities of a comparison, by name, in the order in which they are shown."""
+
+
+@dataclass(frozen=True)
+class QuantityChange:
+    """Change of one quantity of a joint.
+
+    Attributes
+    ----------
+    name
+        Name in ``QUANTITIES``.
+    judgement
+        Whether it has changed.
+    change
+        Test over healthy, less 1 [-]; of a quantity that is not relative, test less healthy, in
+        ``unit``. NaN where it is not judged.
+    low, high
+        90 % interval of ``change``.
+    smallest_change
+        Smallest change that would be detected with a probability of 90 %, as ``change``.
+    unit
+        Unit of the figures above: "-" for a relative change.
+    reason
+        Why the quantity is not judged; empty where it is.
+    rivals
+        Names of quantities that explain the record as well as this one.
+    """
+
+    name: str
+    judgement: Judgement
+    change: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    smallest_change: float = math.nan
+    unit: str = "-"
+    reason: str = ""
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether the record says anything about the quantity."""
+        return self.judgement is not Judgement.NOT_JUDGED
+
+
+@dataclass(frozen=True)
+class FigureChange:
+    """A figure of the record that needs no model and differs from the healthy records.
+
+    Attributes
+    ----------
+    name
+        Name in ``ema_monitor.joint.figures.FIGURES``.
+    ratio
+        Test over healthy [-].
+    probability
+        Probability that a healthy record differs as much in this figure.
+    """
+
+    name: str
+    ratio: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Comparison of one record with the healthy records of its unit.
+
+    Attributes
+    ----------
+    quantities
+        One entry for each of ``QUANTITIES``, in their order.
+    figures
+        Model-free figures that differ significantly, the most significant first.
+    probability
+        Probability that a healthy record differs as much as this one; NaN where nothing is judged.
+    states
+        Probabilities of the states that the owner has labelled, the largest first.
+    """
+
+    quantities: tuple[QuantityChange, ...]
+    figures: tuple[FigureChange, ...] = ()
+    probability: float = math.nan
+    states: Mapping[str, float] | None = None
+
+    def __getitem__(self, name: str) -> QuantityChange:
+        """Return the change of a quantity."""
+        return next(one for one in self.quantities if one.name == name)
+
+    @property
+    def changed(self) -> tuple[QuantityChange, ...]:
+        """The quantities that have changed."""
+        return tuple(one for one in self.quantities if one.judgement is Judgement.CHANGED)
+
+    @property
+    def has_departed(self) -> bool:
+        """Whether anything differs significantly from the healthy records."""
+        return bool(self.changed or self.figures)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return plain values for JSON, NaN included."""
+        content = asdict(self)
+        for one in content["quantities"]:
+            one["judgement"], one["rivals"] = str(one["judgement"]), list(one["rivals"])
+        return content | {
+            "quantities": list(content["quantities"]),
+            "figures": list(content["figures"]),
+        }
+
+    @classmethod
+    def of_mapping(cls, content: Mapping[str, Any]) -> Self:
+        """Return the comparison of ``as_mapping``, or read from JSON with None for NaN.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            When the mapping is no comparison.
+        """
+
+        def number(value: Any) -> float:
+            return math.nan if value is None else float(value)
+
+        quantities = tuple(
+            QuantityChange(
+                str(one["name"]),
+                Judgement(one["judgement"]),
+                *(number(one[key]) for key in ("change", "low", "high", "smallest_change")),
+                str(one["unit"]),
+                str(one["reason"]),
+                tuple(map(str, one["rivals"])),
+            )
+            for one in content["quantities"]
+        )
+        figures = tuple(
+            FigureChange(str(one["name"]), number(one["ratio"]), number(one["probability"]))
+            for one in content["figures"]
+        )
+        states = content["states"]
+        if states is not None:
+            states = {str(name): float(share) for name, share in states.items()}
+        return cls(quantities, figures, number(content["probability"]), states)
