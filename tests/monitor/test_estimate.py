@@ -13,6 +13,8 @@ from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
 from ema_monitor.normal.features import Motion, Part
 from ema_monitor.windows.band import rms
 
+from .comparisons import CASES as COMPARISONS
+from .comparisons import compared
 from .reference_cases import CASES
 from .windows import refused
 
@@ -63,6 +65,27 @@ def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
             assert one.dtype == other.dtype
         else:
             assert (type(one), one) == (type(other), other)
+
+
+@pytest.mark.parametrize("name", COMPARISONS)
+def test_comparison_comes_back_from_json(name: str):
+    text = json.dumps(estimate_record(compared(COMPARISONS[name])), allow_nan=False)
+    again = estimate_of(json.loads(text)).comparison
+    # NaN differs from NaN, its text does not.
+    assert repr(again) == repr(COMPARISONS[name])
+
+
+def test_record_of_an_earlier_version_has_no_comparison():
+    record = estimate_record(ESTIMATE)
+    del record["comparison"], record["parts"]
+    assert estimate_of(record).comparison is None
+
+
+def test_comparison_is_printed_in_place_of_the_faults():
+    told = str(compared(COMPARISONS["friction"]))
+    assert "+15.2 %" in told
+    assert "short circuit" not in told
+    assert "not judged (the joint did not move)" in str(compared(COMPARISONS["nothing"]))
 
 
 def test_component_that_is_unobservable_is_not_called_healthy():

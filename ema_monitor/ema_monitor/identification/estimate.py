@@ -13,12 +13,17 @@ from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector,
 from ema_core.wording import text_table
 from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.wording import table_text
 from ema_monitor.normal.features import Part, part_of, row_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 CURRENT_DRIVEN: Final = "current_driven"
 """Algorithm of the estimates of a unit whose drive is unknown."""
+
+INVERSE_DYNAMICS: Final = "inverse_dynamics"
+"""Algorithm of the estimates that rest on the comparison of a record with its baseline."""
 
 VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped", "departed")
 """Verdicts, in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
@@ -28,6 +33,8 @@ VALID, DEGRADED, REFUSED, FAILED, SKIPPED, DEPARTED = VERDICTS
 _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
+# Fields that records of earlier versions do not have.
+_LATER: Final = ("parts", "comparison")
 _SHAPES: Final = {
     "covariance": (N_FAULTS, N_FAULTS),
     "quantiles": (len(LEVELS), N_FAULTS),
@@ -108,6 +115,9 @@ class Estimate:
         Hidden causes that were measured, as they were used; of stretches as ``causes``.
     parts
         Figures of the window, or of each stretch, where the calibration has a normal.
+    comparison
+        Comparison of the record with the baseline of its unit; None for a modelled drive, and for
+        a record that could not be read.
     """
 
     start_ns: int
@@ -139,6 +149,7 @@ class Estimate:
     stretches: int = 0
     measured: tuple[CauseEstimate, ...] = ()
     parts: tuple[Part, ...] = ()
+    comparison: Comparison | None = None
 
     def __post_init__(self) -> None:
         is_within = np.abs(np.subtract(self.faults, healthy_faults())) <= np.asarray(self.sigma)
@@ -185,6 +196,9 @@ class Estimate:
         return row | self.faults._asdict() | sigmas
 
     def __str__(self) -> str:
+        if self.comparison is not None:
+            table = table_text(self.comparison)
+            return "\n".join(filter(None, (table, self.verdict, self.reason)))
         if not self.valid:
             return f"no valid estimate: {self.reason}"
         rows = [
@@ -250,6 +264,8 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
         values[name] = [cause._asdict() for cause in values[name]]
     values["alternatives"] = [list(pair) for pair in estimate.alternatives]
     values["parts"] = [row_of(part) for part in estimate.parts]
+    compared = estimate.comparison
+    values["comparison"] = None if compared is None else compared.as_mapping()
     return {
         name: value.item() if isinstance(value, np.generic) else value
         for name, value in values.items()
@@ -272,7 +288,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     ValueError, KeyError, TypeError
         When it is not the record of an estimate.
     """
-    values = {item.name: record[item.name] for item in fields(Estimate) if item.name != "parts"}
+    values = {item.name: record[item.name] for item in fields(Estimate) if item.name not in _LATER}
     for item in fields(Estimate):
         if item.type is float:
             values[item.name] = read_number(values[item.name])
@@ -288,6 +304,8 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
         values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
     values["alternatives"] = tuple(tuple(pair) for pair in record["alternatives"])
     values["parts"] = tuple(part_of(row) for row in record.get("parts", ()))
+    compared = record.get("comparison")
+    values["comparison"] = None if compared is None else Comparison.of_mapping(compared)
     return Estimate(**values)
 
 

@@ -108,6 +108,28 @@ class FigureChange:
 
 
 @dataclass(frozen=True)
+class Improvement:
+    """Further healthy records that would lower the smallest detectable change of a quantity.
+
+    Attributes
+    ----------
+    name
+        Name in ``QUANTITIES``.
+    days
+        Number of further days with healthy records; 0 for records of a day that has some.
+    records
+        Number of further healthy records in all.
+    smallest_change
+        Smallest detectable change with these records, as that of ``QuantityChange``.
+    """
+
+    name: str
+    days: int
+    records: int
+    smallest_change: float
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Comparison of one record with the healthy records of its unit.
 
@@ -121,12 +143,15 @@ class Comparison:
         Probability that a healthy record differs as much as this one; NaN where nothing is judged.
     states
         Probabilities of the states that the owner has labelled, the largest first.
+    improvements
+        Healthy records that would lower the smallest detectable changes, the most useful first.
     """
 
     quantities: tuple[QuantityChange, ...]
     figures: tuple[FigureChange, ...] = ()
     probability: float = math.nan
     states: Mapping[str, float] | None = None
+    improvements: tuple[Improvement, ...] = ()
 
     def __getitem__(self, name: str) -> QuantityChange:
         """Return the change of a quantity."""
@@ -136,6 +161,11 @@ class Comparison:
     def changed(self) -> tuple[QuantityChange, ...]:
         """The quantities that have changed."""
         return tuple(one for one in self.quantities if one.judgement is Judgement.CHANGED)
+
+    @property
+    def judged(self) -> tuple[QuantityChange, ...]:
+        """The quantities about which the record says something."""
+        return tuple(one for one in self.quantities if one.is_judged)
 
     @property
     def has_departed(self) -> bool:
@@ -150,6 +180,7 @@ class Comparison:
         return content | {
             "quantities": list(content["quantities"]),
             "figures": list(content["figures"]),
+            "improvements": list(content["improvements"]),
         }
 
     @classmethod
@@ -183,4 +214,13 @@ class Comparison:
         states = content["states"]
         if states is not None:
             states = {str(name): float(share) for name, share in states.items()}
-        return cls(quantities, figures, number(content["probability"]), states)
+        improvements = tuple(
+            Improvement(
+                str(one["name"]),
+                int(one["days"]),
+                int(one["records"]),
+                number(one["smallest_change"]),
+            )
+            for one in content["improvements"]
+        )
+        return cls(quantities, figures, number(content["probability"]), states, improvements)

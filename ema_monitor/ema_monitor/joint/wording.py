@@ -1,0 +1,220 @@
+"""Comparison of a record with its baseline in words: the summary and the rows of a table."""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import Final
+
+from ema_core.wording import text_table
+from ema_monitor.joint.comparison import (
+    FRICTION,
+    QUANTITIES,
+    TORQUE,
+    Comparison,
+    FigureChange,
+    Judgement,
+    QuantityChange,
+)
+
+HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
+"""Headings of ``rows``."""
+
+_EFFORT: Final = frozenset({FRICTION, TORQUE})
+_WHOLE_PERCENT: Final = 10.0
+_WHOLE_SIGNED_PERCENT: Final = 100.0
+
+
+def summary(comparison: Comparison) -> str:
+    """Return what has changed, what is unchanged and what is not judged, in a few sentences."""
+    sentences = [
+        *_changes(comparison.changed),
+        *map(_figure_sentence, comparison.figures),
+        *_state(comparison),
+        *_unchanged(comparison),
+        *_not_judged(comparison),
+    ]
+    return " ".join(f"{one[:1].upper()}{one[1:]}." for one in sentences)
+
+
+def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
+    """Return a row for each quantity and each departed figure, in the columns of ``HEADINGS``."""
+    table = [
+        (label_of(one.name), change_text(one), interval_text(one), judgement_text(one))
+        for one in comparison.quantities
+    ]
+    return table + [
+        (label_of(one.name), f"× {one.ratio:.3g}", "", "changed") for one in comparison.figures
+    ]
+
+
+def table_text(comparison: Comparison) -> str:
+    """Return ``rows`` under their headings as plain text."""
+    return text_table(HEADINGS, rows(comparison))
+
+
+def label_of(name: str) -> str:
+    """Return the label of a quantity or figure."""
+    quantity = QUANTITIES.get(name)
+    return name.replace("_", " ") if quantity is None else quantity.label
+
+
+def change_text(quantity: QuantityChange) -> str:
+    """Return the change with sign and unit, as "+15.2 %"; "" if it is not known."""
+    if not math.isfinite(quantity.change):
+        return ""
+    return f"{_signed(quantity.change, quantity)} {unit_of(quantity)}"
+
+
+def interval_text(quantity: QuantityChange) -> str:
+    """Return the 90 % interval with its unit, as "+11.0 to +19.4 %"; "" if it is not known."""
+    ends = quantity.low, quantity.high
+    if not all(map(math.isfinite, ends)):
+        return ""
+    low, high = (_signed(end, quantity) for end in ends)
+    return f"{low} to {high} {unit_of(quantity)}"
+
+
+def smallest_text(quantity: QuantityChange) -> str:
+    """Return the smallest detectable change with its unit, as "6 %"; "" if it is not known."""
+    if not math.isfinite(quantity.smallest_change):
+        return ""
+    return f"{_plain(quantity.smallest_change, quantity)} {unit_of(quantity)}"
+
+
+def judgement_text(quantity: QuantityChange) -> str:
+    """Return the judgement of a quantity with what it depends on."""
+    if not quantity.is_judged:
+        return f"not judged ({quantity.reason})" if quantity.reason else "not judged"
+    if quantity.judgement is Judgement.CHANGED:
+        if not quantity.rivals:
+            return "changed"
+        return f"changed (not told apart from {_joined(map(label_of, quantity.rivals), 'or')})"
+    smallest = smallest_text(quantity)
+    return f"unchanged (changes above {smallest} would show)" if smallest else "unchanged"
+
+
+def improvement_sentences(comparison: Comparison) -> list[str]:
+    """Return which further healthy records would lower the smallest detectable changes."""
+    sentences = []
+    for one in comparison.improvements:
+        quantity = comparison[one.name]
+        days = f" on {_count(one.days, 'further day')}" if one.days else ""
+        sentences.append(
+            f"{_count(one.records, 'further healthy record')}{days} would lower the smallest "
+            f"detectable change of {label_of(one.name)} from {smallest_text(quantity)} to "
+            f"{_plain(one.smallest_change, quantity)} {unit_of(quantity)}."
+        )
+    return sentences
+
+
+def unit_of(quantity: QuantityChange) -> str:
+    """Return the unit in which a change is shown."""
+    return "%" if quantity.unit == "-" else quantity.unit
+
+
+def _changes(changed: Sequence[QuantityChange]) -> list[str]:
+    """Return a sentence for each change; quantities that are not told apart share theirs."""
+    sentences, described = [], set[str]()
+    for one in changed:
+        if one.name in described:
+            continue
+        group = (one.name, *one.rivals)
+        described.update(group if one.rivals else (one.name,))
+        is_effort = bool(one.rivals) and _EFFORT.issuperset(group)
+        sentences.append(_effort_sentence(one) if is_effort else _change_sentence(one))
+        if one.rivals:
+            labels = _joined(map(label_of, group), "and")
+            sentences.append(f"{labels} cannot be told apart in this motion")
+    return sentences
+
+
+def _change_sentence(one: QuantityChange) -> str:
+    if one.unit != "-":
+        interval = interval_text(one)
+        within = f" (90 % interval {interval})" if interval else ""
+        return f"{label_of(one.name)} changed by {change_text(one)}{within}"
+    return f"{label_of(one.name)} {_moved(one.change, one.low, one.high)}"
+
+
+def _effort_sentence(one: QuantityChange) -> str:
+    """Return the change of the effort: that of friction, or the inverse of torque per ampere."""
+    figures = one.change, one.low, one.high
+    if one.name == TORQUE:
+        change, high, low = (1.0 / (1.0 + figure) - 1.0 for figure in figures)
+        figures = change, low, high
+    return f"effort at the same motion {_moved(*figures)}"
+
+
+def _moved(change: float, low: float, high: float) -> str:
+    verb, sign = ("rose", 1.0) if change >= 0.0 else ("fell", -1.0)
+    words = f"{verb} {_decimals(100.0 * sign * change)} %"
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return words
+    ends = sorted(100.0 * sign * end for end in (low, high))
+    return f"{words} (90 % interval {_decimals(ends[0])} to {_decimals(ends[1])} %)"
+
+
+def _figure_sentence(one: FigureChange) -> str:
+    return f"{label_of(one.name)} is {one.ratio:.3g} times that of the healthy records"
+
+
+def _state(comparison: Comparison) -> list[str]:
+    if not comparison.states:
+        return []
+    name, share = max(comparison.states.items(), key=lambda state: state[1])
+    return [f"the most probable labelled state is {name} ({100.0 * share:.0f} %)"]
+
+
+def _unchanged(comparison: Comparison) -> list[str]:
+    unchanged = [one for one in comparison.judged if one.judgement is Judgement.UNCHANGED]
+    if not unchanged:
+        return []
+    words = []
+    for one in unchanged:
+        smallest = smallest_text(one)
+        words.append(label_of(one.name) + (f" (above {smallest})" if smallest else ""))
+    listed = _joined(words, "and")
+    if comparison.has_departed:
+        return [f"unchanged, with the smallest change that would show: {listed}"]
+    return [f"no quantity has changed. Changes that would show: {listed}"]
+
+
+def _not_judged(comparison: Comparison) -> list[str]:
+    hidden = [one for one in comparison.quantities if not one.is_judged]
+    reasons = list(dict.fromkeys(one.reason for one in hidden))
+    if not comparison.judged:
+        return [f"no quantity could be judged: {'; '.join(filter(None, reasons)) or 'no reason'}"]
+    if not hidden:
+        return []
+    hidden.sort(key=lambda one: reasons.index(one.reason))
+    parts = []
+    for reason, group in groupby(hidden, key=lambda one: one.reason):
+        labels = _joined([label_of(one.name) for one in group], "and")
+        parts.append(f"{labels} ({reason})" if reason else labels)
+    return [f"not judged: {', '.join(parts)}"]
+
+
+def _signed(value: float, quantity: QuantityChange) -> str:
+    if quantity.unit != "-":
+        return f"{value:+.3g}"
+    return f"{'+' if value >= 0.0 else '-'}{_decimals(abs(100.0 * value))}"
+
+
+def _decimals(percent: float) -> str:
+    return f"{percent:.1f}" if abs(percent) < _WHOLE_SIGNED_PERCENT else f"{percent:.0f}"
+
+
+def _plain(value: float, quantity: QuantityChange) -> str:
+    if quantity.unit != "-":
+        return f"{value:.2g}"
+    percent = 100.0 * value
+    return f"{percent:.2g}" if percent < _WHOLE_PERCENT else f"{percent:.0f}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def _joined(words: Iterable[str], conjunction: str) -> str:
+    *first, last = words
+    return f"{', '.join(first)} {conjunction} {last}" if first else last

@@ -1,0 +1,127 @@
+"""Hand-made comparisons of a record with its baseline, and the estimates that hold them."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ema_core.causes import CauseEstimate
+from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector
+from ema_monitor.identification.estimate import INVERSE_DYNAMICS, Estimate
+from ema_monitor.joint.comparison import (
+    FRICTION,
+    INERTIA,
+    LOAD,
+    PLAY,
+    QUANTITIES,
+    TORQUE,
+    TRACKING,
+    Comparison,
+    Judgement,
+    QuantityChange,
+)
+from ema_monitor.joint.wording import summary
+
+END_NS = 1_700_000_000_000_000_000
+
+_REASONS = {PLAY: "no motor position", TRACKING: "no position command"}
+_SMALLEST = {name: 0.06 if name == FRICTION else 0.1 for name in QUANTITIES}
+
+
+def unchanged(name: str, smallest: float = math.nan) -> QuantityChange:
+    """A quantity that does not differ from healthy."""
+    smallest = _SMALLEST[name] if math.isnan(smallest) else smallest
+    unit = "-" if QUANTITIES[name].is_relative else "N.m"
+    judgement = Judgement.UNCHANGED
+    return QuantityChange(name, judgement, 0.0, -smallest / 2, smallest / 2, smallest, unit)
+
+
+def changed(
+    name: str, change: float, half_width: float = 0.04, rivals: tuple[str, ...] = ()
+) -> QuantityChange:
+    """A quantity that differs from healthy."""
+    unit = "-" if QUANTITIES[name].is_relative else "N.m"
+    low, high = change - half_width, change + half_width
+    return QuantityChange(
+        name, Judgement.CHANGED, change, low, high, _SMALLEST[name], unit, rivals=rivals
+    )
+
+
+def not_judged(name: str, reason: str) -> QuantityChange:
+    """A quantity about which the record says nothing."""
+    unit = "-" if QUANTITIES[name].is_relative else "N.m"
+    return QuantityChange(name, Judgement.NOT_JUDGED, unit=unit, reason=reason)
+
+
+def comparison(*special: QuantityChange, **more: Any) -> Comparison:
+    """A comparison that judges all but play and tracking lag, with these quantities."""
+    by_name = {one.name: one for one in special}
+    quantities = tuple(
+        by_name.get(name)
+        or (not_judged(name, _REASONS[name]) if name in _REASONS else unchanged(name))
+        for name in QUANTITIES
+    )
+    return Comparison(quantities, **more)
+
+
+HEALTHY = comparison(probability=0.6)
+FRICTION_UP = comparison(changed(FRICTION, 0.152), probability=1e-6)
+NOTHING = comparison(*(not_judged(name, "the joint did not move") for name in QUANTITIES))
+EFFORT_UP = comparison(
+    changed(FRICTION, 0.22, rivals=(TORQUE,)), changed(TORQUE, -0.18, rivals=(FRICTION,))
+)
+LOADED = comparison(changed(LOAD, 0.5, 0.1))
+PLAY_UP = comparison(changed(PLAY, 3.0, 0.4))
+HEAVIER = comparison(changed(INERTIA, 0.3), not_judged(FRICTION, "one direction only"))
+
+CASES: Mapping[str, Comparison] = {
+    "healthy": HEALTHY,
+    "friction": FRICTION_UP,
+    "nothing": NOTHING,
+    "not told apart": EFFORT_UP,
+    "load": LOADED,
+    "play": PLAY_UP,
+    "inertia without friction": HEAVIER,
+}
+
+
+def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
+    """The estimate of a record with this comparison."""
+    faults, covariance = np.full(N_FAULTS, math.nan), np.full((N_FAULTS, N_FAULTS), math.nan)
+    unobservable = np.ones(N_FAULTS, dtype=bool)
+    for number, name in enumerate(FAULT_NAMES[:2]):
+        one = of[{"friction": FRICTION, "backlash": PLAY}[name]]
+        if one.is_judged:
+            faults[number] = min(max(one.change / 2.0, 0.0), 1.0)
+            covariance[number] = covariance[:, number] = 0.0
+            covariance[number, number] = ((one.high - one.low) / (2.0 * 2.0 * 1.645)) ** 2
+            unobservable[number] = False
+    covariance[np.ix_(unobservable, ~unobservable)] = math.nan
+    covariance[np.ix_(~unobservable, unobservable)] = math.nan
+    causes = tuple(
+        CauseEstimate(cause, of[name].change, 0.01)
+        for name, cause in (
+            (TORQUE, "torque_constant"),
+            (INERTIA, "inertia"),
+            (LOAD, "load_torque"),
+        )
+        if of[name].judgement is Judgement.CHANGED
+    )
+    verdict = "departed" if of.has_departed else "valid" if of.judged else "refused"
+    figures: dict[str, Any] = {
+        "start_ns": end_ns - 25_000_000_000,
+        "end_ns": end_ns,
+        "algorithm": INVERSE_DYNAMICS,
+        "seed": 0,
+        "calibration_id": "some-baseline",
+        "faults": FaultVector.of(faults),
+        "covariance": covariance,
+        "unobservable": unobservable,
+        "valid": bool(of.judged),
+        "verdict": verdict,
+        "reason": summary(of),
+        "causes": causes,
+        "comparison": of,
+    }
+    return Estimate(**(figures | values))

@@ -1,0 +1,114 @@
+"""What has changed, what is unchanged and what is not judged, in words."""
+
+from dataclasses import replace
+
+import pytest
+
+from ema_monitor.joint.comparison import (
+    FRICTION,
+    GRAVITY,
+    INERTIA,
+    TORQUE,
+    Comparison,
+    FigureChange,
+    Improvement,
+)
+from ema_monitor.joint.wording import HEADINGS, improvement_sentences, rows, smallest_text, summary
+
+from .comparisons import (
+    CASES,
+    EFFORT_UP,
+    FRICTION_UP,
+    HEALTHY,
+    LOADED,
+    NOTHING,
+    changed,
+    comparison,
+    unchanged,
+)
+
+
+def row(of: Comparison, label: str) -> tuple[str, ...]:
+    [found] = [one for one in rows(of) if one[0] == label]
+    return found[1:]
+
+
+def test_change_is_stated_with_its_interval():
+    assert summary(FRICTION_UP).startswith(
+        "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %). "
+    )
+    assert row(FRICTION_UP, "Coulomb friction") == ("+15.2 %", "+11.2 to +19.2 %", "changed")
+
+
+def test_fall_has_an_ascending_interval():
+    fallen = comparison(changed(INERTIA, -0.2, 0.05))
+    assert "Inertia fell 20.0 % (90 % interval 15.0 to 25.0 %)." in summary(fallen)
+    assert row(fallen, "inertia")[:2] == ("-20.0 %", "-25.0 to -15.0 %")
+
+
+def test_healthy_record_states_which_changes_would_show():
+    words = summary(HEALTHY)
+    assert words.startswith("No quantity has changed. Changes that would show: Coulomb friction (")
+    assert "Coulomb friction (above 6 %)" in words
+    assert "play (no motor position), tracking lag (no position command)" in words
+    assert row(HEALTHY, "Coulomb friction")[2] == "unchanged (changes above 6 % would show)"
+    assert row(HEALTHY, "tracking lag") == ("", "", "not judged (no position command)")
+
+
+@pytest.mark.parametrize(
+    "of",
+    [EFFORT_UP, comparison(changed(TORQUE, 1.0 / 1.22 - 1.0, 0.02, (FRICTION,)))],
+    ids=["friction first", "torque alone"],
+)
+def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: Comparison):
+    words = summary(of)
+    assert words.startswith("Effort at the same motion rose 22.0 % (90 % interval ")
+    assert words.count("cannot be told apart in this motion") == 1
+    assert "friction rose" not in words
+    assert "ampere fell" not in words
+
+
+def test_other_rivals_are_named_with_the_quantity():
+    words = summary(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))))
+    assert "Inertia rose 30.0 %" in words
+    assert "Inertia and gravity cannot be told apart in this motion." in words
+    told = row(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))), "inertia")
+    assert told[2] == "changed (not told apart from gravity)"
+
+
+def test_absolute_change_has_its_unit():
+    assert "Constant load changed by +0.5 N.m (90 % interval +0.4 to +0.6 N.m)." in summary(LOADED)
+    assert row(LOADED, "constant load")[0] == "+0.5 N.m"
+
+
+def test_record_that_shows_nothing_gives_the_reason_once():
+    assert summary(NOTHING) == "No quantity could be judged: the joint did not move."
+    assert {judgement for *_, judgement in rows(NOTHING)} == {"not judged (the joint did not move)"}
+
+
+def test_departed_figure_is_stated_though_no_quantity_has_changed():
+    of = replace(HEALTHY, figures=(FigureChange("tracking_error", 3.1, 1e-5),))
+    assert summary(of).startswith("Tracking error is 3.1 times that of the healthy records.")
+    assert "No quantity has changed" not in summary(of)
+    assert row(of, "tracking error") == ("× 3.1", "", "changed")
+
+
+def test_improvement_states_both_smallest_changes():
+    of = replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.05),))
+    assert improvement_sentences(of) == [
+        "6 further healthy records on 2 further days would lower the smallest detectable change "
+        "of Coulomb friction from 6 % to 5 %."
+    ]
+
+
+@pytest.mark.parametrize(("smallest", "told"), [(0.054, "5.4 %"), (0.138, "14 %"), (1.2, "120 %")])
+def test_smallest_change_is_written_without_an_exponent(smallest: float, told: str):
+    assert smallest_text(unchanged(FRICTION, smallest)) == told
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_quantity_has_a_row_of_all_columns(name: str):
+    table = rows(CASES[name])
+    assert len(table) == len(CASES[name].quantities)
+    assert all(len(one) == len(HEADINGS) for one in table)
+    assert "nan" not in str(table) + summary(CASES[name])
