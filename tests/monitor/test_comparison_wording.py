@@ -24,6 +24,7 @@ from .comparisons import (
     NOTHING,
     changed,
     comparison,
+    not_judged,
     unchanged,
 )
 
@@ -46,11 +47,14 @@ def test_fall_has_an_ascending_interval():
     assert row(fallen, "inertia")[:2] == ("-20.0 %", "-25.0 to -15.0 %")
 
 
-def test_healthy_record_states_which_changes_would_show():
-    words = summary(HEALTHY)
-    assert words.startswith("No quantity has changed. Changes that would show: Coulomb friction (")
-    assert "Coulomb friction (above 6 %)" in words
-    assert "play (no motor position), tracking lag (no position command)" in words
+def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
+    assert summary(HEALTHY) == (
+        "No quantity has changed: changes of Coulomb friction above 6 % would show. "
+        "Not judged: play (no motor position), tracking lag (no position command)."
+    )
+    assert summary(comparison(not_judged(FRICTION, "one direction only"))).startswith(
+        "No quantity has changed. Not judged: Coulomb friction (one direction only), "
+    )
     assert row(HEALTHY, "Coulomb friction")[2] == "unchanged (changes above 6 % would show)"
     assert row(HEALTHY, "tracking lag") == ("", "", "not judged (no position command)")
 

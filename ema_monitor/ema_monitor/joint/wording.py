@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import groupby
 from typing import Final
 
 from ema_core.wording import text_table
@@ -25,15 +24,19 @@ _WHOLE_SIGNED_PERCENT: Final = 100.0
 
 
 def summary(comparison: Comparison) -> str:
-    """Return what has changed, what is unchanged and what is not judged, in a few sentences."""
-    sentences = [
-        *_changes(comparison.changed),
-        *map(_figure_sentence, comparison.figures),
-        *_state(comparison),
-        *_unchanged(comparison),
-        *_not_judged(comparison),
-    ]
-    return " ".join(f"{one[:1].upper()}{one[1:]}." for one in sentences)
+    """Return the finding, and what is not judged, in one to three sentences."""
+    return " ".join([finding(comparison), *_sentences(_not_judged(comparison))])
+
+
+def finding(comparison: Comparison) -> str:
+    """Return what has changed; if nothing has, the change of friction that would show."""
+    if not comparison.judged and not comparison.figures:
+        reasons = dict.fromkeys(one.reason for one in comparison.quantities if one.reason)
+        why = f": {'; '.join(reasons)}" if reasons else ""
+        return f"No quantity could be judged{why}."
+    departed = [*_changes(comparison.changed), *map(_figure_sentence, comparison.figures)]
+    parts = departed or [f"no quantity has changed{_friction_that_would_show(comparison)}"]
+    return " ".join(_sentences([*parts, *_state(comparison)]))
 
 
 def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
@@ -165,33 +168,27 @@ def _state(comparison: Comparison) -> list[str]:
     return [f"the most probable labelled state is {name} ({100.0 * share:.0f} %)"]
 
 
-def _unchanged(comparison: Comparison) -> list[str]:
-    unchanged = [one for one in comparison.judged if one.judgement is Judgement.UNCHANGED]
-    if not unchanged:
-        return []
-    words = []
-    for one in unchanged:
-        smallest = smallest_text(one)
-        words.append(label_of(one.name) + (f" (above {smallest})" if smallest else ""))
-    listed = _joined(words, "and")
-    if comparison.has_departed:
-        return [f"unchanged, with the smallest change that would show: {listed}"]
-    return [f"no quantity has changed. Changes that would show: {listed}"]
+def _friction_that_would_show(comparison: Comparison) -> str:
+    smallest = smallest_text(comparison[FRICTION])
+    if not comparison[FRICTION].is_judged or not smallest:
+        return ""
+    return f": changes of {label_of(FRICTION)} above {smallest} would show"
 
 
 def _not_judged(comparison: Comparison) -> list[str]:
-    hidden = [one for one in comparison.quantities if not one.is_judged]
-    reasons = list(dict.fromkeys(one.reason for one in hidden))
-    if not comparison.judged:
-        return [f"no quantity could be judged: {'; '.join(filter(None, reasons)) or 'no reason'}"]
-    if not hidden:
+    """Return the quantities that are not judged, those with the same reason together."""
+    by_reason: dict[str, list[str]] = {}
+    for one in comparison.quantities:
+        if not one.is_judged:
+            by_reason.setdefault(one.reason, []).append(label_of(one.name))
+    if not by_reason or not comparison.judged:
         return []
-    hidden.sort(key=lambda one: reasons.index(one.reason))
-    parts = []
-    for reason, group in groupby(hidden, key=lambda one: one.reason):
-        labels = _joined([label_of(one.name) for one in group], "and")
-        parts.append(f"{labels} ({reason})" if reason else labels)
-    return [f"not judged: {', '.join(parts)}"]
+    groups = [(reason, _joined(labels, "and")) for reason, labels in by_reason.items()]
+    return [f"not judged: {', '.join(f'{what} ({why})' if why else what for why, what in groups)}"]
+
+
+def _sentences(parts: Iterable[str]) -> list[str]:
+    return [f"{one[:1].upper()}{one[1:]}." for one in parts]
 
 
 def _signed(value: float, quantity: QuantityChange) -> str:
