@@ -12,6 +12,8 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import CURRENT_DRIVEN, DEPARTED, Estimate
 from ema_monitor.identification.settings import MOST_UNEXPLAINED
+from ema_monitor.joint.comparison import TORQUE, Comparison
+from ema_monitor.joint.wording import why_no_level
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"
 """What is judged beside the faults where the drive is unknown: the share that is left [-]."""
@@ -21,6 +23,9 @@ USUAL_TORQUE_CHANGE: Final = 0.05
 
 ONE_SIDED_95: Final = 1.645
 """Standard deviations from the mean to a one-sided 95 % bound [-]."""
+
+BEST_INDEX_WITH_WARNING: Final = 0.99
+"""Largest health index beside a level of WARN or ERROR [-]."""
 
 _GRADES: Final = (0.5, 0.8, 1.0)
 
@@ -60,6 +65,11 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
             Name of the component, other than the direction of eccentricity.
         """
         return getattr(self, kind_of(fault_name))
+
+    @property
+    def friction_warning(self) -> float:
+        """Relative change of Coulomb friction at which a warning is given [-]: 2 k of the fault."""
+        return 2.0 * self.warn_share * self.of("friction")
 
 
 @dataclass(frozen=True)
@@ -103,13 +113,16 @@ class Health:
     Attributes
     ----------
     level
-        Worst of the known faults and requirements; ``STALE`` when none is known.
+        Worst of the known faults and requirements; ``STALE`` when none is known, or when a
+        comparison does not show that the unit is healthy.
     health_index
-        Least of 1 - share over the faults [-], clipped to [0, 1].
+        Least of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 beside a
+        warning; NaN when no fault is known, or a comparison gives no level.
     severity
         Grade from 0 (as new) to 4 (at or above the limit).
     confidence
-        Share of observable faults, reduced for a poor goodness of fit [-].
+        Share of observable faults, reduced for a poor goodness of fit [-]; of a comparison, share
+        of the judged quantities, and 0 when it gives no level.
     dominant_fault
         Fault nearest to its limit; empty when none gives a warning.
     faults
@@ -128,6 +141,15 @@ class Health:
     faults: tuple[FaultHealth, ...] = field(default=())
     reason: str = ""
     requirements: tuple[FaultHealth, ...] = field(default=())
+
+    def without_ok(self) -> "Health":
+        """Return health in which no fault and no requirement is OK: those are STALE."""
+
+        def unsure(items: tuple[FaultHealth, ...]) -> tuple[FaultHealth, ...]:
+            return tuple(replace(one, level=STALE) if one.level == OK else one for one in items)
+
+        faults, requirements = unsure(self.faults), unsure(self.requirements)
+        return replace(self, faults=faults, requirements=requirements)
 
 
 @dataclass(frozen=True)
@@ -176,6 +198,10 @@ def assess(
     both limits it is zero. A fault that the estimate sets to healthy, and that was tracked there,
     has the smaller sigma of both. A value that is held until the next test, and by itself would be
     WARN or ERROR, is WARN.
+
+    If the estimate has a comparison, OK needs a judgement of Coulomb friction whose smallest
+    detectable change is below the warning limit. Otherwise the level is STALE, and health index and
+    confidence are unknown.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -187,7 +213,9 @@ def assess(
     known = [item for item in faults if item.level != STALE]
     hidden = dict(zip(FAULT_NAMES, estimate.unobservable, strict=True))
     unknown = [item.name for item in faults if hidden[item.name]]
+    comparison = estimate.comparison
     unseen = f"not observable in this window: {', '.join(unknown)}" if unknown else ""
+    unseen = "" if comparison is not None else unseen
     worst = worst_of(faults)
     limit = estimate.goodness_limit
     # The fit is unknown when the calibration has no scatter.
@@ -210,7 +238,38 @@ def assess(
         faults=faults,
         reason="; ".join(filter(None, reasons)),
     )
-    return with_requirements(health, _torque_per_ampere(estimate, limits))
+    health = with_requirements(_limited_by_warning(health), _torque_per_ampere(estimate, limits))
+    return health if comparison is None else _by_comparison(health, comparison, limits)
+
+
+def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits) -> Health:
+    """Return health with the level, index and confidence that a comparison justifies."""
+    items = (*health.faults, *health.requirements)
+    share = max((one.share for one in items if one.level != STALE), default=math.nan)
+    health = replace(
+        health,
+        health_index=float(np.clip(1.0 - share, 0.0, 1.0)),
+        confidence=len(comparison.judged) / len(comparison.quantities),
+    )
+    if comparison.has_departed:
+        return _limited_by_warning(health)
+    missing = why_no_level(comparison, limits.friction_warning)
+    if not missing or health.level in (WARN, ERROR):
+        return health
+    return replace(
+        health.without_ok(),
+        level=STALE,
+        health_index=math.nan,
+        confidence=0.0,
+        reason="; ".join(filter(None, [missing, health.reason])),
+    )
+
+
+def _limited_by_warning(health: Health) -> Health:
+    """Return health whose index is at most 0.99 beside a warning."""
+    if health.level in (WARN, ERROR) and health.health_index > BEST_INDEX_WITH_WARNING:
+        return replace(health, health_index=BEST_INDEX_WITH_WARNING)
+    return health
 
 
 def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
@@ -227,7 +286,9 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
         return replace(health, requirements=requirements)
     level = worst.level if health.level == STALE else max(health.level, worst.level)
     severity = max(health.severity, _grade(worst))
-    return replace(health, level=level, severity=severity, requirements=requirements)
+    return _limited_by_warning(
+        replace(health, level=level, severity=severity, requirements=requirements)
+    )
 
 
 def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultHealth, ...]:
@@ -236,16 +297,13 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
     As many turns of all phases may be lost as of one. Hot magnets are weaker too: what they lose
     is no fault, and part of the sigma unless it was measured.
     """
-    if estimate.algorithm != CURRENT_DRIVEN:
+    change, sigma = _torque_change(estimate)
+    if math.isnan(change):
         return ()
-    loss = next((-one.value for one in estimate.causes if one.name == "torque_constant"), math.nan)
-    if math.isnan(loss):
-        return ()
-    measured = {one.name for one in estimate.measured}
-    sigma = next(one.sigma for one in estimate.causes if one.name == "torque_constant")
-    sigma = sigma if "torque_constant" in measured else math.hypot(sigma, USUAL_TORQUE_CHANGE)
-    limit = limits.short_circuit
-    share = max(loss, 0.0) / limit
+    is_measured = any(one.name == "torque_constant" for one in estimate.measured)
+    sigma = sigma if is_measured else math.hypot(sigma, USUAL_TORQUE_CHANGE)
+    loss, limit = -change, limits.short_circuit
+    share = max(0.0, loss) / limit
     level = OK
     if loss > limit:
         level = ERROR
@@ -253,6 +311,23 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
         level = WARN
     ends = 1.0 - limit, 1.0 - limits.warn_share * limit
     return (FaultHealth(TORQUE_PER_AMPERE, level, 1.0 - loss, sigma, *ends, True, share),)
+
+
+def _torque_change(estimate: Estimate) -> tuple[float, float]:
+    """Return relative change of the torque per ampere and its sigma; NaN if it is not known.
+
+    A change that is not told apart from another quantity is not known.
+    """
+    if estimate.comparison is not None:
+        one = estimate.comparison[TORQUE]
+        if not one.is_judged or one.rivals:
+            return math.nan, math.nan
+        return one.change, (one.high - one.low) / (2.0 * ONE_SIDED_95)
+    if estimate.algorithm == CURRENT_DRIVEN:
+        for one in estimate.causes:
+            if one.name == "torque_constant":
+                return one.value, one.sigma
+    return math.nan, math.nan
 
 
 def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:

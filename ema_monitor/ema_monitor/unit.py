@@ -165,7 +165,7 @@ class Unit:
                 entry, findings = self._entry(estimate, cycles, count, flown)
                 before = self.history.newest
                 if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
-                    findings.append(Finding(DEPARTURE, estimate.reason))
+                    findings.append(Finding(DEPARTURE, estimate.departure))
                 try:
                     findings += self.growth.add(entry)
                 except Exception:
@@ -194,9 +194,7 @@ class Unit:
     ) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
         before = self.history.newest
-        test = UnusedCycle(
-            estimate.end_ns, estimate.verdict, estimate.reason, flown, estimate.parts
-        )
+        test = UnusedCycle.of(estimate, flown)
         self.history.append(test)
         if self.history.newest is not test:
             return None
@@ -235,7 +233,7 @@ class Unit:
         )
         self._findings.append(Finding(OTHER, text))
         if estimate.verdict == DEPARTED:
-            self._findings.append(Finding(DEPARTURE, estimate.reason))
+            self._findings.append(Finding(DEPARTURE, estimate.departure))
 
     def follow(
         self,

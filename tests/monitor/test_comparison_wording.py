@@ -43,14 +43,14 @@ def test_change_is_stated_with_its_interval():
 
 def test_fall_has_an_ascending_interval():
     fallen = comparison(changed(INERTIA, -0.2, 0.05))
-    assert "Inertia fell 20.0 % (90 % interval 15.0 to 25.0 %)." in summary(fallen)
+    assert "Inertia fell 20.0 % (90 % interval 15.0 to 25.0 %)" in summary(fallen)
     assert row(fallen, "inertia")[:2] == ("-20.0 %", "-25.0 to -15.0 %")
 
 
 def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
     assert summary(HEALTHY) == (
         "No quantity has changed: changes of Coulomb friction above 6 % would show. "
-        "Not judged: play (no motor position), tracking lag (no position command)."
+        "Not judged: play (no motor position), tracking lag (no position command)"
     )
     assert summary(comparison(not_judged(FRICTION, "one direction only"))).startswith(
         "No quantity has changed. Not judged: Coulomb friction (one direction only), "
@@ -75,18 +75,18 @@ def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: 
 def test_other_rivals_are_named_with_the_quantity():
     words = summary(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))))
     assert "Inertia rose 30.0 %" in words
-    assert "Inertia and gravity cannot be told apart in this motion." in words
+    assert "Inertia and gravity cannot be told apart in this motion" in words
     told = row(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))), "inertia")
     assert told[2] == "changed (not told apart from gravity)"
 
 
 def test_absolute_change_has_its_unit():
-    assert "Constant load changed by +0.5 N.m (90 % interval +0.4 to +0.6 N.m)." in summary(LOADED)
+    assert "Constant load changed by +0.5 N.m (90 % interval +0.4 to +0.6 N.m)" in summary(LOADED)
     assert row(LOADED, "constant load")[0] == "+0.5 N.m"
 
 
 def test_record_that_shows_nothing_gives_the_reason_once():
-    assert summary(NOTHING) == "No quantity could be judged: the joint did not move."
+    assert summary(NOTHING) == "No quantity could be judged: the joint did not move"
     assert {judgement for *_, judgement in rows(NOTHING)} == {"not judged (the joint did not move)"}
 
 

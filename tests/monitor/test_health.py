@@ -1,5 +1,6 @@
 """Levels, index and grade of health in closed form (docs/faults.md)."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +12,7 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import (
     ONE_SIDED_95,
     FaultHealth,
+    Health,
     HealthLimits,
     LevelFilter,
     Tracked,
@@ -18,7 +20,22 @@ from ema_monitor.health import (
     with_requirements,
 )
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.joint.comparison import FRICTION, PLAY, TORQUE, VISCOUS, Comparison, FigureChange
 
+from .comparisons import (
+    CASES,
+    EFFORT_UP,
+    FRICTION_UP,
+    HEALTHY,
+    HEAVIER,
+    LOADED,
+    PLAY_UP,
+    changed,
+    compared,
+    comparison,
+    not_judged,
+    unchanged,
+)
 from .windows import estimated, refused
 
 LIMITS = HealthLimits()
@@ -160,7 +177,8 @@ def test_worse_of_faults_and_requirements_holds(
     health = with_requirements(assess(estimate({"friction": friction}), LIMITS), required)
     assert (health.level, health.severity) == (level, severity)
     assert health.requirements == required
-    assert health.health_index == pytest.approx(1.0 - friction / 0.5)
+    best = 1.0 if level == OK else 0.99
+    assert health.health_index == pytest.approx(min(1.0 - friction / 0.5, best))
 
 
 def test_requirement_that_nothing_is_known_of_changes_nothing():
@@ -191,3 +209,105 @@ def test_level_rises_at_once_and_falls_when_that_is_confirmed(
         seen.append(one.level)
     assert seen == filtered
     assert changes == [True, *(a != b for a, b in pairwise(filtered))]
+
+
+def torque(of: Comparison) -> list[FaultHealth]:
+    return [one for one in health_of(of).requirements if one.name == "torque_per_ampere"]
+
+
+def health_of(of: Comparison, limits: HealthLimits = LIMITS) -> Health:
+    return assess(compared(of), limits)
+
+
+def test_record_without_a_change_is_ok_if_the_warning_limit_would_show():
+    health = health_of(HEALTHY)
+    assert (health.level, health.health_index, health.severity) == (OK, 1.0, 0)
+    assert health.confidence == 6 / 8
+
+
+def test_ok_needs_a_smallest_change_below_the_warning_limit():
+    # A warning is given from k = 0.2 * 0.5 on: friction + 20 %.
+    assert health_of(comparison(unchanged(FRICTION, 0.199))).level == OK
+    health = health_of(comparison(unchanged(FRICTION, 0.35)))
+    assert (health.level, health.confidence) == (STALE, 0.0)
+    assert np.isnan(health.health_index)
+    assert "show above 35 % only; its warning limit is 20 %" in health.reason
+    assert OK not in {one.level for one in (*health.faults, *health.requirements)}
+    wide = replace(LIMITS, warn_share=0.4)
+    assert health_of(comparison(unchanged(FRICTION, 0.35)), wide).level == OK
+
+
+def test_ok_needs_a_judgement_of_friction():
+    health = health_of(comparison(not_judged(FRICTION, "one direction only")))
+    assert health.level == STALE
+    assert np.isnan(health.health_index)
+    assert health.reason.startswith("Coulomb friction is not judged: one direction only; ")
+
+
+def test_friction_tracked_over_earlier_tests_does_not_replace_its_judgement():
+    estimate = compared(comparison(not_judged(FRICTION, "one direction only")))
+    health = assess(estimate, LIMITS, {"friction": Tracked(0.0, 0.001)})
+    assert health.level == STALE
+    assert {one.level for one in health.faults} == {STALE}
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        FRICTION_UP,
+        EFFORT_UP,
+        LOADED,
+        PLAY_UP,
+        HEAVIER,
+        comparison(changed(VISCOUS, 1.0)),
+        comparison(changed(FRICTION, -0.15)),
+        replace(HEALTHY, figures=(FigureChange("tracking_error", 2.0, 1e-5),)),
+    ],
+)
+def test_departure_warns_and_is_never_as_new(of: Comparison):
+    health = health_of(of)
+    assert health.level in (WARN, ERROR)
+    assert health.severity >= 1
+    assert not health.health_index > 0.99
+
+
+def test_index_of_a_departure_follows_the_share_of_its_limit():
+    # Friction + 50 % is k = 0.25, half of the limit.
+    assert health_of(comparison(changed(FRICTION, 0.5, 0.02))).health_index == pytest.approx(0.5)
+    assert health_of(comparison(changed(FRICTION, 1.2, 0.02))).level == ERROR
+
+
+def test_departure_without_friction_has_no_index_as_nothing_with_a_limit_is_known():
+    health = health_of(
+        comparison(
+            changed(VISCOUS, 1.0),
+            *(not_judged(name, "one direction only") for name in (FRICTION, TORQUE, PLAY)),
+        )
+    )
+    assert health.level == WARN
+    assert np.isnan(health.health_index)
+
+
+def test_torque_per_ampere_is_a_requirement_where_it_is_judged():
+    [item] = torque(comparison(changed(TORQUE, -0.18, 0.02)))
+    assert (item.value, item.limit_is_lower) == (pytest.approx(0.82), True)
+    # Hot magnets may lose 5 %, one sigma, beside the 0.02 / 1.645 of the record.
+    assert item.sigma == pytest.approx(np.hypot(0.02 / 1.645, 0.05))
+    [item] = torque(HEALTHY)
+    assert (item.value, item.level) == (1.0, OK)
+    assert torque(comparison(not_judged(TORQUE, "no inertia torque"))) == []
+
+
+def test_torque_that_is_not_told_apart_from_friction_is_not_blamed():
+    assert torque(EFFORT_UP) == []
+
+
+@pytest.mark.parametrize("name", set(CASES) - {"nothing"})
+def test_warning_never_stands_beside_the_index_of_a_new_unit(name: str):
+    health = health_of(CASES[name])
+    assert health.level != WARN or not health.health_index > 0.99
+
+
+def test_departed_estimate_of_a_modelled_drive_is_never_as_new():
+    health = assess(estimate(verdict="departed", reason="the current is 12 % higher"), LIMITS)
+    assert (health.level, health.health_index) == (WARN, 0.99)

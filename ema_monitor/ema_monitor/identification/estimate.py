@@ -14,7 +14,7 @@ from ema_core.wording import text_table
 from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
-from ema_monitor.joint.wording import table_text
+from ema_monitor.joint.wording import finding, table_text
 from ema_monitor.normal.features import Part, part_of, row_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -188,6 +188,13 @@ class Estimate:
                 FAULTS, self.faults, self.found, self.unobservable, strict=True
             )
         )
+
+    @property
+    def departure(self) -> str:
+        """How the record departs from healthy ones, in words; "" if it does not."""
+        if self.verdict != DEPARTED:
+            return ""
+        return self.reason if self.comparison is None else finding(self.comparison)
 
     def as_row(self) -> dict[str, Any]:
         """Return the estimate as a row of a table, a plain value a column."""

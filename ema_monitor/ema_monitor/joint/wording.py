@@ -24,19 +24,21 @@ _WHOLE_SIGNED_PERCENT: Final = 100.0
 
 
 def summary(comparison: Comparison) -> str:
-    """Return the finding, and what is not judged, in one to three sentences."""
-    return " ".join([finding(comparison), *_sentences(_not_judged(comparison))])
+    """Return the finding, and what is not judged, in sentences without the final full stop."""
+    return ". ".join([finding(comparison), *map(_capital, _not_judged(comparison))])
 
 
 def finding(comparison: Comparison) -> str:
-    """Return what has changed; if nothing has, the change of friction that would show."""
+    """Return what has changed, in sentences without the final full stop.
+
+    If nothing has changed, it states the change of friction that would show.
+    """
     if not comparison.judged and not comparison.figures:
         reasons = dict.fromkeys(one.reason for one in comparison.quantities if one.reason)
-        why = f": {'; '.join(reasons)}" if reasons else ""
-        return f"No quantity could be judged{why}."
+        return "No quantity could be judged" + (f": {'; '.join(reasons)}" if reasons else "")
     departed = [*_changes(comparison.changed), *map(_figure_sentence, comparison.figures)]
     parts = departed or [f"no quantity has changed{_friction_that_would_show(comparison)}"]
-    return " ".join(_sentences([*parts, *_state(comparison)]))
+    return ". ".join(map(_capital, [*parts, *_state(comparison)]))
 
 
 def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
@@ -53,6 +55,31 @@ def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
 def table_text(comparison: Comparison) -> str:
     """Return ``rows`` under their headings as plain text."""
     return text_table(HEADINGS, rows(comparison))
+
+
+def why_no_level(comparison: Comparison, warn_limit: float) -> str:
+    """Return why a comparison without a departure does not show that a unit is healthy.
+
+    It does, and the text is "", if friction is judged and its smallest detectable change is below
+    the change at which a warning is given.
+
+    Parameters
+    ----------
+    comparison
+        Comparison of a record.
+    warn_limit
+        Relative change of friction at which a warning is given [-].
+    """
+    friction, label = comparison[FRICTION], label_of(FRICTION)
+    if not friction.is_judged:
+        return f"{label} is not judged: {friction.reason or 'no reason is known'}"
+    if friction.smallest_change < warn_limit:
+        return ""
+    limit = f"its warning limit is {_plain(warn_limit, friction)} %"
+    smallest = smallest_text(friction)
+    if not smallest:
+        return f"the smallest detectable change of {label} is unknown; {limit}"
+    return f"changes of {label} show above {smallest} only; {limit}"
 
 
 def label_of(name: str) -> str:
@@ -187,8 +214,8 @@ def _not_judged(comparison: Comparison) -> list[str]:
     return [f"not judged: {', '.join(f'{what} ({why})' if why else what for why, what in groups)}"]
 
 
-def _sentences(parts: Iterable[str]) -> list[str]:
-    return [f"{one[:1].upper()}{one[1:]}." for one in parts]
+def _capital(sentence: str) -> str:
+    return f"{sentence[:1].upper()}{sentence[1:]}"
 
 
 def _signed(value: float, quantity: QuantityChange) -> str:

@@ -196,7 +196,7 @@ class MonitorPrognosis:
         claim = Claim(estimate.end_ns, now_ns, self._author, settings.good_for_s)
         if estimate.valid:
             return replace(outlook_of_one(estimate, settings.limits, reason), claim=claim)
-        refused = UnusedCycle(estimate.end_ns, estimate.verdict, estimate.reason)
+        refused = UnusedCycle.of(estimate)
         return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
 
     def _why_not_recorded(self, stamp_ns: int, now_ns: int) -> str:

@@ -17,7 +17,7 @@ from ema_monitor.health import (
     with_requirements,
     worst_of,
 )
-from ema_monitor.identification.estimate import DEPARTED, Estimate
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, RemainingLife, TrackedFault
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
@@ -157,7 +157,7 @@ def outlook_of(
         ),
         tests_tell=tests_tell,
         calibrations={item.name: item.calibration for item in tracked},
-        departure=entry.estimate.reason if entry.verdict == DEPARTED else "",
+        departure=entry.estimate.departure,
     )
 
 

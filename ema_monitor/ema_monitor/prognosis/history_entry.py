@@ -10,6 +10,7 @@ import numpy as np
 
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.normal.features import Part, part_of, row_of
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -123,7 +124,7 @@ class UnusedCycle:
         Of its estimate: why there is none.
     flown
         Duty since the test cycle before, as far as telemetry tells it.
-    parts
+    parts, comparison
         As of its estimate.
     """
 
@@ -132,6 +133,19 @@ class UnusedCycle:
     reason: str
     flown: FlownDuty = NOTHING_FLOWN
     parts: tuple[Part, ...] = ()
+    comparison: Comparison | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate, flown: FlownDuty = NOTHING_FLOWN) -> "UnusedCycle":
+        """Return the test cycle of an estimate that is not valid."""
+        return cls(
+            estimate.end_ns,
+            estimate.verdict,
+            estimate.reason,
+            flown,
+            estimate.parts,
+            estimate.comparison,
+        )
 
 
 Test = Entry | UnusedCycle
@@ -208,6 +222,8 @@ def as_text(test: Test) -> str:
     else:
         rows = plain([row_of(part) for part in test.parts])
         record |= {"verdict": test.verdict, "reason": test.reason, "parts": rows}
+        if test.comparison is not None:
+            record["comparison"] = plain(test.comparison.as_mapping())
     if test.flown.hours:
         record["duty"] = {
             "hours": test.flown.hours,
@@ -226,7 +242,15 @@ def read_test(text: str) -> Test:
         flown = FlownDuty(hours, *map(np.array, classes))
     if "estimate" not in record:
         parts = tuple(part_of(row) for row in record.get("parts", ()))
-        return UnusedCycle(record["end_ns"], record["verdict"], record["reason"], flown, parts)
+        compared = record.get("comparison")
+        return UnusedCycle(
+            record["end_ns"],
+            record["verdict"],
+            record["reason"],
+            flown,
+            parts,
+            None if compared is None else Comparison.of_mapping(compared),
+        )
     hours, count = record["hours"], record["count"]
     return Entry(
         estimate_of(record["estimate"]),

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_monitor.health import FaultHealth, Health, HealthLimits, assess
+from ema_core.levels import ERROR, STALE, WARN
+from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
@@ -180,7 +180,7 @@ class Outlook:
 
     def stale(self, reason: str) -> "Outlook":
         """Return what is left when its level is not known any more."""
-        health = replace(_without_ok(self.health), level=STALE, confidence=0.0, reason=reason)
+        health = replace(self.health.without_ok(), level=STALE, confidence=0.0, reason=reason)
         return replace(self, health=health, last_level=self.known_level)
 
     def at(self, now_ns: int) -> "Outlook":
@@ -198,6 +198,9 @@ class Outlook:
         """Return what is known once the newest test has failed, departed or else was refused."""
         if test.verdict != FAILED:
             stale = self.stale(f"the newest test was refused: {test.reason}")
+            if test.comparison is not None:
+                # The record judges nothing: the index of an earlier record is not that of the unit.
+                stale = replace(stale, health=replace(stale.health, health_index=math.nan))
             if test.verdict != DEPARTED:
                 return stale
             level = self.known_level if self.known_level in (WARN, ERROR) else WARN
@@ -205,7 +208,7 @@ class Outlook:
             return replace(stale, health=health, departure=test.reason)
         life = RemainingLife.unknown("", f"it has failed: {test.reason}")
         health = replace(
-            _without_ok(self.health),
+            self.health.without_ok(),
             level=ERROR,
             health_index=0.0,
             severity=4,
@@ -228,15 +231,6 @@ class Outlook:
         )
 
 
-def _without_ok(health: Health) -> Health:
-    """Return health in which nothing is said to be OK; what was found wrong stays."""
-
-    def unsure(items: tuple[FaultHealth, ...]) -> tuple[FaultHealth, ...]:
-        return tuple(replace(one, level=STALE) if one.level == OK else one for one in items)
-
-    return replace(health, faults=unsure(health.faults), requirements=unsure(health.requirements))
-
-
 def unknown_outlook(reason: str) -> Outlook:
     """Return what is published before any test, with the reason why nothing is known."""
     health = Health(STALE, math.nan, 0, 0.0, "", reason=reason)
@@ -252,5 +246,5 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
         stamp_ns=estimate.end_ns,
         health=health,
         dominant=health.dominant_fault,
-        departure=estimate.reason if estimate.verdict == DEPARTED else "",
+        departure=estimate.departure,
     )

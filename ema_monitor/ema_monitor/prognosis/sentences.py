@@ -40,7 +40,7 @@ def cause_of_level(outlook: Outlook) -> str:
     every = (*health.faults, *health.requirements)
     items = [one for one in every if one.level == health.level or math.isfinite(one.held)]
     if not items:
-        return health.reason
+        return outlook.departure or health.reason
     items.sort(key=lambda item: (-item.level, item.name != outlook.dominant))
     causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)

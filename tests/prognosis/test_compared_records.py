@@ -1,0 +1,119 @@
+"""Health and growth of a unit whose records are compared with a baseline."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from tests.monitor.comparisons import (
+    END_NS,
+    FRICTION_UP,
+    HEALTHY,
+    HEAVIER,
+    NOTHING,
+    changed,
+    compared,
+    comparison,
+    not_judged,
+)
+
+from ema_core.levels import OK, STALE, WARN
+from ema_monitor.health import HealthLimits
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.joint.comparison import FRICTION, Comparison
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import DEPARTURE, UnusedCycle
+from ema_monitor.prognosis.outlook import Outlook, outlook_of_one, unknown_outlook
+from ema_monitor.prognosis.sentences import cause_of_level, reason_of
+from ema_monitor.unit import Unit
+
+from .lived_units import TEN_HOURS, plain
+from .made_tests import UNIT
+
+NO_FRICTION = comparison(not_judged(FRICTION, "one direction only"))
+GROWTH = 0.03
+
+
+def record(number: int, of: Comparison) -> Estimate:
+    return compared(of, END_NS + number * 100_000_000_000)
+
+
+def grown(number: int) -> Comparison:
+    """Friction that rises 3 % from record to record, and departs from the third on."""
+    return comparison(changed(FRICTION, GROWTH * number)) if number > 1 else HEALTHY
+
+
+def followed(of: Iterable[Comparison], path: Path | None = None) -> tuple[Unit, list[Outlook]]:
+    unit = Unit(History(*UNIT, path), TEN_HOURS)
+    outlooks = [unit.update(record(n, one), None, TEN_HOURS) for n, one in enumerate(of)]
+    assert None not in outlooks
+    return unit, [one for one in outlooks if one is not None]
+
+
+def test_growth_of_friction_is_tracked_as_that_of_the_fault():
+    *_, last = followed(grown(number) for number in range(14))[1]
+    # The ratio of friction is 1 + 2 k, and a record is made every 10 h.
+    assert last.trends["friction"] == pytest.approx(GROWTH / 2.0 / 10.0, rel=0.2)
+    assert last.rul.known
+    assert last.dominant == "friction"
+    assert last.health.faults[0].value == pytest.approx(GROWTH * 13 / 2.0, abs=0.02)
+
+
+def test_departure_warns_before_the_fault_does():
+    last = followed([HEALTHY, HEALTHY, FRICTION_UP])[1][-1]
+    assert (last.health.level, last.health.faults[0].level) == (WARN, OK)
+    assert last.health.health_index < 1.0
+    words = "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %)"
+    assert cause_of_level(last) == words
+    assert [one.text for one in last.events if one.kind == DEPARTURE] == [words]
+
+
+def test_record_that_judges_nothing_leaves_neither_level_nor_index(tmp_path: Path):
+    unit, outlooks = followed([HEALTHY, HEALTHY, NOTHING], tmp_path / "unit.db")
+    last = outlooks[-1]
+    assert (last.health.level, last.health.confidence) == (STALE, 0.0)
+    assert math.isnan(last.health.health_index)
+    assert "the joint did not move" in reason_of(last)
+    unit.history.close()
+    again = Unit(History(*UNIT, tmp_path / "unit.db"), TEN_HOURS).resume(None, TEN_HOURS)
+    assert again is not None
+    assert plain(again) == plain(last)
+
+
+def test_level_returns_with_the_next_record_that_judges_friction():
+    levels = [one.health.level for one in followed([HEALTHY, NO_FRICTION, NOTHING, HEALTHY])[1]]
+    assert levels == [OK, STALE, STALE, OK]
+
+
+def test_first_record_that_judges_nothing_has_no_index():
+    refused = UnusedCycle.of(record(0, NOTHING))
+    health = unknown_outlook("no valid test so far").after_refusal(refused).health
+    assert health.level == STALE
+    assert math.isnan(health.health_index)
+
+
+def test_records_without_friction_do_not_disturb_its_growth():
+    plain_growth = followed(grown(number) for number in range(6))[1][-1]
+    of = [one for number in range(6) for one in (grown(number), NO_FRICTION)][:-1]
+    last = followed(of)[1][-1]
+    assert last.health.faults[0].value == pytest.approx(
+        plain_growth.health.faults[0].value, abs=0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("of", "level"), [(HEALTHY, OK), (FRICTION_UP, WARN), (HEAVIER, WARN), (NO_FRICTION, STALE)]
+)
+def test_level_of_one_record_alone_is_that_of_the_unit(of: Comparison, level: int):
+    alone = outlook_of_one(record(0, of), HealthLimits(), "no history")
+    assert alone.health.level == level == followed([of])[1][-1].health.level
+
+
+def test_assessment_without_an_index_survives_the_file(tmp_path: Path):
+    unit, _ = followed([HEALTHY, NO_FRICTION], tmp_path / "unit.db")
+    unit.history.close()
+    history = History(*UNIT, tmp_path / "unit.db")
+    assert history.problem == ""
+    newest = history.assessments[history.entries[-1].stamp_ns]
+    assert newest.level == STALE
+    assert math.isnan(newest.health_index)
