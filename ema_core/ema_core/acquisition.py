@@ -25,6 +25,7 @@ class Acquisition(Checked):
     current: str = text("mean", "what a sample of the current stands for", CURRENT_SAMPLINGS)
     current_filter: float = quantity(0.0, "s", 0.0, 1.0, "time constant of the current's filter")
     speed: bool = flag(True, "the speed is measured")
+    command: bool = flag(True, "there is a position command")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -37,12 +38,17 @@ class Acquisition(Checked):
     def __str__(self) -> str:
         filtered = f" with {self.current_filter:g} s" if self.current_filter else ""
         current = "no current" if self.current == "none" else f"current {self.current}{filtered}"
-        return f"{current}, {'speed measured' if self.speed else 'no speed'}"
+        speed = "speed measured" if self.speed else "no speed"
+        return f"{current}, {speed}{'' if self.command else ', no command'}"
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Names of the columns of telemetry that are not measured, and so are empty."""
-        absent = {"current": self.current == "none", "speed": not self.speed}
+        absent = {
+            "command": not self.command,
+            "current": self.current == "none",
+            "speed": not self.speed,
+        }
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradiction(self, missing: Collection[str]) -> str:
@@ -51,7 +57,7 @@ class Acquisition(Checked):
             f"the {name} is said to be measured ({self}), but its column is empty"
             if name in missing
             else f"the {name} is said not to be measured ({self}), but its column is filled"
-            for name in ("current", "speed")
+            for name in ("command", "current", "speed")
             if (name in missing) != (name in self.missing)
         ]
         return "; ".join(reasons)

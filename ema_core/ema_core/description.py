@@ -46,8 +46,8 @@ class ActuatorDescription:
     ------
     ValueError
         When the id or serial number is no name, the period is outside
-        ``ema_core.telemetry.PERIODS``, the drive is unknown, or the motor is too weak for its
-        friction.
+        ``ema_core.telemetry.PERIODS``, the drive is not one of ``DRIVES`` or needs a command that
+        is missing, or the motor is too weak for its friction.
     """
 
     actuator_id: str = "flap"
@@ -72,6 +72,11 @@ class ActuatorDescription:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))
+        if self.drive != "unknown" and not self.acquisition.command:
+            raise ValueError(
+                f"no position command with drive = {self.drive}: expected a command, or drive = "
+                "unknown"
+            )
         if reason := standstill(self.parameters, self.drive):
             raise ValueError(reason)
 

@@ -13,7 +13,7 @@ from ema_core.quantity import is_finite_number
 COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
-OPTIONAL = ("current", "speed")
+OPTIONAL = ("command", "current", "speed")
 """Columns that may be empty, where they are not measured."""
 
 PERIODS = (1e-9, 1.0)
@@ -26,8 +26,8 @@ class Telemetry:
 
     Sample i covers ((i-1) h, i h]: current is its mean over that interval, or what else the
     description of the actuator says of it (`ema_core.acquisition`); the other columns are the
-    values at its end. The column of a quantity that is not measured is empty: current and speed
-    may be.
+    values at its end. The column of a quantity that is not measured is empty. Only the position
+    is always there.
 
     Attributes
     ----------
@@ -37,8 +37,10 @@ class Telemetry:
         Period h [s].
     first_index
         Running index of the first sample.
-    command, position
-        Angle of the user shaft, ``(n,)`` [rad]; position is measured after the backlash.
+    command
+        Commanded angle of the user shaft, ``(n,)`` [rad], or ``(0,)`` without a position command.
+    position
+        Angle of the user shaft, measured after the backlash, ``(n,)`` [rad].
     current
         Equivalent current, ``(n,)`` [A], or ``(0,)`` where it is not measured.
     speed
@@ -47,7 +49,7 @@ class Telemetry:
     Raises
     ------
     ValueError
-        When the columns differ in length, command or position is empty, or the period is outside
+        When the columns differ in length, the position is empty, or the period is outside
         ``PERIODS``.
     """
 
@@ -62,20 +64,25 @@ class Telemetry:
     def __post_init__(self) -> None:
         check_period(self.sample_period)
         n = len(self)
-        if not n or len(self.position) != n or {len(self.current), len(self.speed)} - {0, n}:
+        if not n or {len(getattr(self, name)) for name in OPTIONAL} - {0, n}:
             listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
             raise ValueError(
                 f"telemetry columns must have one length of at least 1, not {listed}; only "
-                f"{' and '.join(OPTIONAL)} may be empty, where they are not measured"
+                f"{', '.join(OPTIONAL)} may be empty, where they are not measured"
             )
 
     def __len__(self) -> int:
-        return len(self.command)
+        return len(self.position)
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Names of the columns that are not measured."""
         return tuple(name for name in OPTIONAL if not len(getattr(self, name)))
+
+    @property
+    def has_command(self) -> bool:
+        """Whether there is a position command: drives by velocity or torque have none."""
+        return len(self.command) > 0
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:

@@ -161,7 +161,8 @@ def test_definition_that_contains_itself_is_refused():
         decoder("a/msg/B", text)
 
 
-ADDED = {"current_sampling", "current_filter_time", "speed_measured", "drive", "lead"}
+ADDED = {"current_sampling", "current_filter_time", "speed_measured", "has_command"}
+ADDED |= {"drive", "lead"}
 DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample_period=1e-3)
 
 
@@ -212,6 +213,7 @@ def test_older_message_becomes_one_of_the_installed_type(old_bag: Path):
     message = deserialize_message(upgrade(item.message), DescriptionMessage)
     assert description_from_message(message) == DESCRIPTION
     assert message.speed_measured is True
+    assert message.has_command is True
 
 
 def test_only_fields_with_a_default_may_be_missing():

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.acquisition import Acquisition
+from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 
 
@@ -64,3 +66,23 @@ def test_part_that_is_none_is_refused(start, stop):
     row = np.zeros(10)
     with pytest.raises(ValueError, match=r"no part of 10 samples"):
         Telemetry(0, 1e-4, 1, row, row, row, row).part(start, stop)
+
+
+def test_column_that_is_not_measured_is_empty_but_the_position_is_always_there():
+    x = telemetry(command=np.empty(0), speed=np.empty(0))
+    assert (len(x), x.has_command, x.missing) == (5, False, ("command", "speed"))
+    part = x.part(1, 3)
+    assert (len(part), len(part.command), part.position.tolist()) == (2, 0, [21.0, 22.0])
+    assert telemetry().has_command
+    with pytest.raises(ValueError, match="position 0, speed 5; only command, current, speed may"):
+        telemetry(position=np.empty(0))
+
+
+def test_only_a_drive_of_an_unknown_controller_may_lack_a_command():
+    acquisition = Acquisition(command=False)
+    assert str(acquisition) == "current mean, speed measured, no command"
+    assert acquisition.contradiction(("command",)) == ""
+    assert "no command), but its column is filled" in acquisition.contradiction(())
+    assert not ActuatorDescription(drive="unknown", acquisition=acquisition).acquisition.command
+    with pytest.raises(ValueError, match="no position command with drive = six_step"):
+        ActuatorDescription(acquisition=acquisition)

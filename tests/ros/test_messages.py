@@ -82,7 +82,7 @@ def test_columns_of_other_types_become_float64():
 
 def test_every_parameter_and_every_field_is_mapped():
     assert list(PARAMETER_FIELDS) == [item.name for item in fields(ActuatorParameters)]
-    acquisition = {"current_sampling", "current_filter_time", "speed_measured"}
+    acquisition = {"current_sampling", "current_filter_time", "speed_measured", "has_command"}
     mapped = {"header", "drive", *IDENTITY, *acquisition, *PARAMETER_FIELDS.values()}
     assert mapped == set(DescriptionMessage.get_fields_and_field_types())
     assert len(set(PARAMETER_FIELDS.values())) == len(PARAMETER_FIELDS)
@@ -119,6 +119,17 @@ def test_description_survives_the_wire():
     assert stamp_from_message(message.header.stamp) == 5
     assert message.gear_ratio == sent.parameters.tau
     assert message.pole_pairs == 2
+
+
+def test_drive_without_a_position_command_survives_the_wire():
+    acquisition = Acquisition(command=False)
+    sent = ActuatorDescription(drive="unknown", acquisition=acquisition)
+    assert description_from_message(over_the_wire(description_to_message(sent))) == sent
+    row = np.arange(3.0)
+    block = Telemetry(10**9, 1e-3, 1, np.empty(0), row, row + 1.0, row + 2.0)
+    received = telemetry_from_message(over_the_wire(telemetry_to_message(block, "wheel")))
+    assert (received.has_command, received.missing, len(received)) == (False, ("command",), 3)
+    assert received.position.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_unknown_constant_of_a_description_is_refused_by_name():

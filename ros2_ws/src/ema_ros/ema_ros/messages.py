@@ -118,6 +118,7 @@ def description_to_message(
     message.current_sampling = CURRENT_SAMPLINGS.index(acquisition.current)
     message.current_filter_time = acquisition.current_filter
     message.speed_measured = acquisition.speed
+    message.has_command = acquisition.command
     for name, field in PARAMETER_FIELDS.items():
         setattr(message, field, getattr(description.parameters, name))
     return message
@@ -141,6 +142,7 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
             _named("current_sampling", getattr(message, "current_sampling", 0), CURRENT_SAMPLINGS),
             getattr(message, "current_filter_time", 0.0),
             bool(getattr(message, "speed_measured", True)),
+            bool(getattr(message, "has_command", True)),
         ),
         parameters=ActuatorParameters(**parameters, lead=getattr(message, "lead", 0.0)),
     )

@@ -9,6 +9,7 @@ export interface ActuatorDescription {
   current_sampling: number;
   current_filter_time: number;
   speed_measured: boolean;
+  has_command: boolean;
   drive: number;
   position_gain: number;
   speed_p: number;
