@@ -19,11 +19,21 @@ from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS, INDICES
 from ema_core.linear import physical, travel_shown
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, VERDICTS, Estimate
+from ema_monitor.identification.estimate import (
+    DEGRADED,
+    DEPARTED,
+    FAILED,
+    SKIPPED,
+    VERDICTS,
+    Estimate,
+)
+from ema_monitor.joint.comparison import QUANTITIES
+from ema_monitor.joint.wording import change_text, finding, improvement_sentences, label_of
 from ema_monitor.windows.window import MIN_TRAVEL
 
 _NOTHING: Final = "no significant fault"
 _REASON_WIDTH: Final = 90
+_FINDING_WIDTH: Final = 200
 
 
 @click.command()
@@ -37,8 +47,9 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
     A single window is shown as a table; of several there is a line each, and a summary. With
     --any-motion, stretches of ordinary motion are combined until the faults are known as well as
     wanted: there is a line for each combination, with the faults that the motion does not show.
-    Exit code 3 means that a window is refused, or departs from the healthy ones of the calibration
-    and no fault explains it.
+    A record of an unknown drive is compared with the healthy records of its calibration: a table
+    gives the change of each quantity. Exit code 3 means that a window or record is refused, that
+    a record shows no quantity, or that it departs from the healthy ones.
     """
     given = given.with_calibration_beside([bag])
     calibration = given.calibration()
@@ -80,8 +91,13 @@ def _significant(one: Estimate) -> list[int]:
 def _line(number: int, one: Estimate, found: BagWindows) -> str:
     """Return a window as one line."""
     place = f"{number:4d} {found.seconds(one.start_ns):10.2f} s"
-    if one.stretches:
+    if one.is_of_record:
+        place += f" to {found.seconds(one.end_ns):.2f} s"
+    elif one.stretches:
         place += f" to {found.seconds(one.end_ns):.2f} s, {counted(one.stretches, 'stretch')}"
+    if one.comparison is not None:
+        what = shorten(finding(one.comparison), _FINDING_WIDTH, placeholder=" ...")
+        return f"{place}  {one.verdict:8s} {what}"
     if not one.valid or one.verdict == DEPARTED:
         verdict = DEPARTED if one.verdict == DEPARTED else "refused"
         return f"{place}  {verdict:8s} {shorten(one.reason, _REASON_WIDTH, placeholder=' ...')}"
@@ -103,9 +119,12 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     """Return how many windows are valid, why others are not, and the largest faults, in lines."""
     valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
     counts = Counter(one.verdict for one in estimates)
-    named = [name for name in VERDICTS if counts[name] or name not in (FAILED, SKIPPED, DEPARTED)]
+    are_records = any(one.is_of_record for one in estimates)
+    seldom = (FAILED, SKIPPED, DEGRADED) if are_records else (FAILED, SKIPPED, DEPARTED)
+    named = [name for name in VERDICTS if counts[name] or name not in seldom]
     verdicts = ", ".join(f"{counts[name]} {name}" for name in named)
     what = "estimate" if any(one.stretches for one in estimates) else "window"
+    what = "record" if are_records else what
     lines = [f"{counted(len(estimates), what)}: {verdicts}"]
     # Reasons that differ in their figures only are the same.
     reasons: dict[str, list[str]] = {}
@@ -115,6 +134,9 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     for alike in reasons.values():
         example = "" if len(set(alike)) == 1 else "for instance "
         lines.append(f"{len(alike)} refused: {example}{alike[0]}")
+    if are_records:
+        changes = _largest_changes(estimates)
+        return [*lines, f"largest: {changes}"] if changes else lines
     words = []
     for i, fault in enumerate(FAULTS):
         with_fault = [(number, one) for number, one in valid if i in _significant(one)]
@@ -126,8 +148,34 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     return lines
 
 
+def _largest_changes(estimates: Sequence[Estimate]) -> str:
+    """Return the largest change of each quantity that a record shows, with the record."""
+    words = []
+    for name in QUANTITIES:
+        changes = [
+            (number, change)
+            for number, one in enumerate(estimates)
+            for change in (one.comparison.changed if one.comparison else ())
+            if change.name == name
+        ]
+        if changes:
+            number, largest = max(changes, key=lambda item: abs(item[1].change))
+            words.append(f"{label_of(name)} {change_text(largest)} (record {number})")
+    return ", ".join(words)
+
+
 def _print(number: int, one: Estimate, found: BagWindows) -> None:
     start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
+    if one.is_of_record:
+        click.echo(f"record {number}, {start:.1f} s to {end:.1f} s\n{one}")
+        if one.comparison is not None:
+            lines = improvement_sentences(one.comparison)
+            lines.append(
+                f"{one.computing_time_s:.2f} s of computing; calibration of "
+                f"{counted(one.calibration_windows, 'healthy record')}"
+            )
+            click.echo("\n".join(lines))
+        return
     what = counted(one.stretches, "stretch") if one.stretches else f"window {number}"
     title = f"{what}, {start:.4f} s to {end:.4f} s"
     click.echo(f"{title}\n{one}")

@@ -190,6 +190,11 @@ class Estimate:
         )
 
     @property
+    def is_of_record(self) -> bool:
+        """Whether the estimate is that of a record compared with a baseline, not of a window."""
+        return self.algorithm == INVERSE_DYNAMICS
+
+    @property
     def departure(self) -> str:
         """How the record departs from healthy ones, in words; "" if it does not."""
         if self.verdict != DEPARTED:

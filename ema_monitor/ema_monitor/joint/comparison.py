@@ -16,19 +16,28 @@ class Judgement(StrEnum):
 
 
 class Quantity(NamedTuple):
-    """A physical quantity of a joint: its label, and whether its change is relative to healthy.
+    """A physical quantity of a joint.
 
-    The change of a quantity that is not relative has the unit of the effort.
+    Attributes
+    ----------
+    label
+        Name in words.
+    is_relative
+        Whether its change is relative; else it has the unit of the effort.
+    reference
+        What a relative change is a share of.
     """
 
     label: str
     is_relative: bool = True
+    reference: str = "healthy"
 
 
 FRICTION: Final = "friction"
 VISCOUS: Final = "viscous_friction"
 TORQUE: Final = "torque_per_ampere"
 INERTIA: Final = "inertia"
+FRICTION_OVER_INERTIA: Final = "friction_over_inertia"
 GRAVITY: Final = "gravity"
 LOAD: Final = "load"
 PLAY: Final = "play"
@@ -36,9 +45,10 @@ TRACKING: Final = "tracking_lag"
 
 QUANTITIES: Final[Mapping[str, Quantity]] = {
     FRICTION: Quantity("Coulomb friction"),
-    VISCOUS: Quantity("viscous friction"),
+    VISCOUS: Quantity("viscous friction", reference="all friction at the usual speed"),
     TORQUE: Quantity("torque per ampere"),
     INERTIA: Quantity("inertia"),
+    FRICTION_OVER_INERTIA: Quantity("Coulomb friction over inertia"),
     GRAVITY: Quantity("gravity"),
     LOAD: Quantity("constant load", is_relative=False),
     PLAY: Quantity("play"),
@@ -200,7 +210,10 @@ class Comparison:
             QuantityChange(
                 str(one["name"]),
                 Judgement(one["judgement"]),
-                *(number(one[key]) for key in ("change", "low", "high", "smallest_change")),
+                number(one["change"]),
+                number(one["low"]),
+                number(one["high"]),
+                number(one["smallest_change"]),
                 str(one["unit"]),
                 str(one["reason"]),
                 tuple(map(str, one["rivals"])),
