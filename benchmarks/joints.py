@@ -1,0 +1,462 @@
+"""How well the route for unknown drives judges joints of other makes, beside least squares.
+
+    python benchmarks/joints.py [--quick] [--joints A,B] [--seeds N] [--json FILE] [--folder FOLDER]
+
+Units of ``joint_plants`` are calibrated by `ema calibrate` on healthy records of a few days, and
+their tests from a month later on are judged by `ema estimate --json`. Least squares fits the same
+logs. Then tests follow with a friction change of the reported smallest size. `--held-out` runs the
+joints for one run at the end, `--healthy-trials 10000` the false alarms of so many healthy tests.
+"""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import click
+import numpy as np
+import pandas as pd
+from click.testing import CliRunner
+from joint_plants import (
+    DEVELOPMENT,
+    FIRST_TEST_DAY,
+    HEALTHY,
+    HELD_OUT,
+    JOINTS,
+    Case,
+    Joint,
+    Unit,
+    cases,
+    healthy_days,
+    write_truth,
+)
+from numpy.typing import NDArray
+from rich.table import Table
+from scipy.signal import savgol_filter
+from scipy.stats import t as student
+from script import Figures, Workers, command
+from targets import Row, at_least, at_most, grid, none_of, percent, share_at_least, untargeted
+
+from ema_cli.main import main as ema
+
+WITHIN: Final = 0.1
+WANTED_ERROR: Final = 1.0
+WANTED_SMALLEST: Final = 5.0
+COVER: Final = (0.85, 0.95)
+MOST_ALARMS: Final = 1e-3
+TRIALS_EACH: Final = 25
+"""Healthy tests of a unit whose false alarms alone are counted."""
+
+NAMES: Final = {
+    "friction": "friction",
+    "viscous": "viscous_friction",
+    "torque": "torque_per_ampere",
+    "load": "load",
+    "play": "play",
+}
+"""Quantity that changes in each kind of case."""
+OUTCOMES: Final = ("named", "not told apart", "departed", "missed", "not judged", "wrong")
+
+_FIRST_TRIAL: Final = 1000
+
+
+@dataclass(frozen=True)
+class Task:
+    """A unit to be calibrated on healthy records, and its tests by name."""
+
+    unit: Unit
+    records: int
+    days: int
+    tests: Mapping[str, Case]
+    sized: int = 0
+    """Tests with a friction change of the reported smallest size."""
+    folder: Path | None = None
+
+
+class LeastSquares:
+    """Effort on acceleration, speed, its sign, a constant and gravity; alarms at 3 sigma."""
+
+    NAMES: Final = ("inertia", "viscous_friction", "friction", "load", "gravity")
+
+    def __init__(self, joint: Joint, healthy: Sequence[Path]) -> None:
+        self.joint = joint
+        found = np.array([self.fit(path) for path in healthy])
+        self.mean = found.mean(axis=0)
+        self.sigma = found.std(axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / len(found))
+        self.quantile = float(student.ppf(0.95, len(found) - 1))
+
+    def fit(self, path: Path) -> NDArray[np.float64]:
+        """Return the coefficients of a log."""
+        log = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+        q, step = log["position"].to_numpy(), 1.0 / self.joint.rate_hz
+        width = max(7, int(0.03 / step) | 1)
+        v = np.asarray(savgol_filter(q, width, 3, 1, step))
+        if self.joint.has_speed:
+            v = np.asarray(savgol_filter(log["speed"], width, 2))
+        a = np.asarray(savgol_filter(q, width, 3, 2, step))
+        effort = np.asarray(savgol_filter(log["effort"], width, 2))
+        columns = [a, v, np.sign(v), np.ones_like(v)]
+        if self.joint.gravity:
+            columns.append(np.sin(q))
+        moves = np.abs(v) > 0.1 * np.max(np.abs(v))
+        return np.linalg.lstsq(np.column_stack(columns)[moves], effort[moves])[0]
+
+    def judge(self, path: Path) -> Figures:
+        """Return the change of friction with its 90 % interval, and the quantity of an alarm."""
+        found = self.fit(path)
+        size = np.abs(found - self.mean) / self.sigma
+        largest = int(np.argmax(size))
+        friction, healthy = found[2], self.mean[2]
+        off = self.quantile * self.sigma[2]
+        ends = sorted((friction + sign * off) / healthy - 1.0 for sign in (-1.0, 1.0))
+        return {
+            "change": friction / healthy - 1.0,
+            "low": ends[0],
+            "high": ends[1],
+            "alarm": self.NAMES[largest] if size[largest] > 3.0 else "",
+        }
+
+
+def run(*arguments: str | Path) -> tuple[int, str, str, float]:
+    """Run a command; return its exit code, what it printed, its errors and processor time [s]."""
+    started = time.process_time()
+    done = CliRunner().invoke(ema, list(map(str, arguments)))
+    spent = time.process_time() - started
+    crashed = done.exception and not isinstance(done.exception, SystemExit)
+    return done.exit_code, done.stdout, repr(done.exception) if crashed else done.stderr, spent
+
+
+def estimated(path: Path, calibration: Path) -> Figures:
+    """Return what `ema estimate` reports of a record."""
+    code, printed, errors, spent = run("estimate", path, "--calibration", calibration, "--json")
+    try:
+        estimates = json.loads(printed)
+    except json.JSONDecodeError:
+        estimates = []
+    found = next((one for one in estimates if one.get("comparison")), {})
+    comparison = found.get("comparison") or {"quantities": [], "figures": []}
+    reason = "; ".join({one.get("reason", "") for one in estimates} - {""})
+    return {
+        "code": code,
+        "verdict": found.get("verdict", ""),
+        "reason": reason or (errors.strip().splitlines() or [""])[-1],
+        "quantities": {one["name"]: one for one in comparison["quantities"]},
+        "figures": [one["name"] for one in comparison["figures"]],
+        "cpu_s": spent,
+    }
+
+
+def judged_unit(task: Task) -> Figures:
+    """Write, calibrate and judge a unit; return what is reported of its tests, and the truth."""
+    unit, truth = task.unit, {}
+    with ExitStack() as stack:
+        folder = task.folder or Path(stack.enter_context(TemporaryDirectory()))
+        folder = folder / f"{unit.name}_{unit.seed}"
+        unit.write_description(folder)
+
+        def write(name: str, day: int, number: int, case: Case) -> Path:
+            record = unit.record(day, number, case)
+            truth[name] = {"day": day, "dry": record.dry, **vars(case)}
+            return unit.write(record, folder, name)
+
+        healthy = [
+            write(f"healthy_{i}", day, number, HEALTHY)
+            for i, (day, number) in enumerate(healthy_days(task.records, task.days))
+        ]
+        usual = np.mean([one["dry"] for one in truth.values()])
+        calibration = folder / "calibration.yaml"
+        code, _, errors, spent = run("calibrate", *healthy, "-o", calibration, "--replace")
+        least_squares = LeastSquares(unit.joint, healthy)
+        tests: list[Figures] = []
+
+        def judge(name: str, case: Case, kind: str) -> None:
+            file = f"test_{name.replace(' ', '_')}"
+            path = write(file, FIRST_TEST_DAY + 2 * len(tests), 0, case)
+            tests.append(
+                {
+                    "case": name,
+                    "kind": kind,
+                    "wear": case.friction - 1.0,
+                    "change": truth[file]["dry"] / usual - 1.0,
+                    "ours": estimated(path, calibration),
+                    "least_squares": least_squares.judge(path),
+                }
+            )
+            if not task.folder:
+                path.unlink()
+
+        for name, case in task.tests.items():
+            judge(name, case, name.split()[0])
+        sizes = [one["smallest_change"] for one in map(_friction, tests) if one]
+        smallest = float(np.median(sizes)) if sizes else float("nan")
+        for i in range(task.sized if sizes else 0):
+            judge(f"smallest {i}", Case(friction=1.0 + smallest), "smallest")
+        write_truth(folder, truth)
+    return {
+        "joint": unit.name,
+        "seed": unit.seed,
+        "calibration": {"code": code, "error": errors.strip()[-300:], "cpu_s": spent},
+        "smallest": smallest,
+        "tests": tests,
+    }
+
+
+def measure(
+    pool: Workers,
+    joints: str,
+    seeds: int,
+    records: int,
+    days: int,
+    healthy: int,
+    sized: int,
+    healthy_trials: int,
+    held_out: bool,
+    folder: Path | None = None,
+) -> Figures:
+    """Print how well joints of other makes are judged, beside least squares."""
+    chosen = joints.split(",") if joints else list(HELD_OUT if held_out else DEVELOPMENT)
+    if unknown := set(chosen) - set(JOINTS):
+        raise click.UsageError(f"no joint {', '.join(unknown)}: expected some of {list(JOINTS)}")
+    tasks = [
+        Task(Unit(name, seed), records, days, cases(JOINTS[name], healthy), sized, folder)
+        for seed in range(seeds)
+        for name in chosen
+    ]
+    trials = {f"healthy {i}": HEALTHY for i in range(TRIALS_EACH)}
+    more = [
+        Task(Unit(chosen[i % len(chosen)], _FIRST_TRIAL + i // len(chosen)), records, days, trials)
+        for i in range(-(-healthy_trials // TRIALS_EACH))
+    ]
+    return {"units": pool.map("joints", judged_unit, [*tasks, *more])}
+
+
+def _friction(test: Figures) -> Figures | None:
+    """Return what a test reports of its friction; None if it is not judged."""
+    found = test["ours"]["quantities"].get("friction")
+    return found if found and found["judgement"] != "not judged" else None
+
+
+def is_alarm(ours: Figures) -> bool:
+    """Return whether a record is reported as different from the healthy ones."""
+    changed = any(one["judgement"] == "changed" for one in ours["quantities"].values())
+    return changed or bool(ours["figures"]) or ours["verdict"] == "departed"
+
+
+def outcome(test: Figures) -> str:
+    """Return which of ``OUTCOMES`` a test with a fault has."""
+    wanted, ours = NAMES[test["kind"]], test["ours"]
+    changed = {
+        name: one for name, one in ours["quantities"].items() if one["judgement"] == "changed"
+    }
+    others = [one for name, one in changed.items() if name != wanted]
+    if any(wanted not in one["rivals"] for one in others):
+        return "wrong"
+    if wanted in changed and not changed[wanted]["rivals"]:
+        return "named"
+    if changed:
+        return "not told apart"
+    if is_alarm(ours):
+        return "departed"
+    found = ours["quantities"].get(wanted)
+    return "not judged" if not found or found["judgement"] == "not judged" else "missed"
+
+
+def of_joint(units: Sequence[Figures]) -> Figures:
+    """Return the figures of some units."""
+    tests = [one for unit in units for one in unit["tests"]]
+    wear = [one for one in tests if one["kind"] == "friction"]
+    healthy = [one for one in tests if one["kind"] == "healthy"]
+    judged = [(one, found) for one in tests if (found := _friction(one))]
+    errors = [_error(one, found) for one, found in judged if one["kind"] == "friction"]
+    plain = [_error(one, one["least_squares"]) for one in wear]
+    same = [_error(one, one["least_squares"]) for one in wear if _friction(one)]
+    covered = [(one, found) for one, found in judged if one["kind"] in ("friction", "healthy")]
+    reasons = Counter(_reason(one) for one in tests if not _friction(one))
+    plain_covered = [_covers(one, one["least_squares"]) for one in (*wear, *healthy)]
+    plain_alarms = [bool(one["least_squares"]["alarm"]) for one in healthy]
+    return {
+        "error": _rms(errors),
+        "least_squares": {
+            "error": _rms(plain),
+            "error_where_judged": _rms(same),
+            "within": [abs(error) < WITHIN for error in plain],
+            "covered": plain_covered,
+            "alarms": plain_alarms,
+        },
+        "within": [bool(f := _friction(one)) and abs(_error(one, f)) < WITHIN for one in wear],
+        "covered": [_covers(one, found) for one, found in covered],
+        "alarms": [is_alarm(one["ours"]) for one in healthy],
+        "not_judged": [_friction(one) is None for one in tests],
+        "reasons": dict(reasons.most_common()),
+        "outcomes": {
+            kind: dict(Counter(outcome(one) for one in tests if one["kind"] == kind))
+            for kind in NAMES
+        },
+        "smallest": float(np.nanmedian([*(unit["smallest"] for unit in units), np.inf])),
+        "found_smallest": [
+            bool(f := _friction(one)) and f["judgement"] == "changed"
+            for one in tests
+            if one["kind"] == "smallest"
+        ],
+        "cpu_ms": 1e3 * float(np.median([one["ours"]["cpu_s"] for one in tests])),
+    }
+
+
+def _error(test: Figures, found: Figures) -> float:
+    """Return the relative error of a friction ratio; the truth includes the scatter of days."""
+    return (1.0 + found["change"]) / (1.0 + test["change"]) - 1.0
+
+
+def _covers(test: Figures, found: Figures) -> bool:
+    """Return whether an interval holds the wear; the scatter of days is part of the interval."""
+    return bool(found["low"] <= test["wear"] <= found["high"])
+
+
+def _reason(test: Figures) -> str:
+    found = test["ours"]["quantities"].get("friction")
+    return (found and found["reason"]) or test["ours"]["reason"] or "no estimate"
+
+
+def _rms(errors: Sequence[float]) -> float:
+    return 100.0 * float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan")
+
+
+def _share(flags: Sequence[bool]) -> float:
+    return float(np.mean(flags)) if flags else float("nan")
+
+
+def by_joint(figures: Figures) -> dict[str, Figures]:
+    """Return the figures of each joint, and of all."""
+    units: list[Figures] = figures["units"]
+    names = dict.fromkeys(unit["joint"] for unit in units)
+    found = {name: of_joint([one for one in units if one["joint"] == name]) for name in names}
+    return found | {"all": of_joint(units)}
+
+
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    found = by_joint(figures)
+    every = found.pop("all")
+    for name, one in found.items():
+        # A joint without a judged test has not met its target.
+        error = one["error"] if one["error"] == one["error"] else np.inf
+        beside = f"least squares {one['least_squares']['error']:.2f}"
+        what = f"joint {name}: friction error, rms [%]"
+        yield at_most(what, error, WANTED_ERROR, beside=beside)
+    worse = [
+        name
+        for name, one in found.items()
+        if not one["error"] <= max(one["least_squares"]["error_where_judged"], WANTED_ERROR)
+    ]
+    yield none_of("joints with a larger friction error than least squares", len(worse))
+    yield share_at_least("joints: friction within 10 %", every["within"], 1.0)
+    low, high = COVER
+    cover = _share(every["covered"])
+    target, measured = f"{100.0 * low:g} to {100.0 * high:g}", percent(cover, 1)
+    yield Row("joints: 90 % intervals of friction hold [%]", target, measured, low <= cover <= high)
+    alarms = 1000.0 * _share(every["alarms"])
+    what = f"joints: false alarms of {len(every['alarms'])} healthy tests, in 1000"
+    yield at_most(what, alarms, 1000.0 * MOST_ALARMS)
+    wrong = sum(one.get("wrong", 0) for one in every["outcomes"].values())
+    yield none_of("joints: faults attributed to another quantity", wrong)
+    for kind, one in every["outcomes"].items():
+        if count := sum(one.values()):
+            right = one.get("named", 0), one.get("not told apart", 0)
+            words = f"{right[0]}, {right[1]} of {count}"
+            yield untargeted(f"  {kind}: named, not told apart", words)
+    yield at_most(
+        "joints: smallest detectable change of friction, median [%]",
+        100.0 * every["smallest"],
+        WANTED_SMALLEST,
+    )
+    found_smallest = 100.0 * _share(every["found_smallest"] or [False])
+    yield at_least("joints: friction changes of that size found [%]", found_smallest, 90.0)
+    yield untargeted("joints: processor time of a record [ms]", f"{every['cpu_ms']:.0f}")
+
+
+def tables(figures: Figures) -> Iterator[Table | str]:
+    """Return what is printed below the targets."""
+    found = by_joint(figures)
+    yield grid(
+        "friction (least squares in brackets)",
+        (
+            *("joint", "error, rms %", "within 10 %", "90 % intervals hold %", "false alarms"),
+            *("not judged", "smallest change %", "of that size found", "ms"),
+        ),
+        (
+            (
+                name,
+                *_beside(one["error"], one["least_squares"]["error"], ".1f"),
+                *_beside(*_counts("within", one)),
+                *_beside(*(percent(_share(of["covered"])) for of in (one, one["least_squares"]))),
+                *_beside(*_counts("alarms", one)),
+                _count(one["not_judged"]),
+                100.0 * one["smallest"],
+                _count(one["found_smallest"]),
+                f"{one['cpu_ms']:.0f}",
+            )
+            for name, one in found.items()
+        ),
+    )
+    yield grid(
+        "outcomes of tests with a fault",
+        ("joint", "case", *OUTCOMES),
+        (
+            (name, kind, *(counts.get(outcome, "") for outcome in OUTCOMES))
+            for name, one in found.items()
+            for kind, counts in one["outcomes"].items()
+            if counts
+        ),
+    )
+    for name, one in found.items():
+        if name != "all":
+            yield from (f"{name}: {n} not judged: {words[:200]}" for words, n in _top(one))
+    for unit in figures["units"]:
+        if unit["calibration"]["code"]:
+            yield f"{unit['joint']} {unit['seed']}: no calibration: {unit['calibration']['error']}"
+
+
+def _top(one: Figures) -> Iterable[tuple[str, Any]]:
+    return list(one["reasons"].items())[:3]
+
+
+def _count(flags: Sequence[bool]) -> str:
+    return f"{sum(flags)} of {len(flags)}"
+
+
+def _counts(key: str, one: Figures) -> tuple[str, str]:
+    return _count(one[key]), str(sum(one["least_squares"][key]))
+
+
+def _beside(ours: Any, plain: Any, form: str = "") -> Iterator[str]:
+    yield f"{ours:{form}} ({plain:{form}})"
+
+
+QUICK: Final = {"seeds": 1, "healthy": 2, "sized": 4}
+FOLDER: Final = click.Path(file_okay=False, path_type=Path)
+main = command(
+    measure,
+    "joints of other makes",
+    rows,
+    tables,
+    width=150,
+    beside="plain fit",
+    quick=QUICK,
+    joints="",
+    seeds=2,
+    records=10,
+    days=3,
+    healthy=6,
+    sized=8,
+    healthy_trials=0,
+    held_out=False,
+    folder=click.Option(["--folder"], type=FOLDER, help="Folder in which the records are kept."),
+)
+
+if __name__ == "__main__":
+    main()
