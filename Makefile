@@ -91,6 +91,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python ordinary_motion.py --json ordinary_motion.json
 	$(activate) && cd benchmarks && python unknown_drive.py --json unknown_drive.json
 	$(activate) && cd benchmarks && python normal.py --json normal.json
+	$(activate) && cd benchmarks && python joints.py --json joints.json
 	$(activate) && cd benchmarks && python live.py --json live.json
 	$(activate) && cd benchmarks && python many_actuators.py --json many_actuators.json
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json
