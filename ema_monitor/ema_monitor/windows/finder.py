@@ -5,12 +5,18 @@ It serves live telemetry, replays and bags alike: nothing depends on when a bloc
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_core.wording import counted
+from ema_monitor.windows.records import (
+    LEAST_MOTION_S,
+    LONGEST_REST_S,
+    MOST_RECORD_SAMPLES,
+    RecordTrigger,
+)
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
     ANY_MOTION,
@@ -25,9 +31,7 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 _MANY_MOTIONS: Final = 3
-_LEAST_SAMPLES: Final = 500
-_LEAST_OF_A_PIECE: Final = 100
-_LONGEST_STRETCH_S: Final = 100.0
+_LONGEST_WINDOW_S: Final = 100.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Segment:
     window
         The window, or why there is none.
     is_stretch
-        Whether it is a stretch of ordinary motion, to be combined with others.
+        Whether it is a stretch of ordinary motion, to be combined with others; a record is not.
     """
 
     number: int
@@ -55,7 +59,8 @@ class Segment:
 class WindowFinder:
     """Finds the windows in the telemetry of one actuator.
 
-    Of telemetry before the description, the latest ten seconds are kept until it is known.
+    If the drive is unknown, the windows are records (`RecordTrigger`), whatever the settings ask
+    for. Of telemetry before the description, the latest ten seconds are kept until it is known.
 
     Parameters
     ----------
@@ -85,6 +90,7 @@ class WindowFinder:
         self._undescribed: deque[Telemetry | Defect] = deque()
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
+        self._sample_period: float | None = None
         self._period_reported = False
         # Since the settings were set: windows before, samples, and the longest run without a gap.
         self._windows_before = self._samples = self._run = self._longest_run = 0
@@ -92,9 +98,24 @@ class WindowFinder:
             self.describe(description)
 
     @property
+    def finds_records(self) -> bool:
+        """Whether the windows are records, as the drive is unknown."""
+        return isinstance(self._trigger, RecordTrigger)
+
+    @property
     def window_s(self) -> float:
-        """Length of a window [s]: that of the settings, or longer where samples are slow."""
-        return self._trigger.settings.window_s if self._trigger else _LONGEST_STRETCH_S
+        """Length of a window [s]; the shortest one for records."""
+        if self.finds_records:
+            return LEAST_MOTION_S
+        return self._trigger.settings.window_s if self._trigger else _LONGEST_WINDOW_S
+
+    def reach_s(self, sample_period: float) -> float:
+        """Return how long before the latest sample a window can begin [s]."""
+        if self._trigger is not None and not self.finds_records:
+            return self.window_s
+        longest_s = 2.0 * self._settings.record_s
+        reach_s = min(longest_s, MOST_RECORD_SAMPLES * sample_period) + LONGEST_REST_S
+        return reach_s if self.finds_records else max(reach_s, self.window_s)
 
     @property
     def longest_motion_s(self) -> float:
@@ -103,23 +124,33 @@ class WindowFinder:
 
     @property
     def passed_over(self) -> int:
-        """Number of stretches of motion with too little travel."""
+        """Number of stretches of motion with too little travel, or too short for a record."""
         return self._trigger.passed_over if self._trigger else 0
 
     @property
+    def shortfall(self) -> str:
+        """Why the piece with the longest motion is no record; empty without such a piece."""
+        return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else ""
+
+    @property
     def has_rested(self) -> bool:
-        """Whether the command was ever at rest."""
+        """Whether the command, or for records the position, was ever at rest."""
         return self._trigger is not None and self._trigger.has_rested
 
     @property
     def shortage(self) -> str:
         """Why so far no window could be complete, whatever the command; empty when one could."""
-        if self._last is None:
+        if self._sample_period is None:
             return ""
-        samples = round(self.window_s / self._last.sample_period)
+        samples = round(self.window_s / self._sample_period)
         if self._longest_run > samples:
             return ""
         lost = f" ({counted(self.lost_samples, 'sample')} lost)" if self.lost_samples else ""
+        if self.finds_records:
+            return (
+                f"a record needs {LEAST_MOTION_S:g} s of motion, and there are never more than "
+                f"{self._longest_run * self._sample_period:.2g} s without a gap{lost}"
+            )
         return (
             f"a window of {self.window_s:g} s has {samples} samples after its start, and there are "
             f"never more than {self._longest_run} samples without a gap{lost}"
@@ -129,11 +160,13 @@ class WindowFinder:
     def obstacle(self) -> str:
         """Which setting the motion since it was set does not satisfy; empty when none is known."""
         trigger, settings = self._trigger, self._settings
-        if trigger is None or self._last is None or self.windows > self._windows_before:
+        if trigger is None or self._sample_period is None or self.windows > self._windows_before:
             return ""
-        seen_s = self._samples * self._last.sample_period
+        seen_s = self._samples * self._sample_period
         if seen_s > self.window_s and self.shortage:
             return self.shortage
+        if self.finds_records:
+            return self.shortfall if trigger.passed_over >= _MANY_MOTIONS else ""
         if trigger.passed_over >= _MANY_MOTIONS:
             return (
                 f"window_s = {self.window_s:g} s: the command never travels {MIN_TRAVEL:g} rad "
@@ -162,7 +195,7 @@ class WindowFinder:
         undescribed, self._undescribed = self._undescribed, deque()
         for item in undescribed:
             if isinstance(item, Defect):
-                events += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
+                events += self._number(self._trigger.end_piece(item.stamp_ns, item.reason))
             else:
                 events += self._scan(item, self._trigger, description)
         return events
@@ -174,7 +207,7 @@ class WindowFinder:
         self._run = self._longest_run = 0
         events: list[Segment | Defect] = []
         if self._trigger is not None and self._last is not None:
-            events = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
+            events = self._number(self._trigger.end_piece(self._last.stamp_ns, reason))
         if self.description is not None:
             self._trigger = _trigger(self.description, settings)
         return events
@@ -189,7 +222,7 @@ class WindowFinder:
             self._run *= missing == 0
         self._run += len(block)
         self._longest_run = max(self._longest_run, self._run)
-        self._last = block
+        self._last, self._sample_period = block, block.sample_period
         if self._trigger is None or self.description is None:
             self._keep(block)
             return []
@@ -202,14 +235,22 @@ class WindowFinder:
             defect = Defect(stamp_ns, reason)
             self._keep(defect)
             return [defect]
-        return self._number([self._trigger.interrupt(stamp_ns, reason)])
+        return self._number(self._trigger.end_piece(stamp_ns, reason))
+
+    def split(self, block: Telemetry) -> list[Segment | Defect]:
+        """End the telemetry so far if a block does not continue it, as `feed` with the block does.
+
+        Return the windows that this completes, and the defect.
+        """
+        return self._number(self._trigger.split(block)) if self._trigger else []
 
     def finish(self) -> list[Segment | Defect]:
-        """End the telemetry, and return the refusal of a window that is cut off."""
-        events = self._number(self._trigger.finish() if self._trigger else [])
+        """End the telemetry; return the record that ends there, or the refusal of a window."""
+        if self._trigger is None:
+            return []
+        events = self._number(self._trigger.finish())
+        self._trigger.reset()
         self._last = None
-        if self.description is not None:
-            self._trigger = _trigger(self.description, self._settings)
         return events
 
     def _keep(self, item: Telemetry | Defect) -> None:
@@ -245,19 +286,15 @@ class WindowFinder:
             if isinstance(event, Defect):
                 numbered.append(event)
             elif self.description is not None:
-                is_stretch = self._settings.windows == ANY_MOTION
+                is_stretch = isinstance(self._trigger, StretchTrigger)
                 numbered.append(Segment(self.windows, self.description, event, is_stretch))
                 self.windows += 1
         return numbered
 
 
 def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
-    if settings.windows != ANY_MOTION:
-        return WindowTrigger(description.parameters, settings)
-    shortest = None
     if description.drive == "unknown":
-        shortest = _LEAST_OF_A_PIECE
-        # Slow samples: a stretch has to hold several moves, to tell a load from friction.
-        least_s = min(_LEAST_SAMPLES * description.sample_period, _LONGEST_STRETCH_S)
-        settings = replace(settings, window_s=max(settings.window_s, least_s))
-    return StretchTrigger(description.parameters, settings, shortest)
+        return RecordTrigger(description.parameters, settings)
+    if settings.windows == ANY_MOTION:
+        return StretchTrigger(description.parameters, settings)
+    return WindowTrigger(description.parameters, settings)

@@ -13,7 +13,6 @@ from ema_monitor.windows.trigger import (
     Refusal,
     TriggerSettings,
     WindowTrigger,
-    is_one_way,
     play_after,
 )
 from ema_monitor.windows.window import MIN_TRAVEL, Window
@@ -39,34 +38,21 @@ class StretchTrigger(WindowTrigger):
     none for ``WAIT_S`` of motion, a stretch begins with an unknown place. There is no stretch at
     rest, and one with too little travel is passed over.
 
-    A record may come in pieces that are shorter than a window, as files of a cycle each. Such
-    a piece is a stretch where a gap or the end ends it after ``shortest`` samples that move
-    to and fro; None: it is no stretch.
-
     Other parameters, and attributes, are those of `WindowTrigger`.
     """
 
     def __init__(
-        self,
-        parameters: ActuatorParameters,
-        settings: TriggerSettings | None = None,
-        shortest: int | None = None,
+        self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
     ) -> None:
-        self._tau, self._shortest = parameters.tau, shortest
+        self._tau = parameters.tau
         super().__init__(parameters, settings)
 
-    def _reset(self) -> None:
-        super()._reset()
+    def reset(self) -> None:
+        """Forget the telemetry so far; the counts remain."""
+        super().reset()
         self._candidate: int | None = None
         self._waited = 0
         self._play: float | None = None
-        self._has_window = False
-
-    def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the next block; return the windows that it completes and its defects."""
-        last = self._blocks[-1] if self._blocks else block
-        is_new_piece = block.first_index > last.first_index + len(last)
-        return [*(self.finish() if is_new_piece else ()), *super().feed(block)]
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
         """Drop the blocks kept; a stretch that is cut off is no loss."""
@@ -74,16 +60,8 @@ class StretchTrigger(WindowTrigger):
         return super().interrupt(stamp_ns, reason)
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """Return the piece of a record that is shorter than a window; else nothing."""
-        if self._start is None or self._has_window or self._shortest is None:
-            return []
-        samples = self._blocks[-1].first_index + len(self._blocks[-1]) - 1 - self._start
-        if samples < self._shortest:
-            return []
-        telemetry, refused = self._cut(self._start, samples)
-        if is_one_way(telemetry.command, MIN_TRAVEL):
-            return []
-        return [refused or Window(telemetry, self._play)]
+        """Return nothing: a stretch that the end of the telemetry cuts off is no loss."""
+        return []
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Follow the command through a block, sample by sample."""
@@ -124,7 +102,7 @@ class StretchTrigger(WindowTrigger):
 
     def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
         telemetry, refused = self._cut(start, samples)
-        self._waited, self._has_window = 0, True
+        self._waited = 0
         if np.ptp(telemetry.command) < MIN_TRAVEL:
             self.passed_over += 1
             return []

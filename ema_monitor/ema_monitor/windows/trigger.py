@@ -16,6 +16,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import Checked, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_core.wording import counted
+from ema_monitor.windows.blocks import BlockStamp
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
@@ -86,6 +87,13 @@ class TriggerSettings(Checked):
         "smallest change of the command that counts as motion",
         shown=("threshold_urad", "urad", 1e6),
     )
+    record_s: float = quantity(
+        60.0,
+        "s",
+        2.0,
+        600.0,
+        "for an unknown drive: length after which a rest ends the record; the limit is twice it",
+    )
 
 
 class WindowTrigger:
@@ -123,9 +131,10 @@ class WindowTrigger:
         self.has_rested = False
         self.short_motions = self.passed_over = 0
         self._approach_travel = approach_travel(parameters)
-        self._reset()
+        self.reset()
 
-    def _reset(self) -> None:
+    def reset(self) -> None:
+        """Forget the telemetry so far; the counts remain."""
         self._blocks: list[Telemetry] = []
         self._start: int | None = None
         self._rest_value = float("nan")
@@ -133,16 +142,24 @@ class WindowTrigger:
 
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Process the next block; return the windows that it completes and its defects."""
-        events: list[Window | Refusal | Defect] = []
-        if self._blocks and (reason := _break_between(self._blocks[-1], block)):
-            events.append(self.interrupt(block.stamp_ns, reason))
-        if reason := _not_finite(block) or self._too_many(block):
+        events = self.split(block)
+        if reason := not_finite(block) or self._too_many(block):
             events.append(self.interrupt(block.stamp_ns, reason))
             return events
         self._blocks.append(block)
         events += self._scan(block)
         self._forget()
         return events
+
+    def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """End the telemetry so far if a block does not continue it; return what that completes."""
+        if self._blocks and (reason := break_between(self._blocks[-1], block)):
+            return self.end_piece(block.stamp_ns, reason)
+        return []
+
+    def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
+        """End the telemetry so far at a stamp [ns], for a reason; return what that completes."""
+        return [self.interrupt(stamp_ns, reason)]
 
     def _too_many(self, block: Telemetry) -> str:
         """Return why a window would take more memory than there may be; empty when it does not."""
@@ -176,7 +193,7 @@ class WindowTrigger:
         It is the refusal of the window that is open, or a defect where none is.
         """
         refused = [Refusal(cut.start_ns, cut.end_ns, reason) for cut in self.finish()]
-        self._reset()
+        self.reset()
         return refused[0] if refused else Defect(stamp_ns, reason)
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
@@ -226,19 +243,13 @@ class WindowTrigger:
         held = self._blocks_from(start)
         offset = start - held[0].first_index
         telemetry = join(held).part(offset, offset + samples + 1)
-        stamps = np.array([block.stamp_ns for block in held])
-        # From the start: a running index may be beyond what an array of integers holds.
-        indices = np.array([block.first_index - start for block in held])
-        inside = (indices >= 0) & (indices <= samples)
-        if np.count_nonzero(inside) > 1:
-            period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
-            if abs(period / telemetry.sample_period - 1.0) > _RATE_TOLERANCE:
-                reason = (
-                    f"the stamps give one sample every {period:.4g} s, the blocks "
-                    f"{telemetry.sample_period:.4g} s"
-                )
-                refused = Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
-                return telemetry, refused
+        inside = [
+            BlockStamp(block.first_index, block.stamp_ns)
+            for block in held
+            if start <= block.first_index <= start + samples
+        ]
+        if inside and (reason := rate_defect(telemetry.sample_period, inside[0], inside[-1])):
+            return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
         return telemetry, None
 
     def _blocks_from(self, index: int) -> list[Telemetry]:
@@ -289,7 +300,17 @@ def _way_back(command: NDArray[np.float64]) -> float:
     return float(np.max(np.maximum.accumulate(command) - command))
 
 
-def _break_between(last: Telemetry, block: Telemetry) -> str:
+def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> str:
+    """Return how the stamps of two blocks contradict a sample period [s]; empty if they do not."""
+    if last.first_index <= first.first_index:
+        return ""
+    period = (last.stamp_ns - first.stamp_ns) * 1e-9 / (last.first_index - first.first_index)
+    if abs(period / sample_period - 1.0) <= _RATE_TOLERANCE:
+        return ""
+    return f"the stamps give one sample every {period:.4g} s, the blocks {sample_period:.4g} s"
+
+
+def break_between(last: Telemetry, block: Telemetry) -> str:
     """Return what is wrong from one block to the next; empty when they join."""
     if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
         return (
@@ -320,7 +341,7 @@ def _columns(missing: tuple[str, ...]) -> str:
     return f"no {' and no '.join(missing)}" if missing else "all columns"
 
 
-def _not_finite(block: Telemetry) -> str:
+def not_finite(block: Telemetry) -> str:
     """Return which sample is not finite, or so large that computing with it is of no use."""
     columns = [getattr(block, name) for name in COLUMNS]
     if np.abs(np.concatenate(columns)).max() < _LARGEST:

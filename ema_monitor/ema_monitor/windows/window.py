@@ -29,6 +29,8 @@ _INITIAL_S: Final = 1e-3
 class Window:
     """Telemetry from the last sample at rest, which gives the initial state, to the end.
 
+    A window of an unknown drive is a record: motion of seconds to minutes, with a margin of rest.
+
     Attributes
     ----------
     telemetry
@@ -49,7 +51,8 @@ class Window:
     def __str__(self) -> str:
         return (
             f"window of {len(self)} samples every {self.sample_period:g} s from stamp "
-            f"{self.start_ns} ns, the command travels {1e3 * self.excitation:.1f} mrad"
+            f"{self.start_ns} ns, the {'command' if len(self.command) else 'position'} travels "
+            f"{1e3 * self.excitation:.1f} mrad"
         )
 
     @property
@@ -115,8 +118,9 @@ class Window:
 
     @property
     def excitation(self) -> float:
-        """Travel of the command [rad]."""
-        return float(np.ptp(self.command))
+        """Travel of the command, or of the position without a command [rad]."""
+        telemetry = self.telemetry
+        return float(np.ptp(self.command if len(self.command) else telemetry.position))
 
     @property
     def moves(self) -> Flags:

@@ -1,0 +1,115 @@
+"""The latest blocks of telemetry without a gap, of any number and size, in bounded memory."""
+
+from array import array
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+from ema_core.telemetry import Telemetry, elapsed_ns, join
+
+_JOINED_BLOCKS: Final = 64
+_JOINED_SAMPLES: Final = 4096
+
+
+class BlockStamp(NamedTuple):
+    """Running index and stamp [ns] of the first sample of a block."""
+
+    first_index: int
+    stamp_ns: int
+
+
+class _Part(NamedTuple):
+    """Joined blocks, with offset and stamp [ns] of the first sample of each block."""
+
+    telemetry: Telemetry
+    offsets: "array[int]"
+    stamps_ns: "array[int]"
+
+    @property
+    def end(self) -> int:
+        return self.telemetry.first_index + len(self.telemetry)
+
+    def block_stamp(self, block: int) -> BlockStamp:
+        return BlockStamp(self.telemetry.first_index + self.offsets[block], self.stamps_ns[block])
+
+
+class LatestBlocks:
+    """Keeps the latest blocks; small blocks are joined, so that each sample takes little memory.
+
+    The stamp of each block is kept: a cut has the same stamps as a cut of the blocks themselves.
+
+    Attributes
+    ----------
+    last
+        The latest block; None without blocks.
+    """
+
+    def __init__(self) -> None:
+        self.last: Telemetry | None = None
+        self._parts: list[_Part] = []
+        self._loose = 0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples that are kept."""
+        return sum(len(part.telemetry) for part in self._parts)
+
+    @property
+    def parts(self) -> int:
+        """Number of objects that hold them."""
+        return len(self._parts)
+
+    @property
+    def end(self) -> int:
+        """Running index after the last sample."""
+        return self._parts[-1].end
+
+    def add(self, block: Telemetry) -> None:
+        """Add the block that follows the last one."""
+        self.last = block
+        self._parts.append(_Part(block, array("q", [0]), array("q", [block.stamp_ns])))
+        self._loose += 1
+        if self._loose >= _JOINED_BLOCKS:
+            loose = [part.telemetry for part in self._parts[-self._loose :]]
+            if sum(map(len, loose)) <= _JOINED_SAMPLES:
+                first = loose[0].first_index
+                offsets = array("q", [item.first_index - first for item in loose])
+                stamps_ns = array("q", [item.stamp_ns for item in loose])
+                self._parts[-self._loose :] = [_Part(join(loose), offsets, stamps_ns)]
+            self._loose = 0
+
+    def forget(self, index: int) -> None:
+        """Drop blocks whose samples all come before a running index; the last block is kept."""
+        count = 0
+        while count < len(self._parts) - 1 and self._parts[count].end <= index:
+            count += 1
+        del self._parts[:count]
+        self._loose = min(self._loose, len(self._parts))
+
+    def cut(self, start: int, stop: int) -> tuple[Telemetry, BlockStamp, BlockStamp]:
+        """Return the samples ``start`` to ``stop`` (exclusive), and stamps to check their rate.
+
+        The stamps are those of the first and the last block that begin among the samples, or twice
+        the stamp of the block that the samples begin in.
+        """
+        covering = [
+            part for part in self._parts if part.end > start and part.telemetry.first_index < stop
+        ]
+        first = covering[0]
+        offset = start - first.telemetry.first_index
+        begins_in = first.block_stamp(_last_at_most(first.offsets, offset))
+        telemetry = join([part.telemetry for part in covering]).part(offset, offset + stop - start)
+        stamp_ns = begins_in.stamp_ns + elapsed_ns(
+            telemetry.sample_period, begins_in.first_index, start - begins_in.first_index
+        )
+        inside = [
+            part.block_stamp(block)
+            for part in (*covering[:2], covering[-1])
+            for block in range(len(part.offsets))
+            if start <= part.telemetry.first_index + part.offsets[block] < stop
+        ]
+        ends = (inside[0], inside[-1]) if inside else (begins_in, begins_in)
+        return replace(telemetry, stamp_ns=stamp_ns), *ends
+
+
+def _last_at_most(offsets: "array[int]", offset: int) -> int:
+    return max(number for number, value in enumerate(offsets) if value <= offset)

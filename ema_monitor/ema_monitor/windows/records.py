@@ -1,0 +1,270 @@
+"""Records in a stream of telemetry: any motion of seconds to minutes, for an unknown drive.
+
+A record begins and ends where the position says so: the drive may have no position command.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry
+from ema_monitor.windows.blocks import LatestBlocks
+from ema_monitor.windows.rest import PositionBin, PositionBins, SteadyRun
+from ema_monitor.windows.trigger import (
+    Defect,
+    Refusal,
+    TriggerSettings,
+    WindowTrigger,
+    break_between,
+    not_finite,
+    rate_defect,
+)
+from ema_monitor.windows.window import MIN_TRAVEL, Window
+
+LEAST_MOTION_S: Final = 2.0
+"""Motion that a record needs [s]."""
+
+LONGEST_REST_S: Final = 5.0
+"""Rest that ends a record [s]; a shorter one belongs to it."""
+
+MARGIN_S: Final = 0.5
+"""Rest that a record keeps before and after its motion [s]."""
+
+MOST_RECORD_SAMPLES: Final = 200_000
+"""Samples that a record has at most: 6.4 MB in four columns."""
+
+_REST_S: Final = 0.25
+_LEAST_REST_SAMPLES: Final = 3
+_RESTING_SHARE: Final = 2e-3
+_LEAST_TRAVEL_IN_THRESHOLDS: Final = 3.0
+_REMAINDER: Final = 0.25
+
+
+class _Step(NamedTuple):
+    """A bin, and what the position does at its end."""
+
+    item: PositionBin
+    rest_begin: int
+    is_resting: bool
+    is_moving: bool
+
+
+class _Cut(NamedTuple):
+    """The last sample of a record, the samples of motion up to there, and the steps since."""
+
+    end: int
+    moved: int
+    later: list[_Step]
+
+
+class RecordTrigger(WindowTrigger):
+    """Cuts records out of continuous telemetry by the position.
+
+    The position rests while it stays within a threshold for 0.25 s. The threshold follows from
+    resolution and noise of the sensor (`PositionBins`); within a record it is at least 0.2 % of the
+    travel so far.
+
+    A record begins with a motion, and with up to 0.5 s of the rest before. It ends
+
+    - at the first rest after ``record_s``, unless it ends for another reason within a quarter of
+      ``record_s`` from there: a short remainder belongs to the record,
+    - when the position has rested for 5 s; the record keeps 0.5 s of the rest,
+    - where the telemetry ends or breaks off,
+    - after twice ``record_s``, even in motion.
+
+    If ``MOST_RECORD_SAMPLES`` samples are shorter than twice ``record_s``, half of them replace it.
+    Pieces with less than 2 s of motion, or too little travel, are passed over.
+
+    Parameters are those of `WindowTrigger`.
+
+    Attributes
+    ----------
+    shortfall
+        Why the piece with the longest motion that was passed over is no record; empty without one.
+    """
+
+    def __init__(
+        self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
+    ) -> None:
+        self.shortfall = ""
+        super().__init__(parameters, settings)
+
+    def reset(self) -> None:
+        """Forget the telemetry so far; the counts remain."""
+        super().reset()
+        self._latest = LatestBlocks()
+        self._bins: PositionBins | None = None
+        self._run = SteadyRun(0)
+        self._piece_begin = self._free_from = 0
+        self._motion_begin: int | None = None
+        self._cut_at: _Cut | None = None
+        self._moved = 0
+        self._low = self._high = self._threshold = 0.0
+
+    @property
+    def kept_samples(self) -> int:
+        """Number of samples in memory."""
+        return self._latest.samples
+
+    def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Process the next block; return the records that it completes, and its defects."""
+        events = self.split(block)
+        if reason := not_finite(block) or self._too_many(block):
+            return [*events, *self.end_piece(block.stamp_ns, reason)]
+        if self._bins is None:
+            begin = self._piece_begin = self._free_from = block.first_index
+            self._bins, self._run = PositionBins(block.sample_period, begin), SteadyRun(begin)
+        self._latest.add(block)
+        events += self._follow(self._bins.add(block.position), block.sample_period)
+        self._forget()
+        return events
+
+    def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """End the telemetry so far if a block does not continue it; return what that completes."""
+        last = self._latest.last
+        if last is not None and (reason := break_between(last, block)):
+            return self.end_piece(block.stamp_ns, reason)
+        return []
+
+    def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
+        """End the telemetry so far at a stamp [ns], for a reason; return what that completes."""
+        events: list[Window | Refusal | Defect] = [*self.finish(), Defect(stamp_ns, reason)]
+        self.reset()
+        return events
+
+    def finish(self) -> Sequence[Window | Refusal]:
+        """End the telemetry, and return the record that ends there, if there is one."""
+        last, bins = self._latest.last, self._bins
+        if last is None or bins is None:
+            return []
+        events = self._follow(bins.finish(), last.sample_period)
+        if self._start is not None:
+            end = self._latest.end - 1
+            moved = self._moved_until(end)
+            if self._motion_begin is None:
+                end = min(end, self._run.begin + round(MARGIN_S / last.sample_period))
+            events += self._close(end, moved)
+        self.reset()
+        return events
+
+    def _too_many(self, block: Telemetry) -> str:
+        """Return why a record would have too many samples; empty if it does not."""
+        needed = round(LEAST_MOTION_S / block.sample_period)
+        if needed <= MOST_RECORD_SAMPLES // 2:
+            return ""
+        return (
+            f"sample_period = {block.sample_period:g} s: a record of {LEAST_MOTION_S:g} s would "
+            f"have {needed:,} samples, expected at most {MOST_RECORD_SAMPLES // 2:,}"
+        )
+
+    def _follow(self, bins: Sequence[PositionBin], h: float) -> list[Window | Refusal]:
+        """Follow the position through bins of samples with a period [s]."""
+        rest_samples = max(_LEAST_REST_SAMPLES, round(_REST_S / h))
+        longest = round(LONGEST_REST_S / h) + rest_samples
+        events: list[Window | Refusal] = []
+        for item in bins:
+            threshold = self._threshold = item.threshold
+            if self._start is not None:
+                threshold = max(threshold, _RESTING_SHARE * (self._high - self._low))
+            self._run.add(item, threshold, longest)
+            begin = self._run.begin
+            is_resting = item.last + 1 - begin >= rest_samples
+            self.has_rested |= is_resting
+            # Before the first motion of a piece it is unknown whether the position rests.
+            is_moving = not is_resting and begin > self._piece_begin
+            events += self._advance(_Step(item, begin, is_resting, is_moving), h)
+        return events
+
+    def _advance(self, step: _Step, h: float) -> list[Window | Refusal]:
+        """Open or close a record at a step."""
+        item, begin = step.item, step.rest_begin
+        margin = round(MARGIN_S / h)
+        if self._start is None:
+            if step.is_moving:
+                self._open(max(self._free_from, item.first - margin), item)
+            return []
+        self._low = min(self._low, item.position)
+        self._high = max(self._high, item.position)
+        if step.is_moving and self._motion_begin is None:
+            self._motion_begin = item.first
+        elif step.is_resting and self._motion_begin is not None:
+            self._moved += max(0, begin - self._motion_begin)
+            self._motion_begin = None
+        length, bin_size = item.last + 1 - self._start, item.last + 1 - item.first
+        full = min(round(self.settings.record_s / h), MOST_RECORD_SAMPLES // 2)
+        if step.is_resting and item.last + 1 - begin >= round(LONGEST_REST_S / h):
+            return self._close(min(item.last, begin + margin), self._moved)
+        if length + bin_size > 2 * full:
+            record = self._close(item.last, self._moved_until(item.last))
+            if step.is_moving:
+                self._open(item.last + 1, item)
+            return record
+        cut = self._cut_at
+        if cut is None:
+            if step.is_resting and length >= full:
+                self._cut_at = _Cut(min(item.last, begin + margin), self._moved, [])
+            return []
+        cut.later.append(step)
+        if item.last - cut.end < _REMAINDER * full:
+            return []
+        events = self._close(cut.end, cut.moved)
+        for later in cut.later:
+            events += self._advance(later, h)
+        return events
+
+    def _moved_until(self, end: int) -> int:
+        """Return the samples of motion in the open record up to a sample."""
+        return self._moved + (0 if self._motion_begin is None else end + 1 - self._motion_begin)
+
+    def _open(self, start: int, item: PositionBin) -> None:
+        self._start, self._moved = start, 0
+        self._motion_begin = max(start, item.first)
+        self._low = self._high = item.position
+
+    def _close(self, end: int, moved: int) -> list[Window | Refusal]:
+        """End the open record with a sample, after so many samples of motion.
+
+        Return the record, unless it is passed over.
+        """
+        start, self._start, self._motion_begin, self._cut_at = self._start, None, None, None
+        if start is None:
+            return []
+        self._free_from = end + 1
+        telemetry, first, last = self._latest.cut(start, end + 1)
+        moved_s = moved * telemetry.sample_period
+        if shortfall := self._shortfall(moved_s, float(np.ptp(telemetry.position))):
+            self.passed_over += 1
+            if moved_s >= self.longest_motion_s:
+                self.longest_motion_s, self.shortfall = moved_s, shortfall
+            return []
+        if reason := rate_defect(telemetry.sample_period, first, last):
+            return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)]
+        return [Window(telemetry)]
+
+    def _shortfall(self, moved_s: float, travel: float) -> str:
+        """Return why a piece of motion [s] with a travel [rad] is no record; empty if it is."""
+        if moved_s < LEAST_MOTION_S:
+            return (
+                f"a record needs {LEAST_MOTION_S:g} s of motion, and the longest piece has "
+                f"{moved_s:.2g} s"
+            )
+        least = max(MIN_TRAVEL, _LEAST_TRAVEL_IN_THRESHOLDS * self._threshold)
+        if travel < least:
+            return (
+                f"a record needs a travel of {least:.2g} rad, and the position travels "
+                f"{travel:.2g} rad"
+            )
+        return ""
+
+    def _forget(self) -> None:
+        """Drop blocks that no record can reach."""
+        last, bins = self._latest.last, self._bins
+        if last is None or bins is None:
+            return
+        oldest = self._start
+        if oldest is None:
+            margin = round(MARGIN_S / last.sample_period)
+            oldest = max(self._free_from, bins.next_index - margin)
+        self._latest.forget(oldest)

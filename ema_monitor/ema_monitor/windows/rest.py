@@ -1,0 +1,172 @@
+"""When a position rests, whatever the resolution and noise of its sensor."""
+
+from collections import deque
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ema_core.arrays import Array
+
+_BIN_S: Final = 0.04
+_BINS_AT_ONCE: Final = 12
+_SMALLEST_THRESHOLD: Final = 2e-5
+# The travel of the means of two bins is not a multiple of the resolution: no rest is a tie.
+_STEPS: Final = 4.29
+_SIGMAS: Final = 8.0
+_FOURTH_DIFFERENCE_GAIN: Final = 70.0**0.5
+_NOISE_S: Final = 0.25
+_NOISE_SAMPLES: Final = 25
+_NOISE_WINDOWS: Final = 64
+# Rounding errors of a position are no resolution.
+_RELATIVE_ROUNDING: Final = 1e-9
+
+
+class PositionBin(NamedTuple):
+    """Mean position of consecutive samples, and the threshold of rest there.
+
+    Attributes
+    ----------
+    first, last
+        Running indices of the first and the last sample.
+    position
+        Mean position [rad].
+    threshold
+        Travel up to which resolution and noise explain the motion [rad].
+    """
+
+    first: int
+    last: int
+    position: float
+    threshold: float
+
+
+class PositionBins:
+    """Reduces positions to bins of 40 ms, and estimates resolution and noise of the sensor.
+
+    The bins are aligned to the running index, so the size of blocks does not matter.
+
+    - The resolution is the smallest step between two samples so far.
+    - The noise is the lower quartile of the RMS fourth difference in the latest 64 quarter seconds.
+      Motion contributes little to a fourth difference, rest and constant speed nothing.
+
+    Parameters
+    ----------
+    sample_period
+        Period of the samples [s].
+    first_index
+        Running index of the first sample.
+
+    Attributes
+    ----------
+    size
+        Number of samples in a bin.
+    next_index
+        Running index of the first sample that is in no bin yet.
+    """
+
+    def __init__(self, sample_period: float, first_index: int) -> None:
+        self.size = max(1, int(_BIN_S / sample_period * (1.0 + 1e-9)))
+        self._noise_samples = max(_NOISE_SAMPLES, round(_NOISE_S / sample_period))
+        self.next_index = first_index
+        self._pending: list[Array] = []
+        self._pending_count = 0
+        self._previous = np.empty(0)
+        self._resolution = np.inf
+        self._power = self._power_count = 0.0
+        self._noises: deque[float] = deque(maxlen=_NOISE_WINDOWS)
+        self._noise = 0.0
+
+    def add(self, position: Array) -> list[PositionBin]:
+        """Return the bins completed by the next positions, ``(n,)`` [rad]; several at once."""
+        self._pending.append(position)
+        self._pending_count += len(position)
+        whole = (self.next_index + self._pending_count) // self.size * self.size - self.next_index
+        return self._reduce(whole) if whole >= _BINS_AT_ONCE * self.size else []
+
+    def finish(self) -> list[PositionBin]:
+        """Return the bins of the remaining positions; the last one may be shorter."""
+        return self._reduce(self._pending_count) if self._pending_count else []
+
+    def _reduce(self, count: int) -> list[PositionBin]:
+        pending = np.concatenate(self._pending)
+        position, rest = pending[:count], pending[count:]
+        self._pending, self._pending_count = [rest], len(rest)
+        first = self.next_index
+        starts = np.arange(-(first % self.size), count, self.size)
+        starts[0] = 0
+        lengths = np.append(starts[1:], count) - starts
+        means = np.add.reduceat(position, starts) / lengths
+        joined = np.concatenate([self._previous, position])
+        self._previous = joined[-4:]
+        differences = joined[1:] - joined[:-1]
+        steps = _aligned(np.abs(differences), count)
+        steps[steps <= _RELATIVE_ROUNDING * np.abs(position)] = np.inf
+        fourth = differences
+        for _ in range(3):
+            fourth = fourth[1:] - fourth[:-1]
+        powers = np.add.reduceat(_aligned(fourth**2, count), starts)
+        measured = np.add.reduceat(_aligned(np.ones(len(fourth)), count), starts)
+        smallest = np.minimum.reduceat(steps, starts)
+        bins = []
+        columns = (array.tolist() for array in (starts, lengths, means, smallest, powers, measured))
+        for start, length, mean, step, power, power_count in zip(*columns, strict=True):
+            self._resolution = min(self._resolution, step)
+            self._measure_noise(power, power_count)
+            begin = first + start
+            bins.append(PositionBin(begin, begin + length - 1, mean, self._threshold()))
+        self.next_index += count
+        return bins
+
+    def _measure_noise(self, power: float, count: float) -> None:
+        self._power += power
+        self._power_count += count
+        if self._power_count >= self._noise_samples:
+            self._noises.append((self._power / self._power_count) ** 0.5 / _FOURTH_DIFFERENCE_GAIN)
+            self._noise = sorted(self._noises)[len(self._noises) // 4]
+            self._power = self._power_count = 0.0
+
+    def _threshold(self) -> float:
+        resolution = self._resolution if self._resolution < np.inf else 0.0
+        return max(_SMALLEST_THRESHOLD, _STEPS * resolution, _SIGMAS * self._noise)
+
+
+class SteadyRun:
+    """The longest run of bins, up to the latest one, whose positions differ by a threshold at most.
+
+    Attributes
+    ----------
+    begin
+        Running index of its first sample.
+    """
+
+    def __init__(self, first_index: int) -> None:
+        self.begin = first_index
+        # Index after a bin, and its position; the first is the lowest or highest of the run.
+        self._lows: deque[tuple[int, float]] = deque()
+        self._highs: deque[tuple[int, float]] = deque()
+
+    def add(self, item: PositionBin, threshold: float, longest: int) -> None:
+        """Add the next bin; the run then has at most ``longest`` samples, which bounds memory."""
+        entry = item.last + 1, item.position
+        while self._lows and self._lows[-1][1] >= item.position:
+            self._lows.pop()
+        self._lows.append(entry)
+        while self._highs and self._highs[-1][1] <= item.position:
+            self._highs.pop()
+        self._highs.append(entry)
+        self._begin_at(max(self.begin, item.last + 1 - longest))
+        while self._highs[0][1] - self._lows[0][1] > threshold:
+            self._begin_at(min(self._lows[0][0], self._highs[0][0]))
+
+    def _begin_at(self, index: int) -> None:
+        self.begin = index
+        for extremes in (self._lows, self._highs):
+            while extremes[0][0] <= index:
+                extremes.popleft()
+
+
+def _aligned(values: Array, count: int) -> Array:
+    """Return the last ``count`` values, with zeros before them where there are fewer."""
+    if len(values) >= count:
+        return values[len(values) - count :]
+    return np.concatenate([np.zeros(count - len(values)), values])

@@ -1,0 +1,390 @@
+"""A record is motion cut by the position alone, whatever the sensor and the blocks."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ema_core.acquisition import Acquisition
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.records import MOST_RECORD_SAMPLES, RecordTrigger
+from ema_monitor.windows.trigger import ANY_MOTION, Defect, Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_sim.actuator import SimulatedActuator
+
+H = 0.01
+UNKNOWN = ActuatorDescription(sample_period=H, drive="unknown")
+START_NS = 1_700_000_000_000_000_000
+QUANTUM = 2.0 * np.pi / 4096.0
+"""Step of an encoder of 12 bits [rad]."""
+
+
+def rest(seconds: float, h: float = H) -> NDArray[np.float64]:
+    return np.zeros(round(seconds / h))
+
+
+def sine(seconds: float, amplitude: float = 0.3, h: float = H) -> NDArray[np.float64]:
+    """Motion at 1 Hz, which begins and ends at the angle 0."""
+    return amplitude * np.sin(2.0 * np.pi * h * np.arange(1.0, round(seconds / h) + 1.0))
+
+
+def telemetry(
+    position: NDArray[np.float64], h: float = H, first_index: int = 1, *, command: bool = True
+) -> Telemetry:
+    n = len(position)
+    stamp_ns = START_NS + round(first_index * h * 1e9)
+    commanded = position if command else np.empty(0)
+    return Telemetry(stamp_ns, h, first_index, commanded, np.zeros(n), position, np.zeros(n))
+
+
+def events_of(
+    whole: Telemetry, sizes: int | list[int] = 10, settings: TriggerSettings | None = None
+) -> list[Segment | Defect]:
+    finder = WindowFinder(
+        settings or TriggerSettings(), replace(UNKNOWN, sample_period=whole.sample_period)
+    )
+    if isinstance(sizes, int):
+        sizes = [sizes] * (len(whole) // sizes + 1)
+    events, start = list[Segment | Defect](), 0
+    for size in sizes:
+        if stop := min(start + size, len(whole)) - start:
+            events += finder.feed(whole.part(start, start + stop))
+            start += stop
+    return events + finder.finish()
+
+
+def spans(events: list[Segment | Defect]) -> list[tuple[int, int, int]]:
+    """First index, number of samples and first stamp of each record; all are records."""
+    found = []
+    for event in events:
+        assert isinstance(event, Segment), event
+        assert isinstance(event.window, Window), event
+        samples = event.window.telemetry
+        found.append((samples.first_index, len(samples), samples.stamp_ns))
+    return found
+
+
+def seconds(events: list[Segment | Defect], h: float = H) -> list[tuple[float, float]]:
+    """Begin and end of each record [s]."""
+    return [((first - 1) * h, (first - 1 + count) * h) for first, count, _ in spans(events)]
+
+
+def random_day(seed: int) -> NDArray[np.float64]:
+    """Minutes of moves, rests, noise and steps of an encoder."""
+    random = np.random.default_rng(seed)
+    pieces, at = [], 0.0
+    for _ in range(60):
+        goal, n = random.uniform(-1.0, 1.0), int(random.uniform(20, 300))
+        pieces.append(at + (goal - at) * (0.5 - 0.5 * np.cos(np.pi * np.arange(1, n + 1) / n)))
+        at = goal
+        pieces.append(np.full(int(random.choice([1, 20, 100, 450, 800])), at))
+    position = np.concatenate(pieces)
+    position += random.choice([0.0, 1e-4]) * random.standard_normal(len(position))
+    quantum = random.choice([0.0, QUANTUM])
+    return np.round(position / quantum) * quantum if quantum else position
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_records_do_not_depend_on_the_sizes_of_blocks(seed: int):
+    """The same samples give the same records in one block, and in blocks of 1 to 700 samples."""
+    whole = telemetry(random_day(seed))
+    settings = TriggerSettings(record_s=20.0)
+    once = spans(events_of(whole, len(whole), settings))
+    assert len(once) >= 3
+    random = np.random.default_rng(100 + seed)
+    for most in (3, 40, 700):
+        sizes = random.integers(1, most + 1, len(whole)).tolist()
+        assert spans(events_of(whole, sizes, settings)) == once
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_records_neither_overlap_nor_exceed_twice_their_length(seed: int):
+    found = spans(events_of(telemetry(random_day(seed)), settings=TriggerSettings(record_s=20.0)))
+    for (first, count, _), (following, _, _) in pairwise(found):
+        assert first + count <= following
+    assert all(2.0 <= count * H <= 40.0 for _, count, _ in found)
+
+
+@pytest.mark.parametrize("h", [0.04, 0.01, 0.001])
+def test_file_of_25_s_with_short_rests_is_one_record(h: float):
+    moves = np.concatenate([np.concatenate([sine(2.0, h=h), rest(3.0, h)]) for _ in range(5)])
+    [(first, count, _)] = spans(events_of(telemetry(moves, h), 10))
+    # All but the last rest, of which 0.5 s remain; the end of the motion is known to 0.04 s.
+    assert first == 1
+    assert count * h == pytest.approx(25.0 - 3.0 + 0.5, abs=0.1)
+
+
+def test_rest_of_5_s_ends_a_record_at_once_and_half_a_second_of_rest_remains():
+    position = np.concatenate([rest(8.0), sine(6.0), rest(30.0), sine(4.0), rest(10.0)])
+    finder, found = WindowFinder(TriggerSettings(), UNKNOWN), list[float]()
+    for number in range(0, len(position), 10):
+        if finder.feed(telemetry(position[number : number + 10], first_index=number + 1)):
+            found.append((number + 10) * H)
+    # Bins of 0.04 s are followed 12 at a time.
+    assert found == pytest.approx([19.0 + 0.3, 53.0 + 0.3], abs=0.35)
+    # Motion begins and ends within a bin, at the speed 0 of the sine's tip not at all.
+    ends = seconds(events_of(telemetry(position)))
+    assert ends == [pytest.approx(span, abs=0.1) for span in ((7.5, 14.5), (43.5, 48.5))]
+
+
+def test_long_motion_ends_at_the_first_rest_after_record_s():
+    moves = np.concatenate([np.concatenate([sine(7.0), rest(1.0)]) for _ in range(20)])
+    first, second, third = seconds(events_of(telemetry(moves)))
+    # The first rest after 60 s is from 63 s on, the next record's from 127 s on.
+    assert first == pytest.approx((0.0, 63.25), abs=0.1)
+    assert second == pytest.approx((63.5, 127.25), abs=0.1)
+    assert third == pytest.approx((127.5, 159.5), abs=0.1)
+
+
+def test_motion_without_rest_ends_at_twice_record_s_and_loses_no_sample():
+    found = spans(events_of(telemetry(sine(300.0))))
+    # 120 s, in whole bins of 4 samples; the first begins with a part of a bin.
+    assert [count * H for _, count, _ in found] == pytest.approx([120.0, 120.0, 60.0], abs=0.09)
+    assert sum(count for _, count, _ in found) == 30_000
+    assert [first for first, _, _ in found][1:] == [first + count for first, count, _ in found[:-1]]
+
+
+def test_short_remainder_belongs_to_the_record():
+    """Five cycles of a ball screw last 64.8 s, and the trial is one record."""
+    cycle = np.concatenate([np.linspace(0.0, 150.0, 125), np.full(37, 150.0)])
+    cycle = np.concatenate([cycle, cycle[::-1]])
+    noise = 0.05 * np.random.default_rng(1).standard_normal(5 * len(cycle))
+    [(first, count, _)] = spans(events_of(telemetry(np.tile(cycle, 5) + noise, 0.04)))
+    assert (first, count) == (1, 1620)
+
+
+@pytest.mark.parametrize("gap", [1, 1000])
+def test_gap_ends_a_record(gap: int):
+    whole = telemetry(sine(10.0))
+    first, second = whole.part(0, 500), whole.part(500, 1000)
+    second = replace(second, first_index=501 + gap, stamp_ns=second.stamp_ns + gap * 10_000_000)
+    finder = WindowFinder(TriggerSettings(), UNKNOWN)
+    events = [*finder.feed(first), *finder.feed(second), *finder.finish()]
+    defects = [event for event in events if isinstance(event, Defect)]
+    records = spans([event for event in events if isinstance(event, Segment)])
+    assert len(defects) == 1
+    assert "gap of" in defects[0].reason
+    assert [item[:2] for item in records] == [(1, 500), (501 + gap, 500)]
+
+
+def test_rejected_block_and_changed_description_end_a_record():
+    whole, finder = telemetry(sine(12.0)), WindowFinder(TriggerSettings(), UNKNOWN)
+    assert finder.feed(whole.part(0, 400)) == []
+    record, defect = finder.reject(whole.stamp_at(400), "no telemetry")
+    assert isinstance(record, Segment)
+    assert spans([record])[0][:2] == (1, 400)
+    assert defect == Defect(whole.stamp_at(400), "no telemetry")
+    finder.feed(whole.part(400, 800))
+    other = replace(UNKNOWN, serial_number="B-2")
+    record, defect = finder.describe(other)
+    assert isinstance(record, Segment)
+    # The record is of the unit that moved, not of the new one.
+    assert record.description == UNKNOWN
+    assert spans([record])[0][:2] == (401, 400)
+    finder.feed(whole.part(800, 1200))
+    [record] = finder.finish()
+    assert isinstance(record, Segment)
+    assert record.description == other
+
+
+def test_two_units_that_publish_in_turns_make_no_record():
+    """Samples whose index goes back and forth are of two publishers."""
+    whole, finder = telemetry(sine(20.0)), WindowFinder(TriggerSettings(), UNKNOWN)
+    events = list[Segment | Defect]()
+    for start in range(0, 900, 10):
+        events += finder.feed(whole.part(start + 1000, start + 1010))
+        events += finder.feed(whole.part(start, start + 10))
+    events += finder.finish()
+    assert events
+    assert not any(isinstance(event, Segment) for event in events)
+
+
+@pytest.mark.parametrize("amplitude", [0.03, 0.3, 3.0])
+@pytest.mark.parametrize("noise", [0.0, 0.3 * QUANTUM])
+def test_encoder_of_12_bits_that_toggles_at_rest_rests(amplitude: float, noise: float):
+    ideal = np.concatenate([rest(20.0), sine(8.0, amplitude), rest(20.0)]) + 0.5 * QUANTUM
+    random = np.random.default_rng(3)
+    position = ideal + noise * random.standard_normal(len(ideal))
+    position = np.round(position / QUANTUM) * QUANTUM
+    [span] = seconds(events_of(telemetry(position)))
+    # A motion of 20 steps leaves the threshold of 4 steps within 0.05 s.
+    assert span == pytest.approx((19.5, 28.5), abs=0.15)
+
+
+@pytest.mark.parametrize("sigma", [1e-6, 1e-4, 3e-3])
+@pytest.mark.parametrize("h", [0.04, 0.01, 0.001])
+def test_noise_at_rest_is_no_motion(sigma: float, h: float):
+    ideal = np.concatenate([rest(120.0, h), sine(8.0, h=h), rest(120.0, h)])
+    position = ideal + sigma * np.random.default_rng(4).standard_normal(len(ideal))
+    [span] = seconds(events_of(telemetry(position, h), round(1.0 / h)), h)
+    # At 25 Hz the threshold of 8 sigma is left after 0.04 s; margins are whole bins.
+    assert span == pytest.approx((119.5, 128.5), abs=0.2)
+
+
+def test_hours_of_rest_take_no_memory_and_make_no_record():
+    trigger = RecordTrigger(UNKNOWN.parameters)
+    noise = 1e-4 * np.random.default_rng(5).standard_normal(6000)
+    drift = np.linspace(0.0, 2e-4, 6000)
+    for minute in range(120):
+        block = telemetry(noise + drift, first_index=1 + 6000 * minute)
+        for start in range(0, 6000, 100):
+            assert trigger.feed(block.part(start, start + 100)) == []
+        # 0.5 s before the samples that are in no bin yet, in blocks of 1 s.
+        assert trigger.kept_samples <= 300
+    assert trigger.finish() == []
+
+
+@pytest.mark.parametrize(("h", "longest_s"), [(1e-4, 20.0), (2e-3, 120.0)])
+@pytest.mark.parametrize("size", [1, 1000])
+def test_memory_is_bounded_at_any_rate_and_size_of_blocks(h: float, longest_s: float, size: int):
+    """At 10 kHz a record of motion without rest has 20 s, as at 500 Hz it has 120 s."""
+    seconds_fed = 1.1 * longest_s
+    if size == 1:
+        h, seconds_fed, longest_s = h * 10.0, seconds_fed, min(120.0, 10.0 * longest_s)
+    whole = telemetry(sine(seconds_fed, h=h), h)
+    trigger = RecordTrigger(UNKNOWN.parameters)
+    records, most, parts = [], 0, 0
+    for start in range(0, len(whole), size):
+        records += trigger.feed(whole.part(start, min(start + size, len(whole))))
+        most, parts = max(most, trigger.kept_samples), max(parts, trigger._latest.parts)
+    longest = min(MOST_RECORD_SAMPLES, round(120.0 / h))
+    assert most <= longest + 13 * round(0.04 / h) + size
+    # Blocks of one sample are joined by 64.
+    assert parts <= longest / max(size, 64) + 70
+    for record in records:
+        assert len(record.telemetry) * h == pytest.approx(longest_s, abs=0.08)
+
+
+def test_drive_without_position_command_is_recorded_by_its_position():
+    unit = replace(UNKNOWN, acquisition=Acquisition(command=False))
+    whole = telemetry(np.concatenate([rest(2.0), sine(6.0), rest(8.0)]), command=False)
+    finder = WindowFinder(TriggerSettings(), unit)
+    [record] = [*finder.feed(whole), *finder.finish()]
+    assert isinstance(record, Segment)
+    assert isinstance(record.window, Window)
+    assert record.window.excitation == pytest.approx(0.6)
+    assert "the position travels 600.0 mrad" in str(record.window)
+
+
+@pytest.mark.parametrize("command", ["constant", "equal", "noise"])
+def test_command_does_not_matter(command: str):
+    position = np.concatenate([rest(2.0), sine(6.0), rest(8.0)])
+    whole = telemetry(position)
+    random = np.random.default_rng(6)
+    commands = {
+        "constant": np.full(len(position), 7.0),
+        "equal": position,
+        "noise": random.standard_normal(len(position)),
+    }
+    assert spans(events_of(replace(whole, command=commands[command]))) == spans(events_of(whole))
+
+
+@pytest.mark.parametrize("windows", ["test_cycle", ANY_MOTION])
+def test_record_is_no_stretch_whatever_windows_are_asked_for(windows: str):
+    events = events_of(telemetry(sine(6.0)), settings=TriggerSettings(windows=windows))
+    [record] = events
+    assert isinstance(record, Segment)
+    assert not record.is_stretch
+
+
+@pytest.mark.parametrize(
+    ("position", "reason"),
+    [
+        # Motion is counted in bins of 0.04 s.
+        (sine(1.0), "a record needs 2 s of motion, and the longest piece has 0.96 s"),
+        (
+            sine(5.0, 4e-4),
+            "a record needs a travel of 0.001 rad, and the position travels 0.0008 rad",
+        ),
+    ],
+)
+def test_piece_without_enough_motion_is_passed_over_with_the_reason(
+    position: NDArray[np.float64], reason: str
+):
+    finder = WindowFinder(TriggerSettings(), UNKNOWN)
+    for number in range(1, 4):
+        whole = np.concatenate([rest(1.0), position, rest(1.0)])
+        begin = 1 + 10_000 * number
+        events = finder.feed(telemetry(whole, first_index=begin))
+        assert not any(isinstance(event, Segment) for event in [*events, *finder.finish()])
+        assert finder.passed_over == number
+    assert finder.windows == 0
+    assert finder.shortfall == finder.obstacle == reason
+
+
+def test_telemetry_in_short_pieces_says_so():
+    finder = WindowFinder(TriggerSettings(), UNKNOWN)
+    for number in range(8):
+        finder.feed(telemetry(sine(1.0), first_index=1 + 150 * number))
+    assert finder.obstacle == (
+        "a record needs 2 s of motion, and there are never more than 1 s without a gap "
+        "(350 samples lost)"
+    )
+
+
+def chirps(count: int) -> Telemetry:
+    """Half-second test cycles of the simulated flap, one after another."""
+    actuator = SimulatedActuator(sample_period=1e-3)
+    cycle = build_cycle(THESIS_CHIRP, 1e-3).samples
+    return actuator.advance(np.tile(cycle, count))
+
+
+def test_ten_test_cycles_are_one_record_and_a_single_one_is_passed_over():
+    ten = chirps(10)
+    [(first, count, _)] = spans(events_of(ten))
+    assert count >= 0.95 * len(ten)
+    assert first <= 0.05 * len(ten)
+    finder = WindowFinder(TriggerSettings(), replace(UNKNOWN, sample_period=1e-3))
+    assert [*finder.feed(chirps(1)), *finder.finish()] == []
+    assert finder.passed_over == 1
+    assert finder.shortfall.startswith("a record needs 2 s of motion, and the longest piece has")
+
+
+def test_stamps_that_contradict_the_sample_period_refuse_the_record():
+    finder = WindowFinder(TriggerSettings(), UNKNOWN)
+    events = list[Segment | Defect]()
+    for number, start in enumerate(range(0, 1000, 100)):
+        block = telemetry(sine(10.0)).part(start, start + 100)
+        events += finder.feed(replace(block, stamp_ns=START_NS + number * 1_100_000_000))
+    [record] = [*events, *finder.finish()]
+    assert isinstance(record, Segment)
+    assert isinstance(record.window, Refusal)
+    assert record.window.reason == ("the stamps give one sample every 0.011 s, the blocks 0.01 s")
+
+
+@pytest.mark.parametrize("size", [1, 7, 250])
+def test_record_is_stamped_by_the_block_that_it_begins_in(size: int):
+    """A clock that drifts by 100 ppm: a cut of joined blocks has the stamp of its own block."""
+    position = np.concatenate([rest(20.0), sine(6.0), rest(8.0)])
+    whole, finder = telemetry(position), WindowFinder(TriggerSettings(), UNKNOWN)
+    events, blocks = list[Segment | Defect](), list[Telemetry]()
+    for start in range(0, len(whole), size):
+        block = whole.part(start, min(start + size, len(whole)))
+        blocks.append(replace(block, stamp_ns=block.stamp_ns + 1000 * start))
+        events += finder.feed(blocks[-1])
+    [(first, _, stamp_ns)] = spans(events)
+    [own] = [one for one in blocks if 0 <= first - one.first_index < len(one)]
+    assert stamp_ns == own.stamp_at(first - own.first_index)
+
+
+def test_rate_too_high_for_a_record_is_named():
+    finder = WindowFinder(TriggerSettings(), UNKNOWN)
+    [defect] = finder.feed(replace(telemetry(rest(1.0)), sample_period=1e-6))[1:]
+    assert isinstance(defect, Defect)
+    assert "a record of 2 s would have 2,000,000 samples, expected at most 100,000" in defect.reason
+
+
+@pytest.mark.parametrize("first_index", [2**53, 2**63 - 300, 2**63, 2**64 - 700])
+def test_record_is_found_wherever_the_running_index_is(first_index: int):
+    position = np.concatenate([rest(1.0), sine(4.0), rest(7.0)])
+    lengths = []
+    for index in (first_index, 4 + first_index % 4):
+        whole = replace(telemetry(position), first_index=index)
+        [(first, count, _)] = spans(events_of(whole))
+        lengths.append((first - index, count))
+    assert lengths[0] == lengths[1]
