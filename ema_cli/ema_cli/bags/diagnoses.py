@@ -12,6 +12,7 @@ from ema_bags.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 from ema_bags.windows import truth_at
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_core.levels import STALE
+from ema_monitor.joint.comparison import JUDGEMENTS, QuantityChange
 from ema_ros.messages import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
 
@@ -42,6 +43,8 @@ class DiagnosedWindow:
         Level of health; None as long as it is not known.
     cause
         Why it is that level, in words; empty when all is well.
+    quantities
+        Change of each quantity of a record; empty for the window of a modelled drive.
     """
 
     window: int
@@ -56,6 +59,7 @@ class DiagnosedWindow:
     truth: NDArray[np.float64] | None = None
     level: int | None = None
     cause: str = ""
+    quantities: tuple[QuantityChange, ...] = ()
 
 
 @dataclass
@@ -100,6 +104,8 @@ class DiagnosisLog:
                     valid=message.valid,
                     reason=message.reason,
                     latency_s=(received_ns - end_ns) * 1e-9,
+                    # Bags of earlier versions have none.
+                    quantities=tuple(map(_quantity, getattr(message, "quantities", ()))),
                 )
         elif type_name == TRUE_FAULTS_TYPE:
             self.truths.append(stamped_faults_from_message(message))
@@ -120,6 +126,23 @@ class DiagnosisLog:
                 one.cycle, one.truth = truth.cycle, truth.faults
             one.level, one.cause = self._levels.get(one.end_ns, (None, ""))
         return found
+
+
+def _quantity(message: Any) -> QuantityChange:
+    """Return the change of an ``ema_interfaces/msg/QuantityChange``."""
+    if message.judgement >= len(JUDGEMENTS):
+        raise ValueError(f"quantities: judgement = {message.judgement}, expected 0, 1 or 2")
+    return QuantityChange(
+        message.name,
+        JUDGEMENTS[message.judgement],
+        message.change,
+        message.low,
+        message.high,
+        message.smallest_change,
+        message.unit,
+        message.reason,
+        tuple(message.rivals),
+    )
 
 
 def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:

@@ -15,6 +15,10 @@ class Judgement(StrEnum):
     NOT_JUDGED = "not judged"
 
 
+JUDGEMENTS: Final = (Judgement.UNCHANGED, Judgement.CHANGED, Judgement.NOT_JUDGED)
+"""Judgements, in the order of their numbers in ``ema_interfaces/msg/QuantityChange``."""
+
+
 class Quantity(NamedTuple):
     """A physical quantity of a joint.
 

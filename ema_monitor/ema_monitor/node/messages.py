@@ -20,6 +20,7 @@ from ema_interfaces.msg import (
     HealthForecast,
     HealthSummary,
     HiddenCause,
+    QuantityChange,
     UnitHistory,
     UnitTest,
 )
@@ -28,6 +29,7 @@ from ema_interfaces.msg import WindowFit as WindowFitMessage
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
+from ema_monitor.joint.comparison import JUDGEMENTS, Comparison
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.duty.scenario import Scenario, scenarios_of
 from ema_monitor.prognosis.forecaster import Forecaster
@@ -64,11 +66,19 @@ def estimate_to_message(
         play_offset=estimate.play,
         hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
         measured_causes=[_hidden_cause(cause) for cause in estimate.measured],
+        quantities=_quantities(estimate.comparison),
         confusions=[" or ".join(pair) for pair in estimate.alternatives],
         verdict=VERDICTS.index(estimate.verdict),
         excitation_limit=MIN_TRAVEL,
         computing_time=estimate.computing_time_s,
     )
+
+
+def _quantities(comparison: Comparison | None) -> list[QuantityChange]:
+    return [
+        _made(QuantityChange, one, judgement=JUDGEMENTS.index(one.judgement))
+        for one in (comparison.quantities if comparison else ())
+    ]
 
 
 def _hidden_cause(one: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:

@@ -1,0 +1,53 @@
+"""The comparison of a record goes over the wire, and is read again, without a loss."""
+
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from tests.monitor.comparisons import CASES, END_NS, compared
+from tests.monitor.windows import estimated
+
+from ema_bags.telemetry import ESTIMATE_TYPE
+from ema_cli.bags.diagnoses import DiagnosisLog
+from ema_core.description import ActuatorDescription
+from ema_interfaces.msg import FaultEstimate, QuantityChange
+from ema_monitor.joint.comparison import JUDGEMENTS, Judgement
+from ema_monitor.node.messages import estimate_to_message, unknown_estimate
+
+UNIT = ActuatorDescription()
+
+
+def received(name: str) -> FaultEstimate:
+    message = estimate_to_message(compared(CASES[name]), 3, UNIT)
+    return deserialize_message(serialize_message(message), FaultEstimate)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_quantities_survive_the_wire(name: str):
+    log = DiagnosisLog()
+    log.add(ESTIMATE_TYPE, received(name), END_NS)
+    [one] = log.diagnoses()
+    # NaN differs from NaN, its text does not.
+    assert repr(one.quantities) == repr(CASES[name].quantities)
+
+
+def test_numbers_of_the_judgements_are_those_of_the_message():
+    by_name = {
+        Judgement.UNCHANGED: QuantityChange.UNCHANGED,
+        Judgement.CHANGED: QuantityChange.CHANGED,
+        Judgement.NOT_JUDGED: QuantityChange.NOT_JUDGED,
+    }
+    assert {one: JUDGEMENTS.index(one) for one in Judgement} == by_name
+    assert QuantityChange().judgement == QuantityChange.NOT_JUDGED
+
+
+def test_estimate_of_a_modelled_drive_has_no_quantities():
+    assert list(estimate_to_message(estimated(), 0, UNIT).quantities) == []
+    assert list(unknown_estimate("flap", "no window").quantities) == []
+
+
+def test_unknown_judgement_is_refused():
+    message = received("friction")
+    first, *others = message.quantities
+    first.judgement = 7
+    message.quantities = [first, *others]
+    with pytest.raises(ValueError, match=r"quantities: judgement = 7, expected 0, 1 or 2"):
+        DiagnosisLog().add(ESTIMATE_TYPE, message, END_NS)
