@@ -12,7 +12,7 @@ from ema_archive.partitions import TABLES
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
-_VERSION: Final = 6
+_VERSION: Final = 7
 _TABLES: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 INSERT INTO meta VALUES ('settings', ''), ('sources', '[]'), ('scan', '0');

@@ -21,6 +21,27 @@ _FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
 _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
 _EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
+_QUANTITY: Final = pa.struct(
+    {
+        "name": _TEXT,
+        "judgement": _TEXT,
+        **dict.fromkeys(("change", "low", "high", "smallest_change"), _FLOAT),
+        "unit": _TEXT,
+        "reason": _TEXT,
+        "rivals": pa.list_(_TEXT),
+    }
+)
+_COMPARISON: Final = pa.struct(
+    {
+        "quantities": pa.list_(_QUANTITY),
+        "figures": pa.list_(pa.struct({"name": _TEXT, "ratio": _FLOAT, "probability": _FLOAT})),
+        "probability": _FLOAT,
+        "states": pa.map_(_TEXT, _FLOAT),
+        "improvements": pa.list_(
+            pa.struct({"name": _TEXT, "days": _INT, "records": _INT, "smallest_change": _FLOAT})
+        ),
+    }
+)
 _UNIT: Final = {"actuator_id": _TEXT, "serial_number": _TEXT}
 _MADE_BY: Final = {"software": _TEXT, "settings": _TEXT}
 _TYPES: Final = {int: _INT, float: _FLOAT, bool: pa.bool_(), str: _TEXT}
@@ -52,6 +73,7 @@ _ESTIMATES: Final = pa.schema(
         **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
         "alternatives": pa.list_(pa.list_(_TEXT)),
         "parts": pa.list_(pa.list_(_FLOAT)),
+        "comparison": _COMPARISON,
         "number": pa.int32(),
         "bag": _TEXT,
         "bag_sha256": _TEXT,
@@ -162,6 +184,9 @@ def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
     row = estimate_values(one)
     row |= row.pop("faults")
     row |= {f"{name}_sigma": value for name, value in one.sigma._asdict().items()}
+    if row["comparison"] is not None and row["comparison"]["states"] is not None:
+        # A map of Arrow is a list of pairs.
+        row["comparison"]["states"] = list(row["comparison"]["states"].items())
     for name in ("covariance", "quantiles"):
         row[name] = list(chain.from_iterable(row[name]))
     return row | {"tested": one.end_ns // 1000, "number": number}
@@ -170,7 +195,10 @@ def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
     """Return the estimate that a row of `estimate_row` holds, to the bit."""
     matrices = {name: np.reshape(row[name], (-1, N_FAULTS)) for name in ("covariance", "quantiles")}
-    return estimate_of({**row, "faults": row, **matrices})
+    compared = row["comparison"]
+    if compared is not None and compared["states"] is not None:
+        compared = {**compared, "states": dict(compared["states"])}
+    return estimate_of({**row, "faults": row, **matrices, "comparison": compared})
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:

@@ -1,0 +1,48 @@
+"""The comparison of a record is kept in the table of estimates, and can be asked by SQL."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from tests.monitor.comparisons import CASES, HEALTHY, compared
+from tests.monitor.windows import estimated
+
+from ema_archive.tables import PARTITIONED, estimate_from, estimate_row
+from ema_monitor.joint.comparison import FRICTION, Comparison, FigureChange, Improvement
+
+FULL = replace(
+    HEALTHY,
+    figures=(FigureChange("tracking_error", 2.0, 1e-5),),
+    states={"worn": 0.9, "healthy": 0.1},
+    improvements=(Improvement(FRICTION, 2, 6, 0.05),),
+)
+_SQL = """
+    SELECT one.name, one.judgement, one.change
+    FROM (SELECT unnest(comparison.quantities) AS one FROM read_parquet(?)) WHERE one.name = ?
+"""
+
+
+def written(path: Path, *estimates: object) -> Path:
+    rows = [estimate_row(one, number) for number, one in enumerate(estimates)]  # pyright: ignore[reportArgumentType]
+    pq.write_table(pa.Table.from_pylist(rows, PARTITIONED["estimates"]), path)
+    return path
+
+
+@pytest.mark.parametrize("of", [*CASES.values(), FULL], ids=[*CASES, "full"])
+def test_comparison_comes_back_exactly(tmp_path: Path, of: Comparison):
+    [row] = pq.read_table(written(tmp_path / "one.parquet", compared(of))).to_pylist()
+    assert repr(estimate_from(row).comparison) == repr(of)
+
+
+def test_estimate_of_a_modelled_drive_has_none(tmp_path: Path):
+    [row] = pq.read_table(written(tmp_path / "one.parquet", estimated())).to_pylist()
+    assert estimate_from(row).comparison is None
+
+
+def test_changes_can_be_asked_by_name(tmp_path: Path):
+    file = written(tmp_path / "one.parquet", compared(CASES["friction"]), estimated())
+    found = duckdb.execute(_SQL, [str(file), FRICTION]).fetchall()
+    assert found == [("friction", "changed", pytest.approx(0.152))]
