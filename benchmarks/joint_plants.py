@@ -199,6 +199,7 @@ class Controller(NamedTuple):
     gravity: float
     limit: float
     position_step: float
+    at_output: float  # 1 where the position loop closes on the output
 
 
 @kernel()
@@ -216,9 +217,9 @@ def simulate(
     h, half = STEP_S, 0.5 * plant.play
     for k in range(len(reference)):
         wanted, v_wanted, a_wanted = reference[k]
-        seen = motor
+        seen = position if drive.at_output > 0.0 else motor
         if drive.position_step > 0.0:
-            seen = drive.position_step * np.round(motor / drive.position_step)
+            seen = drive.position_step * np.round(seen / drive.position_step)
         if drive.kind == 1:
             effort = drive.position * (wanted - seen) + drive.speed * (v_wanted - v_motor)
             effort += drive.inertia * a_wanted
@@ -501,6 +502,7 @@ def controller_of(joint: Joint) -> Controller:
         gravity=0.0,
         limit=4.0 * (largest * (1.0 + joint.load_dependence) + inertia * joint.speed * 10.0),
         position_step=0.0,
+        at_output=float(joint.sensor == "output"),
     )
     match joint.control:
         case "pd":  # on the encoder of the log, the others on a fine one

@@ -59,6 +59,20 @@ def test_worm_gear_locks_itself_where_a_harmonic_drive_falls():
     assert fallen["worm"] < 1e-3 < 0.1 < fallen["arm"]
 
 
+@pytest.mark.parametrize("name", [name for name, one in plants.JOINTS.items() if one.play])
+def test_play_separates_motor_and_output(name):
+    joint = plants.JOINTS[name]
+    reference = plants.reference_of(joint, 1.0, 1.0, (1,))
+    ones, lost = np.ones(len(reference)), []
+    for play in (1.0, 4.0):
+        plant = plants.plant_of(joint, plants.Case(play=play))
+        recorded = plants.simulate(reference, ones, ones, plant, plants.controller_of(joint))
+        lost.append(np.diff(np.quantile(recorded[:, 1] - recorded[:, 0], (0.02, 0.98))))
+    # A constant load beyond friction and inertia keeps the gear on one flank. The rest is wind-up.
+    wider = 0.0 if joint.constant_load > joint.load_friction else 3.0 * joint.play
+    assert lost[1] - lost[0] == pytest.approx(wider, abs=0.3 * joint.play)
+
+
 @pytest.mark.parametrize("name", plants.JOINTS)
 def test_friction_scatters_between_days_as_in_machines(name):
     joint = plants.JOINTS[name]
