@@ -12,6 +12,7 @@ from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.health import FaultHealth, LevelFilter
 from ema_monitor.identification.tally import Tally
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.prognosis.history_entry import UnitEvent
@@ -49,6 +50,8 @@ class Actuator:
         When telemetry was received last, or it was added [ns].
     outlook
         Health and life after the latest valid estimate.
+    comparison
+        Comparison of the latest record of the mounted unit; None for a modelled drive.
     latency_s
         Age of the latest window's end when its estimate came [s].
     alternation
@@ -190,6 +193,7 @@ class Actuator:
             # The unit was replaced while its last window waited.
             self._publish(health_to_message(outlook, found.description))
             return ""
+        self.comparison = estimate.comparison
         self._since_exchange += 1
         if self._since_exchange >= _SETTLED:
             self.alternation = ""
@@ -212,6 +216,7 @@ class Actuator:
 
     def reset_health(self, now_ns: int) -> None:
         """Reset the health, as another unit is mounted."""
+        self.comparison: Comparison | None = None
         self._level = LevelFilter()
         self._levels = defaultdict[str, LevelFilter](LevelFilter)
         self._added_ns = now_ns
