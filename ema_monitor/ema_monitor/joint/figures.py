@@ -1,0 +1,159 @@
+"""Figures of a record that need no model: scatter and roughness by direction, lag, lost motion."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ema_core.arrays import Array, Flags
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.joint.signals import Fine, Preparation, Signals, user_speed
+
+WAYS: Final = ("forward", "backward")
+
+
+class Figure(NamedTuple):
+    """A model-free figure: its label, and prior standard deviations of its logarithm [-]."""
+
+    label: str
+    between_records: float
+    between_days: float
+
+
+FIGURES: Final = {
+    "effort_scatter": Figure("scatter of the effort", 0.02, 0.024),
+    "effort_roughness": Figure("roughness of the effort", 0.016, 0.02),
+    "error_scatter": Figure("scatter of the tracking error", 0.02, 0.024),
+    "error_roughness": Figure("roughness of the tracking error", 0.016, 0.02),
+    "rest_effort": Figure("effort at rest", 0.008, 0.008),
+}
+"""Figures that are compared, by name: logarithms, means of both directions."""
+
+DIRECTED: Final = tuple(
+    f"{name}_{way}"
+    for way in WAYS
+    for name in ("effort", "effort_scatter", "effort_roughness", "error_scatter", "error_roughness")
+)
+"""Figures of one direction, which tell labelled states apart."""
+
+_FEWEST: Final = 20
+_TINY: Final = 1e-12
+_SETTLE_SHARE: Final = 0.7
+_FEWEST_TURNS: Final = 4
+
+
+def figures_of(
+    telemetry: Telemetry, signals: Signals, residuals: Array, preparation: Preparation
+) -> dict[str, float]:
+    """Return the figures of a record by name; those that it does not show are missing.
+
+    Parameters
+    ----------
+    telemetry
+        Samples of the record.
+    signals, residuals
+        Rows of steady motion, and what the model misses of their effort, ``(n,)`` [A].
+    preparation
+        How the record was prepared.
+    """
+    found: dict[str, float] = {}
+    speed = np.gradient(gaussian_filter1d(telemetry.position, 2.0), telemetry.sample_period)
+    fast = _SETTLE_SHARE * preparation.usual_speed
+    moving = {"forward": speed > fast, "backward": speed < -fast}
+    sign = {"forward": 1.0, "backward": -1.0}
+    signed = telemetry.current if preparation.is_signed else np.abs(telemetry.current)
+    for way in WAYS:
+        rows = np.sign(signals.direction) == sign[way]
+        if np.sum(rows) >= _FEWEST:
+            factor = sign[way]
+            found[f"effort_{way}"] = float(np.mean(factor * signals.effort[rows]))
+            found[f"effort_scatter_{way}"] = _log_rms(residuals[rows])
+        if np.sum(moving[way]) >= _FEWEST:
+            found[f"effort_roughness_{way}"] = _log_rms(_steps(signed, moving[way]))
+            if telemetry.has_command:
+                error = telemetry.command - telemetry.position
+                chosen = error[moving[way]]
+                found[f"error_scatter_{way}"] = _log_rms(chosen - np.mean(chosen))
+                found[f"error_roughness_{way}"] = _log_rms(_steps(error, moving[way]))
+    for name in FIGURES:
+        both = [found.get(f"{name}_{way}") for way in WAYS]
+        if None not in both:
+            found[name] = 0.5 * (both[0] + both[1])
+    rest = np.abs(speed) < 0.02 * preparation.usual_speed
+    if np.sum(rest) >= _FEWEST and not preparation.is_signed:
+        found["rest_effort"] = math.log(
+            max(float(np.median(np.abs(telemetry.current[rest]))), _TINY)
+        )
+    return found
+
+
+def tracking_lag(fine: Fine) -> tuple[float, float]:
+    """Return by how much the position lags behind the command, and its sigma [s].
+
+    It is the regression of the tracking error on the commanded speed; NaN where there is no command
+    or it never moves.
+    """
+    if fine.command is None:
+        return math.nan, math.nan
+    rate = np.gradient(gaussian_filter1d(fine.command, 2.0), fine.step_s)
+    moving = np.abs(rate) > 0.05 * np.max(np.abs(rate), initial=0.0)
+    if np.sum(moving) < _FEWEST:
+        return math.nan, math.nan
+    error, rate = (fine.command - fine.position)[moving], rate[moving]
+    rate = rate - np.mean(rate)
+    error = error - np.mean(error)
+    power = float(rate @ rate)
+    lag = float(rate @ error) / power
+    left = error - lag * rate
+    independent = max(1, len(left) // 20)
+    return lag, math.sqrt(float(left @ left) / len(left) / power * len(left) / independent)
+
+
+def lost_motion(
+    telemetry: Telemetry, description: ActuatorDescription, preparation: Preparation
+) -> tuple[float, float]:
+    """Return the lost motion between motor and joint, and its sigma [rad]; NaN where not shown.
+
+    The integral of the measured speed less the position differs by the play between strokes in
+    opposite directions. That shows it only where the speed is measured at the motor and the
+    position at the joint.
+    """
+    speed = user_speed(telemetry, description)
+    if speed is None:
+        return math.nan, math.nan
+    h = telemetry.sample_period
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * h * (speed[1:] + speed[:-1]))])
+    usual = preparation.usual_speed
+    smooth = gaussian_filter1d(speed, max(1.0, 0.005 / h))
+    way = np.sign(smooth) * (np.abs(smooth) > 0.25 * usual)
+    begins = np.flatnonzero(np.diff(np.concatenate([[0.0], way])) != 0.0)
+    ends = np.append(begins[1:], len(way))
+    strokes = [(b, e, way[b]) for b, e in zip(begins, ends, strict=True) if way[b] and e - b >= 5]
+    gap = turned - telemetry.position
+    differences = []
+    for (b0, e0, w0), (b1, e1, w1) in zip(strokes, strokes[1:], strict=False):
+        if w0 == w1 or (b1 - e0) * h > 1.0:
+            continue
+        before, after = np.median(gap[b0:e0]), np.median(gap[b1:e1])
+        # The gap drifts with the scale of the speed: between the middles of both strokes the joint
+        # returns by half a stroke, which cancels over pairs in turn.
+        differences.append(w1 * float(after - before))
+    if len(differences) < _FEWEST_TURNS:
+        return math.nan, math.nan
+    values = np.array(differences)
+    centre = float(np.median(values))
+    spread = 1.4826 * float(np.median(np.abs(values - centre)))
+    return centre, max(spread, _TINY) / math.sqrt(len(values))
+
+
+def _steps(values: Array, chosen: Flags) -> Array:
+    """Return the differences between neighbours that are both chosen."""
+    both = chosen[1:] & chosen[:-1]
+    steps = np.diff(values)[both]
+    return steps if len(steps) else np.zeros(1)
+
+
+def _log_rms(values: Array) -> float:
+    return 0.5 * math.log(max(float(np.mean(values**2)), _TINY**2))

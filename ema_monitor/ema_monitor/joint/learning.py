@@ -1,0 +1,120 @@
+"""Making a baseline from healthy records."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.record import defect_of, read_record
+from ema_monitor.joint.shape import choose_shape
+from ema_monitor.joint.signals import (
+    Fine,
+    Preparation,
+    Signals,
+    block_means,
+    cutoff_of,
+    filtered,
+    is_signed,
+    known_lag,
+    motion_band,
+    usual_speed,
+)
+
+_LAG_GAIN: Final = 0.9
+_LAGS_S: Final = (-0.02, -0.01, 0.005, 0.01, 0.02, 0.04, 0.08)
+_LAG_SAMPLES: Final = (-1.0, -0.5, 0.5, 1.0, 1.5, 2.0)
+
+
+def learn(
+    records: Sequence[Telemetry],
+    description: ActuatorDescription,
+    *,
+    temperatures: Sequence[float] = (),
+) -> Baseline:
+    """Return the baseline of healthy records.
+
+    Parameters
+    ----------
+    records
+        Healthy records, at least one.
+    description
+        The unit.
+    temperatures
+        Measured rise of the winding temperature of each record [K]; empty where none was measured.
+
+    Raises
+    ------
+    ValueError
+        When there is no record, or the records do not show the friction of the joint.
+    """
+    if not records:
+        raise ValueError("a baseline needs at least one healthy record, got none")
+    bands = [motion_band(one) for one in records]
+    period = float(np.median([one.sample_period for one in records]))
+    cutoff = cutoff_of(float(np.median(bands)), period)
+    blocks = [block_means(one, description, cutoff) for one in records]
+    usual = float(np.median([usual_speed(one, cutoff) for one in blocks]))
+    if not usual > 0.0:
+        raise ValueError("no motion: the position never changes in the healthy records")
+    signed = is_signed(np.concatenate([one.current for one in records]))
+    preparation = Preparation(cutoff, known_lag(description), usual, signed)
+    preparation = _with_lag(preparation, blocks, period)
+    signals = [filtered(one, preparation) for one in blocks]
+    usable = [number for number, one in enumerate(signals) if not defect_of(one, preparation)]
+    if not usable:
+        raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
+    chosen = [signals[number] for number in usable]
+    shape = choose_shape(chosen, is_linear=bool(description.parameters.lead))
+    found = [
+        read_record(
+            records[number],
+            description,
+            preparation,
+            shape,
+            temperature=temperatures[number] if temperatures else math.nan,
+            prepared=(blocks[number], signals[number]),
+        )
+        for number in usable
+    ]
+    return Baseline(preparation, shape, tuple(found))
+
+
+def _with_lag(preparation: Preparation, blocks: Sequence[Fine], period: float) -> Preparation:
+    """Return the preparation with the lag of the effort, if one explains the effort clearly."""
+    base = preparation.lag_s
+    lags = sorted(
+        {base, *(base + one * period for one in _LAG_SAMPLES), *(base + s for s in _LAGS_S)}
+    )
+    some = blocks[:: max(1, len(blocks) // 4)]
+    errors = {lag: _misfit(some, preparation._replace(lag_s=lag)) for lag in lags}
+    best = min(errors, key=lambda lag: errors[lag])
+    if best in (lags[0], lags[-1]) or errors[best] > _LAG_GAIN * errors[base]:
+        return preparation
+    return preparation._replace(lag_s=best)
+
+
+def _misfit(blocks: Sequence[Fine], preparation: Preparation) -> float:
+    """Return what a model of friction, inertia and gravity misses of the effort, rms [A]."""
+    total, count = 0.0, 0
+    for one in blocks:
+        signals: Signals = filtered(one, preparation)
+        if len(signals) < 30:
+            continue
+        angle = signals.position - np.mean(signals.position)
+        design = np.column_stack(
+            [
+                signals.acceleration,
+                signals.speed,
+                signals.direction,
+                np.ones(len(signals)),
+                np.sin(angle),
+                np.cos(angle),
+            ]
+        )
+        left = signals.effort - design @ np.linalg.lstsq(design, signals.effort, rcond=None)[0]
+        total, count = total + float(left @ left), count + len(left)
+    return math.sqrt(total / count) if count else math.inf

@@ -1,0 +1,126 @@
+"""What a record of a joint shows: coefficients of inverse dynamics, and model-free figures."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+from ema_core.arrays import Array
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
+from ema_monitor.joint.shape import Shape, fit_record
+from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered
+
+NS_A_DAY: Final = 86_400_000_000_000
+
+FEWEST_ROWS: Final = 30
+FEWEST_STROKES: Final = 3
+SLOWEST, FASTEST = 0.5, 1.6
+"""Range of the speed of a record, over that of the healthy records [-]."""
+
+
+@dataclass(frozen=True)
+class JointRecord:
+    """What one record shows.
+
+    Attributes
+    ----------
+    stamp_ns
+        Stamp of its first sample [ns].
+    values, covariance
+        Coefficients, ``(5,)``, in the order of ``COEFFICIENTS``, and the covariance of their
+        error, ``(5, 5)``.
+    usual_speed
+        95 % quantile of the speed [rad/s].
+    figures
+        Model-free figures by name; scatters are logarithms.
+    lag_s, lag_sigma
+        Tracking lag behind the command [s]; NaN where there is no command.
+    lost_motion, lost_motion_sigma
+        Lost motion between motor and joint [rad]; NaN where it is not shown.
+    temperature
+        Measured rise of the winding temperature [K]; NaN where it was not measured.
+    """
+
+    stamp_ns: int
+    values: Array
+    covariance: Array
+    usual_speed: float
+    figures: dict[str, float] = field(default_factory=dict)
+    lag_s: float = math.nan
+    lag_sigma: float = math.nan
+    lost_motion: float = math.nan
+    lost_motion_sigma: float = math.nan
+    temperature: float = math.nan
+
+    @property
+    def day(self) -> int:
+        """Day of the record, counted from 1970."""
+        return self.stamp_ns // NS_A_DAY
+
+
+def defect_of(signals: Signals, preparation: Preparation) -> str:
+    """Return why a record cannot be compared; empty when it can."""
+    if len(signals) < FEWEST_ROWS:
+        return (
+            f"{len(signals)} rows of steady motion in one direction, at least {FEWEST_ROWS} are "
+            "needed: give longer motion"
+        )
+    for way, name in ((1, "forward"), (-1, "backward")):
+        if (strokes := signals.strokes(way)) < FEWEST_STROKES:
+            return (
+                f"{strokes} strokes {name}, at least {FEWEST_STROKES} in each direction are "
+                "needed: move to and fro"
+            )
+    ratio = signals.usual_speed / preparation.usual_speed
+    if not SLOWEST <= ratio <= FASTEST:
+        return (
+            f"the speed is {ratio:.2g} times that of the healthy records, {SLOWEST:g} to "
+            f"{FASTEST:g} times can be compared: add healthy records of this motion"
+        )
+    return ""
+
+
+def read_record(
+    telemetry: Telemetry,
+    description: ActuatorDescription,
+    preparation: Preparation,
+    shape: Shape,
+    *,
+    healthy: Array | None = None,
+    temperature: float = math.nan,
+    prepared: tuple[Fine, Signals] | None = None,
+) -> JointRecord:
+    """Return what a record shows, fitted with the terms of its unit.
+
+    Parameters
+    ----------
+    telemetry, description
+        The record and its actuator.
+    preparation, shape
+        How the records of the unit are prepared, and its model.
+    healthy
+        Coefficients that decide what the record leaves open, ``(5,)``.
+    temperature
+        Measured rise of the winding temperature [K].
+    prepared
+        Block means and rows, where they are known already.
+    """
+    if prepared is None:
+        fine = block_means(telemetry, description, preparation.cutoff_hz)
+        prepared = fine, filtered(fine, preparation)
+    fine, signals = prepared
+    fit = fit_record(shape, signals, healthy)
+    figures = figures_of(telemetry, signals, fit.residuals, preparation)
+    lag = tracking_lag(fine)
+    lost = lost_motion(telemetry, description, preparation)
+    return JointRecord(
+        telemetry.stamp_ns,
+        fit.values,
+        fit.covariance,
+        signals.usual_speed,
+        figures,
+        *lag,
+        *lost,
+        temperature,
+    )

@@ -1,0 +1,182 @@
+"""How far healthy records scatter within a day and between days, and what that predicts.
+
+One figure of a record is modelled as ``x = mu + beta z + day + record + error``: normal effects with
+unknown standard deviations between days and between records, and an error of known variance. The
+standard deviations have log-normal priors, so that few records cannot claim that there is no
+scatter, and are integrated out on a grid. The prediction for a further record is a mixture of
+normals (Gelman et al., Bayesian Data Analysis, chapter 5: hierarchical models).
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from ema_core.arrays import Array
+
+NODES: Final = 9
+SPREAD: Final = 0.8
+"""Standard deviation of the logarithm of a scatter before the records are seen [-]."""
+
+_REACH: Final = 2.5
+_FARTHEST: Final = 8.0
+_PRECISION: Final = 1e-6
+_NEGLIGIBLE: Final = 1e-6
+_SLOPE: Final = 30.0
+_TINY: Final = 1e-300
+
+
+class Prediction(NamedTuple):
+    """Predictive distribution of a figure: a mixture of normals, ``(m,)`` each."""
+
+    weights: Array
+    means: Array
+    variances: Array
+
+    @property
+    def mean(self) -> float:
+        """Expected value."""
+        return float(self.weights @ self.means)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation."""
+        spread = self.variances + (self.means - self.mean) ** 2
+        return float(np.sqrt(self.weights @ spread))
+
+    def plus(self, variance: float) -> "Prediction":
+        """Return the prediction with a further error of this variance."""
+        return self._replace(variances=self.variances + variance)
+
+    def below(self, x: float) -> float:
+        """Return the probability of a value below ``x``."""
+        return float(self.weights @ ndtr((x - self.means) / np.sqrt(self.variances)))
+
+    def probability(self, x: float) -> float:
+        """Return the probability that a value is as far from the middle as ``x``."""
+        z = (x - self.means) / np.sqrt(self.variances)
+        lower, upper = float(self.weights @ ndtr(z)), float(self.weights @ ndtr(-z))
+        return min(1.0, 2.0 * min(lower, upper))
+
+    def quantile(self, share: float) -> float:
+        """Return the value below which this share lies."""
+        reach = _FARTHEST * np.sqrt(self.variances)
+        low, high = float(np.min(self.means - reach)), float(np.max(self.means + reach))
+        tolerance = _PRECISION * (high - low)
+        return float(brentq(lambda x: self.below(x) - share, low, high, xtol=tolerance))
+
+    def smallest_change(self, significance: float, power: float) -> float:
+        """Return the smallest change that passes a two-sided test with this power."""
+        limit = self.quantile(1.0 - 0.5 * significance)
+        return limit - self.quantile(1.0 - power)
+
+
+class Scatter:
+    """What healthy records say about one figure.
+
+    Parameters
+    ----------
+    values, variances
+        The figure of each record and the variance of its error, ``(n,)``.
+    days
+        Number of the day of each record, ``(n,)``.
+    between_records, between_days
+        Medians of the prior standard deviations.
+    covariates
+        Conditions that the figure depends on, ``(n, k)``, centred and scaled to about one.
+    """
+
+    def __init__(
+        self,
+        values: Array,
+        variances: Array,
+        days: Sequence[int],
+        between_records: float,
+        between_days: float,
+        covariates: Array | None = None,
+    ) -> None:
+        nodes = np.linspace(-_REACH, _REACH, NODES)
+        prior = np.exp(-0.5 * nodes**2)
+        record, day = np.meshgrid(
+            between_records * np.exp(SPREAD * nodes), between_days * np.exp(SPREAD * nodes)
+        )
+        self._record, self._day = (record**2).ravel(), (day**2).ravel()
+        log_prior = np.log(np.outer(prior, prior)).ravel()
+        n = len(values)
+        design = np.ones((n, 1))
+        if covariates is not None and covariates.size:
+            design = np.column_stack([design, covariates])
+        p = design.shape[1]
+        scale = max(between_days, between_records)
+        centre = float(np.mean(values))
+        # Within a day: sums of the rows weighted by their precision; (g, ...) by grid point.
+        precision = 1.0 / (variances[None, :] + self._record[:, None])
+        target = values - centre
+        normal = np.zeros((len(self._record), p, p))
+        moment = np.zeros((len(self._record), p))
+        square = np.zeros(len(self._record))
+        log_det = -np.sum(np.log(precision), axis=1)
+        self._days: dict[int, tuple[Array, Array, Array]] = {}
+        for number in sorted(set(days)):
+            chosen = np.asarray(days) == number
+            w, x, y = precision[:, chosen], design[chosen], target[chosen]
+            total = w.sum(axis=1)
+            shrink = self._day / (1.0 + self._day * total)
+            wx, wy = w @ x, w @ y
+            normal += np.einsum("gi,ij,ik->gjk", w, x, x)
+            normal -= shrink[:, None, None] * wx[:, :, None] * wx[:, None, :]
+            moment += np.einsum("gi,ij,i->gj", w, x, y) - shrink[:, None] * wx * wy[:, None]
+            square += w @ y**2 - shrink * wy**2
+            log_det += np.log1p(self._day * total)
+            self._days[number] = total, wx, wy
+        ridge = np.zeros(p)
+        ridge[1:] = (_SLOPE * scale) ** -2.0
+        normal += np.diag(ridge)
+        self._covariance = np.linalg.inv(normal)
+        self._beta = np.einsum("gjk,gk->gj", self._covariance, moment)
+        fit = square - np.einsum("gj,gj->g", moment, self._beta)
+        log_weight = log_prior - 0.5 * (log_det + fit + np.linalg.slogdet(normal)[1])
+        weights = np.exp(log_weight - np.max(log_weight))
+        self._weights = weights / np.sum(weights)
+        self._centre = centre
+
+    def predict(
+        self, variance: float, day: int | None = None, covariates: Array | None = None
+    ) -> Prediction:
+        """Return the prediction for a further record with an error of this variance.
+
+        Parameters
+        ----------
+        variance
+            Variance of the error of the figure of the new record.
+        day
+            Its day; None or a day without healthy records: another day.
+        covariates
+            Conditions of the record, ``(k,)``.
+        """
+        row = np.ones(self._beta.shape[1])
+        if covariates is not None and len(row) > 1:
+            row[1:] = covariates
+        if day in self._days:
+            total, wx, wy = self._days[day]
+            shrink = self._day / (1.0 + self._day * total)
+            effect = shrink * (wy - np.einsum("gj,gj->g", wx, self._beta))
+            sensitivity = row[None, :] - shrink[:, None] * wx
+            spread = shrink
+        else:
+            effect = np.zeros(len(self._day))
+            sensitivity = np.broadcast_to(row, self._beta.shape)
+            spread = self._day
+        means = self._centre + self._beta @ row + effect
+        of_mean = np.einsum("gj,gjk,gk->g", sensitivity, self._covariance, sensitivity)
+        variances = of_mean + spread + self._record + variance + _TINY
+        counts = self._weights > _NEGLIGIBLE
+        weights = self._weights[counts]
+        return Prediction(weights / np.sum(weights), means[counts], variances[counts])
+
+    @property
+    def variance(self) -> float:
+        """Expected variance between records of different days."""
+        return float(self._weights @ (self._record + self._day))

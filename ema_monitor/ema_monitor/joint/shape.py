@@ -1,0 +1,280 @@
+"""Model of a joint's effort, and the choice of its terms on healthy records."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.joint.regression import Regression, regress
+from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
+
+COEFFICIENTS: Final = ("friction", "inertia", "viscous_friction", "load", "gravity")
+"""Coefficients of a record, in their order: dry friction and gravity relative to the baseline,
+inertia [A.s^2/rad], viscous friction [A.s/rad] and constant load [A]."""
+
+DRY, INERTIA, VISCOUS, LOAD, GRAVITY = range(len(COEFFICIENTS))
+
+GRAVITY_TRAVEL: Final = 0.3
+"""Travel from which on gravity is part of the model at first [rad]."""
+
+_IMPROVES: Final = 0.95
+_MOST_DIP: Final = 2.0
+_MOST_LOAD: Final = 0.6
+_FEWEST_ROWS: Final = 30
+_FREE: Final = 10.0
+_TINY: Final = 1e-12
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Terms of the effort that all records of a unit share.
+
+    ``effort = dry · D + inertia · a + viscous · v + load + gravity · G`` with the dry friction
+    ``D = coulomb · s + dip · s exp(-(v / v_s)^2) + share · s |inertia a + G|`` for the filtered
+    sign s of the speed, and gravity ``G = sine · sin(q - centre) + cosine · (cos(q - centre) - 1)``.
+
+    Attributes
+    ----------
+    coulomb
+        Coulomb friction of the healthy unit [A].
+    stribeck, dip
+        Number of the Stribeck speed in ``STRIBECK_SPEEDS``, and its friction [A].
+    load_share, load_inertia
+        Share of the load torque that is friction [-], and the inertia in it [A.s^2/rad].
+    sine, cosine, centre
+        Gravity [A], and the angle that it counts from [rad].
+    has_gravity
+        Whether gravity is part of the model.
+    """
+
+    coulomb: float
+    stribeck: int = 0
+    dip: float = 0.0
+    load_share: float = 0.0
+    load_inertia: float = 0.0
+    sine: float = 0.0
+    cosine: float = 0.0
+    centre: float = 0.0
+    has_gravity: bool = False
+
+    def gravity(self, signals: Signals) -> Array:
+        """Return the healthy gravity in a record, ``(n,)`` [A]."""
+        angle = signals.position - self.centre
+        return self.sine * np.sin(angle) + self.cosine * (np.cos(angle) - 1.0)
+
+    def dry_friction(self, signals: Signals) -> Array:
+        """Return the healthy dry friction in a record, ``(n,)`` [A]."""
+        dry = self.coulomb * signals.direction + self.dip * signals.stribeck[:, self.stribeck]
+        if self.load_share:
+            load = np.abs(self.load_inertia * signals.acceleration + self.gravity(signals))
+            dry = dry + self.load_share * load * signals.direction
+        return dry
+
+    def design(self, signals: Signals) -> Array:
+        """Return the columns of ``COEFFICIENTS``, ``(n, 5)``."""
+        columns = np.empty((len(signals), len(COEFFICIENTS)))
+        columns[:, DRY] = self.dry_friction(signals)
+        columns[:, INERTIA] = signals.acceleration
+        columns[:, VISCOUS] = signals.speed
+        columns[:, LOAD] = 1.0
+        columns[:, GRAVITY] = self.gravity(signals)
+        return columns
+
+    @property
+    def friction_scale(self) -> float:
+        """Dry friction that changes are compared with [A]."""
+        return abs(self.coulomb)
+
+
+class RecordFit(NamedTuple):
+    """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and the residuals."""
+
+    values: Array
+    covariance: Array
+    residuals: Array
+
+
+def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> RecordFit:
+    """Fit the coefficients of a record.
+
+    Parameters
+    ----------
+    shape
+        Terms of the model.
+    signals
+        Rows of the record.
+    healthy
+        Coefficients that decide what the record leaves open, ``(5,)``: those of the baseline. When
+        None, zeros and ones.
+    """
+    design = shape.design(signals)
+    effort = float(np.sqrt(np.mean(signals.effort**2))) + _TINY
+    scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
+    if healthy is None:
+        healthy = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
+    used = np.ones(len(COEFFICIENTS), dtype=bool)
+    used[GRAVITY] = shape.has_gravity
+    found = regress(
+        design[:, used], signals.effort, signals.stroke, healthy[used], _FREE * scales[used]
+    )
+    values, covariance = np.array(healthy), np.zeros((len(used), len(used)))
+    values[used] = found.values
+    covariance[np.ix_(used, used)] = found.covariance
+    return RecordFit(values, covariance, found.residuals)
+
+
+class _Terms(NamedTuple):
+    """Which terms a candidate for the model has."""
+
+    sine: bool = False
+    cosine: bool = False
+    stribeck: int | None = None
+    has_load: bool = False
+
+
+def choose_shape(records: Sequence[Signals], *, is_linear: bool) -> Shape:
+    """Return the model whose terms predict healthy records best that they were not fitted to.
+
+    A term is admitted if the error on the record left out falls by 5 %, in the geometric mean over
+    the records, and its sign is physical. The coefficients of that record are fitted on every other
+    stroke, and judged on the strokes between.
+
+    Parameters
+    ----------
+    records
+        Healthy records.
+    is_linear
+        Whether the joint is linear, so that no gravity follows its angle.
+
+    Raises
+    ------
+    ValueError
+        When the records do not show the friction of the joint.
+    """
+    centre = float(np.mean([np.mean(one.position) for one in records]))
+    travel = float(np.median([np.ptp(one.position) for one in records]))
+    terms = _Terms(sine=not is_linear and travel >= GRAVITY_TRAVEL)
+    best = _error(records, terms, centre)
+    if terms.sine:
+        best, terms = _better(records, centre, best, terms, terms._replace(cosine=True))
+        plain = _Terms()
+        error = _error(records, plain, centre)
+        if error * _IMPROVES < best:
+            best, terms = error, plain
+    candidates = [terms._replace(stribeck=at) for at in range(len(STRIBECK_SPEEDS))]
+    errors = [_error(records, one, centre) for one in candidates]
+    at = int(np.argmin(errors))
+    if errors[at] < _IMPROVES * best:
+        best, terms = errors[at], candidates[at]
+    best, terms = _better(records, centre, best, terms, terms._replace(has_load=True))
+    shape = _fit_shape(records, terms, centre)
+    if shape is None or not shape.coulomb > 0.0:
+        raise ValueError(
+            "the healthy records show no dry friction: the effort does not follow the direction of "
+            "the motion; does the effort have the sign of the motion?"
+        )
+    return shape
+
+
+def _better(
+    records: Sequence[Signals], centre: float, best: float, terms: _Terms, candidate: _Terms
+) -> tuple[float, _Terms]:
+    error = _error(records, candidate, centre)
+    return (error, candidate) if error < _IMPROVES * best else (best, terms)
+
+
+def _error(records: Sequence[Signals], terms: _Terms, centre: float) -> float:
+    """Return the prediction error of strokes left out [A]; infinite where a term is unphysical."""
+    logs = []
+    for at, record in enumerate(records):
+        others = [one for number, one in enumerate(records) if number != at] or list(records)
+        shape = _fit_shape(others, terms, centre)
+        if shape is None:
+            return math.inf
+        even = record.stroke % 2 == 0
+        if min(np.sum(even), np.sum(~even)) < _FEWEST_ROWS // 2:
+            continue
+        for fitted in (even, ~even):
+            found = fit_record(shape, _rows(record, fitted))
+            rest = _rows(record, ~fitted)
+            missed = rest.effort - shape.design(rest) @ found.values
+            logs.append(math.log(float(np.mean(missed**2)) + _TINY))
+    return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
+
+
+def _rows(signals: Signals, chosen: Array) -> Signals:
+    """Return some rows of a record."""
+    names = ("effort", "position", "speed", "acceleration", "direction", "stribeck", "stroke")
+    return replace(signals, **{name: getattr(signals, name)[chosen] for name in names})
+
+
+def _fit_shape(records: Sequence[Signals], terms: _Terms, centre: float) -> Shape | None:
+    """Fit the common terms, with coefficients of their own for each record.
+
+    None where the fit is unphysical: negative friction or a Stribeck or load term out of range.
+    """
+    shape = _pooled(records, terms, centre, None)
+    if terms.has_load and shape is not None:
+        shape = _pooled(records, terms, centre, shape)
+    return shape
+
+
+def _pooled(
+    records: Sequence[Signals], terms: _Terms, centre: float, known: Shape | None
+) -> Shape | None:
+    designs, targets = [], []
+    inertias = []
+    for one in records:
+        common = [one.direction]
+        if terms.stribeck is not None:
+            common.append(one.stribeck[:, terms.stribeck])
+        if known is not None:
+            load = np.abs(known.load_inertia * one.acceleration + known.gravity(one))
+            common.append(load * one.direction)
+        angle = one.position - centre
+        if terms.sine:
+            common.append(np.sin(angle))
+        if terms.cosine:
+            common.append(np.cos(angle) - 1.0)
+        free = np.column_stack([one.acceleration, one.speed, np.ones(len(one))])
+        both = np.column_stack([*common, one.effort])
+        projected = both - free @ np.linalg.lstsq(free, both, rcond=None)[0]
+        designs.append(projected[:, :-1])
+        targets.append(projected[:, -1])
+        inertias.append((free, np.column_stack(common), one.effort))
+    design, target = np.concatenate(designs), np.concatenate(targets)
+    clusters = np.arange(len(target))
+    scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
+    fit: Regression = regress(
+        design, target, clusters, np.zeros(design.shape[1]), 1e3 * scales + _TINY
+    )
+    values = fit.values.tolist()
+    coulomb = values.pop(0)
+    dip = values.pop(0) if terms.stribeck is not None else 0.0
+    share = values.pop(0) if known is not None else 0.0
+    sine = values.pop(0) if terms.sine else 0.0
+    cosine = values.pop(0) if terms.cosine else 0.0
+    inertia = float(
+        np.median(
+            [
+                np.linalg.lstsq(free, effort - common @ fit.values, rcond=None)[0][0]
+                for free, common, effort in inertias
+            ]
+        )
+    )
+    if not coulomb > 0.0 or not 0.0 <= dip <= _MOST_DIP * coulomb or not 0.0 <= share <= _MOST_LOAD:
+        return None
+    return Shape(
+        coulomb,
+        terms.stribeck or 0,
+        dip,
+        share,
+        inertia if terms.has_load else 0.0,
+        sine,
+        cosine,
+        centre,
+        terms.sine or terms.cosine,
+    )

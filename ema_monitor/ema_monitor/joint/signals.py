@@ -1,0 +1,248 @@
+"""Filtered signals of a record: all columns through one zero-phase filter, on a coarse grid."""
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ema_core.arrays import Array, Flags
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+
+SLOWEST_CUTOFF_HZ: Final = 1.5
+HIGHEST_SHARE: Final = 0.2
+"""Largest cut-off, as a share of the sample rate [-]."""
+
+STRIBECK_SPEEDS: Final = (0.06, 0.12, 0.24)
+"""Stribeck speeds that are tried, as a share of the usual speed [-]."""
+
+# A Gaussian of this standard deviation times 1 / f passes 71 % of the amplitude at f.
+_SIGMA_CUTOFF: Final = 0.1325
+_OF_MOTION: Final = 2.5
+_POWER: Final = 0.95
+_FINE: Final = 20.0
+_SOFT_SIGN: Final = 0.02
+_SLOW: Final = 0.05
+_ONE_WAY: Final = 0.95
+_ENDS: Final = 3.0
+_ROW: Final = 1.5
+_LONGEST_STROKE_S: Final = 2.0
+_USUAL_SPEED: Final = 95.0
+_RESTING: Final = 0.02
+
+
+class Preparation(NamedTuple):
+    """How the records of a unit are prepared; chosen on its healthy records.
+
+    Attributes
+    ----------
+    cutoff_hz
+        Cut-off frequency of the filter [Hz].
+    lag_s
+        Delay of the effort behind the motion [s].
+    usual_speed
+        95 % quantile of the speed [rad/s].
+    is_signed
+        Whether the effort has a sign; else that of the motion is applied.
+    """
+
+    cutoff_hz: float
+    lag_s: float
+    usual_speed: float
+    is_signed: bool
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Rows of steady motion in one direction, ``(n,)`` each, and what they were taken from.
+
+    Attributes
+    ----------
+    effort
+        Effort [A].
+    position, speed, acceleration
+        Motion of the user shaft [rad], [rad/s], [rad/s^2].
+    direction
+        Filtered sign of the speed [-].
+    stribeck
+        Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``.
+    stroke
+        Running number of the stroke that a row belongs to.
+    usual_speed
+        95 % quantile of the speed in this record [rad/s].
+    rate
+        Rows per second of steady motion [1/s].
+    """
+
+    effort: Array
+    position: Array
+    speed: Array
+    acceleration: Array
+    direction: Array
+    stribeck: Array
+    stroke: Array
+    usual_speed: float
+    rate: float
+
+    def __len__(self) -> int:
+        return len(self.effort)
+
+    def strokes(self, way: int) -> int:
+        """Return how many strokes there are in a direction, 1 or -1."""
+        return len(np.unique(self.stroke[np.sign(self.direction) == way]))
+
+
+def user_speed(telemetry: Telemetry, description: ActuatorDescription) -> Array | None:
+    """Return the measured speed at the user shaft [rad/s]; None where it is not measured."""
+    if not len(telemetry.speed) or not description.acquisition.speed:
+        return None
+    return telemetry.speed * description.parameters.tau
+
+
+def known_lag(description: ActuatorDescription) -> float:
+    """Return the lag of the effort that its acquisition explains [s]."""
+    acquisition = description.acquisition
+    if acquisition.current == "mean":
+        return -0.5 * description.sample_period
+    return acquisition.current_filter
+
+
+def is_signed(effort: Array) -> bool:
+    """Return whether an effort has a sign, rather than being a magnitude."""
+    return bool(np.min(effort) < -_RESTING * np.max(np.abs(effort)))
+
+
+def motion_band(telemetry: Telemetry) -> float:
+    """Return the frequency below which 95 % of the power of the speed lies [Hz].
+
+    The noise of the position, as the upper quarter of its spectrum shows it, is subtracted.
+    """
+    position = telemetry.position - np.mean(telemetry.position)
+    n = len(position)
+    window = np.hanning(n)
+    trend = np.linspace(position[0], position[-1], n)
+    power = np.abs(np.fft.rfft((position - trend) * window)) ** 2
+    frequency = np.fft.rfftfreq(n, telemetry.sample_period)
+    floor = float(np.median(power[3 * len(power) // 4 :])) / math.log(2.0)
+    speed = np.maximum(power - floor, 0.0) * frequency**2
+    total = np.cumsum(speed)
+    if not total[-1] > 0.0:
+        return 0.0
+    return float(frequency[np.searchsorted(total, _POWER * total[-1])])
+
+
+def cutoff_of(band_hz: float, sample_period: float) -> float:
+    """Return the cut-off for a motion with this band [Hz]."""
+    highest = HIGHEST_SHARE / sample_period
+    return min(max(_OF_MOTION * band_hz, min(SLOWEST_CUTOFF_HZ, highest)), highest)
+
+
+class Fine(NamedTuple):
+    """Columns of a record as block means at a rate far above the cut-off, ``(n,)`` each.
+
+    ``speed`` and ``command`` are None where they are not measured.
+    """
+
+    step_s: float
+    effort: Array
+    position: Array
+    speed: Array | None
+    command: Array | None
+
+
+def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_hz: float) -> Fine:
+    """Return the columns of a record as means of blocks, many to a period of the cut-off."""
+    m = max(1, int(1.0 / (telemetry.sample_period * _FINE * cutoff_hz)))
+    n = len(telemetry) // m
+
+    def mean(column: Array) -> Array:
+        return column[: n * m].reshape(n, m).mean(axis=1) if m > 1 else column
+
+    speed = user_speed(telemetry, description)
+    return Fine(
+        m * telemetry.sample_period,
+        mean(telemetry.current),
+        mean(telemetry.position),
+        None if speed is None else mean(speed),
+        mean(telemetry.command) if telemetry.has_command else None,
+    )
+
+
+def filtered(fine: Fine, preparation: Preparation) -> Signals:
+    """Return the rows of steady motion in a record.
+
+    Rows near a reversal, where the filter mixes both directions, and within three standard
+    deviations of the filter from the ends are left out; one row is kept for 1.5 of them.
+    """
+    step = fine.step_s
+    sigma = _SIGMA_CUTOFF / preparation.cutoff_hz / step
+    time = step * np.arange(len(fine.position))
+    rough = gaussian_filter1d(fine.position, sigma / 3.0)
+    if fine.speed is None:
+        fine_speed = np.gradient(rough, step)
+    else:
+        fine_speed = gaussian_filter1d(fine.speed, sigma / 3.0)
+    usual = preparation.usual_speed
+    sign = np.clip(fine_speed / (_SOFT_SIGN * usual), -1.0, 1.0)
+    effort = fine.effort if preparation.is_signed else np.abs(fine.effort) * sign
+    if preparation.lag_s:
+        effort = np.interp(time + preparation.lag_s, time, effort)
+    dips = np.exp(-((fine_speed[:, None] / (np.array(STRIBECK_SPEEDS) * usual)) ** 2))
+    columns = [effort, fine.position, sign, *(sign[:, None] * dips).T]
+    if fine.speed is not None:
+        columns.append(fine.speed)
+    smooth = gaussian_filter1d(np.array(columns), sigma, axis=1)
+    speed = smooth[-1] if fine.speed is not None else np.gradient(smooth[1], step)
+    acceleration = np.gradient(speed, step)
+    direction = smooth[2]
+    moving = np.abs(speed) > _SLOW * usual
+    keep = moving & (np.abs(direction) > _ONE_WAY)
+    ends = math.ceil(_ENDS * sigma)
+    keep[:ends] = keep[-ends:] = False
+    every = max(1, round(_ROW * sigma))
+    rows = np.flatnonzero(keep)[::every] if every > 1 else np.flatnonzero(keep)
+    stroke = _strokes(np.sign(direction) * keep, step)
+    speeds = np.abs(speed[keep])
+    return Signals(
+        smooth[0, rows],
+        smooth[1, rows],
+        speed[rows],
+        acceleration[rows],
+        direction[rows],
+        smooth[3 : 3 + len(STRIBECK_SPEEDS), rows].T,
+        stroke[rows],
+        float(np.percentile(speeds, _USUAL_SPEED)) if len(speeds) else 0.0,
+        1.0 / (every * step),
+    )
+
+
+def usual_speed(fine: Fine, cutoff_hz: float) -> float:
+    """Return the 95 % quantile of the speed of a record while it moves [rad/s]."""
+    sigma = _SIGMA_CUTOFF / cutoff_hz / fine.step_s
+    if fine.speed is None:
+        speed = np.gradient(gaussian_filter1d(fine.position, sigma), fine.step_s)
+    else:
+        speed = gaussian_filter1d(fine.speed, sigma)
+    speed = np.abs(speed)
+    fastest = float(np.max(speed, initial=0.0))
+    moving = speed[speed > _SLOW * fastest]
+    return float(np.percentile(moving, _USUAL_SPEED)) if len(moving) else 0.0
+
+
+def _strokes(way: Array, step_s: float) -> Array:
+    """Return the number of the stroke of each sample; long strokes are cut every 2 s."""
+    begins = np.concatenate([[True], way[1:] != way[:-1]])
+    number = np.cumsum(begins)
+    first = np.flatnonzero(begins)
+    within = np.arange(len(way)) - first[number - 1]
+    piece = (within * step_s / _LONGEST_STROKE_S).astype(int)
+    _, labels = np.unique(np.stack([number, piece]), axis=1, return_inverse=True)
+    return labels.reshape(-1)
+
+
+def at_rest(fine: Fine, usual: float) -> Flags:
+    """Return where the joint rests, ``(n,)``."""
+    speed = np.gradient(gaussian_filter1d(fine.position, 2.0), fine.step_s)
+    return np.abs(speed) < _RESTING * usual
