@@ -18,6 +18,7 @@ from ema_core.quantity import Checked, quantity
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import GRAMMAR, measured_causes_of
 from ema_monitor.model.measurements import MAX_AGE_S
+from ema_monitor.windows.records import LEAST_MOTION_S
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import MIN_TRAVEL
 
@@ -51,7 +52,9 @@ class Source(Checked):
         ACTUATOR_OPTION,
         click.option("--topic", help="Topic of the telemetry, if BAG has several."),
         click.option(
-            "--any-motion", is_flag=True, help="Windows are stretches of ordinary motion."
+            "--any-motion",
+            is_flag=True,
+            help="Windows are stretches of ordinary motion; needless for an unknown drive.",
         ),
         click.option(
             "--accept-defects",
@@ -172,8 +175,13 @@ def identifiable_windows(path: Path, source: Source) -> BagWindows:
 
 
 def why_no_window(path: Path, found: BagWindows, source: Source) -> str:
-    """Return why no window was even begun, which describes the command."""
+    """Return why no window was even begun, which describes the command or the position."""
     settings = source.trigger
+    if found.description.drive == "unknown":
+        reason = found.obstacle or (
+            f"a record needs {LEAST_MOTION_S:g} s of motion, and the position never moves"
+        )
+        return f"{path} has no record to diagnose (no excitation): {reason}"
     if source.any_motion:
         if found.obstacle:
             return f"{path} has no window to diagnose: {found.obstacle}"

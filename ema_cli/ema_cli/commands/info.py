@@ -54,12 +54,14 @@ def _show(found: BagWindows) -> None:
         f"telemetry: {counted(found.samples, 'sample')} every {found.sample_period:g} s in "
         f"{counted(found.blocks, 'block')}, {found.samples * found.sample_period:.3f} s"
     )
-    click.echo(f"windows: {len(found.windows)}")
+    click.echo(f"{found.kind}s: {len(found.windows)}")
     for window in found.windows:
         start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
-        state = (
-            window.place.reason
-            if isinstance(window.place, Refusal)
-            else f"start in the play {'unknown' if window.play is None else f'{window.play:+g}'}"
-        )
+        if isinstance(window.place, Refusal):
+            state = window.place.reason
+        elif found.kind == "record":
+            state = f"{end - start:.1f} s, usable"
+        else:
+            play = "unknown" if window.play is None else f"{window.play:+g}"
+            state = f"start in the play {play}"
         click.echo(f"  {start:.4f} s to {end:.4f} s: {state}")

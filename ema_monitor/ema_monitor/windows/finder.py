@@ -17,6 +17,7 @@ from ema_monitor.windows.records import (
     MOST_RECORD_SAMPLES,
     RecordTrigger,
 )
+from ema_monitor.windows.rest import BINS_AT_ONCE
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
     ANY_MOTION,
@@ -109,13 +110,24 @@ class WindowFinder:
             return LEAST_MOTION_S
         return self._trigger.settings.window_s if self._trigger else _LONGEST_WINDOW_S
 
-    def reach_s(self, sample_period: float) -> float:
-        """Return how long before the latest sample a window can begin [s]."""
+    @property
+    def longest_s(self) -> float:
+        """Longest time from begin to end of a window [s]."""
         if self._trigger is not None and not self.finds_records:
             return self.window_s
+        period = self._sample_period
+        if period is None and self.description is not None:
+            period = self.description.sample_period
         longest_s = 2.0 * self._settings.record_s
-        reach_s = min(longest_s, MOST_RECORD_SAMPLES * sample_period) + LONGEST_REST_S
-        return reach_s if self.finds_records else max(reach_s, self.window_s)
+        if period is not None:
+            longest_s = min(longest_s, MOST_RECORD_SAMPLES * period)
+        return longest_s if self.finds_records else max(longest_s, self.window_s)
+
+    def reach_s(self, sample_period: float) -> float:
+        """Return how long before the latest sample a window can begin that it completes [s]."""
+        if self._trigger is not None and not self.finds_records:
+            return self.window_s
+        return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * sample_period
 
     @property
     def longest_motion_s(self) -> float:

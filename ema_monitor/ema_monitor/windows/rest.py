@@ -7,8 +7,10 @@ import numpy as np
 
 from ema_core.arrays import Array
 
+BINS_AT_ONCE: Final = 12
+"""Number of bins that are followed at once; a decision waits for so many."""
+
 _BIN_S: Final = 0.04
-_BINS_AT_ONCE: Final = 12
 _SMALLEST_THRESHOLD: Final = 2e-5
 # The travel of the means of two bins is not a multiple of the resolution: no rest is a tie.
 _STEPS: Final = 4.29
@@ -81,7 +83,7 @@ class PositionBins:
         self._pending.append(position)
         self._pending_count += len(position)
         whole = (self.next_index + self._pending_count) // self.size * self.size - self.next_index
-        return self._reduce(whole) if whole >= _BINS_AT_ONCE * self.size else []
+        return self._reduce(whole) if whole >= BINS_AT_ONCE * self.size else []
 
     def finish(self) -> list[PositionBin]:
         """Return the bins of the remaining positions; the last one may be shorter."""

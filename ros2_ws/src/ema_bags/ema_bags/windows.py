@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
+_KEPT_SAMPLES: Final = 2_000_000
 # Place, index of the first sample, and index after the last one, of each block.
 _Places = deque[tuple[MessagePlace, int, int]]
 
@@ -118,9 +119,9 @@ class BagWindows:
     remarks
         What is wrong with the bag or its telemetry outside of any window.
     longest_motion_s
-        Longest motion of the command that made no window [s].
+        Longest motion of the command, or for records of the position, that made no window [s].
     has_rested
-        Whether the command was ever at rest.
+        Whether the command, or for records the position, was ever at rest.
     obstacle
         Why no window could be complete; empty where one could, or nothing is known of it.
     truths
@@ -148,6 +149,11 @@ class BagWindows:
         return WindowsOnDemand(self.windows)
 
     @property
+    def kind(self) -> str:
+        """What the windows are called: records, if the drive is unknown."""
+        return "record" if self.description.drive == "unknown" else "window"
+
+    @property
     def simulated_faults(self) -> bool:
         """Whether the bag says that the actuator was simulated with faults."""
         healthy = healthy_faults()
@@ -158,7 +164,7 @@ class BagWindows:
         lines = [
             f"{unit.actuator_id} ({unit.serial_number}), "
             f"{self.samples * self.sample_period:.3f} s of telemetry, "
-            f"{counted(len(self.windows), 'window')}"
+            f"{counted(len(self.windows), self.kind)}"
         ]
         for item in self.windows:
             state = item.place.reason if isinstance(item.place, Refusal) else "usable"
@@ -177,7 +183,9 @@ class BagWindows:
 
 
 class WindowsOnDemand(Sequence[Window]):
-    """Usable windows that are read from their recording when they are looked at; some are kept.
+    """Usable windows that are read from their recording when they are accessed.
+
+    The latest 64 stay in memory, or fewer if they would have more than 2 million samples.
 
     Parameters
     ----------
@@ -187,7 +195,9 @@ class WindowsOnDemand(Sequence[Window]):
 
     def __init__(self, windows: Sequence[RecordedWindow]) -> None:
         self._places = [item for item in windows if isinstance(item.place, WindowPlace)]
-        self._read = lru_cache(_KEPT_WINDOWS)(lambda number: self._places[number].window)
+        lengths = [item.place.samples for item in windows if isinstance(item.place, WindowPlace)]
+        kept = max(1, min(_KEPT_WINDOWS, _KEPT_SAMPLES // max(lengths, default=1)))
+        self._read = lru_cache(kept)(lambda number: self._places[number].window)
 
     def __len__(self) -> int:
         return len(self._places)
@@ -300,8 +310,9 @@ def find_recorded_windows(
             blocks, samples = blocks + 1, samples + len(item)
             last_ns = item.stamp_at(len(item) - 1)
             if latest and latest[-1][2] > item.first_index:
+                take(finder.split(item))
                 latest.clear()
-            reach = round(finder.window_s / item.sample_period) + 1
+            reach = round(finder.reach_s(item.sample_period) / item.sample_period) + 1
             while latest and latest[0][2] <= latest[-1][2] - reach:
                 latest.popleft()
             latest.append((place, item.first_index, item.first_index + len(item)))
@@ -314,13 +325,10 @@ def find_recorded_windows(
         if meter is not None:
             for window in windows[len(flown) :]:
                 meter.cut(window.end_ns)
-    obstacle = finder.shortage or finder.obstacle
     take(event for event in finder.finish() if isinstance(event, Segment))
     if meter is not None:
         meter.cut(last_ns)
-    full = round(finder.window_s / first.sample_period) if first else 0
-    places = [one.place for one in windows if isinstance(one.place, WindowPlace)]
-    short = sum(one.samples <= full for one in places)
+    obstacle = finder.shortage or finder.obstacle or ("" if windows else finder.shortfall)
     truths = _recorded_truths(recorded)
     first_ns = first.stamp_ns if first else 0
     remarks = [
@@ -329,9 +337,9 @@ def find_recorded_windows(
     ]
     if more := defects[_MOST_DEFECTS:]:
         remarks.append(f"and {counted(len(more), 'more defect')} of the telemetry")
-    if short:
-        pieces = counted(short, "piece")
-        remarks.append(f"{pieces} of the record shorter than a window of {finder.window_s:g} s")
+    if windows and finder.shortfall:
+        pieces = counted(finder.passed_over, "piece")
+        remarks.append(f"{pieces} of the telemetry passed over: {finder.shortfall}")
     if wrong:
         said = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")

@@ -1,0 +1,134 @@
+"""Records of an unknown drive in a recording: the same as live, and read back from the blocks."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.windows import BagWindows, WindowPlace, WindowsOnDemand, read_windows
+from ema_bags.writer import BagWriter
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.windows.window import Window
+
+H = 0.01
+UNKNOWN = ActuatorDescription(sample_period=H, drive="unknown")
+START_NS = 1_700_000_000_000_000_000
+SETTINGS = TriggerSettings(record_s=10.0)
+
+
+def motion(seconds: float) -> NDArray[np.float64]:
+    return 0.3 * np.sin(2.0 * np.pi * H * np.arange(1.0, round(seconds / H) + 1.0))
+
+
+def blocks_of(
+    position: NDArray[np.float64], size: int, first_index: int = 1, start_ns: int = START_NS
+) -> list[Telemetry]:
+    """Blocks whose current counts the samples, and whose stamps jitter by up to 0.2 ms."""
+    random = np.random.default_rng(1)
+    found = []
+    for start in range(0, len(position), size):
+        part, index = position[start : start + size], first_index + start
+        stamp_ns = start_ns + index * 10_000_000 + int(random.integers(200_000))
+        count = np.arange(index, index + len(part), dtype=float)
+        found.append(Telemetry(stamp_ns, H, index, part, count, part, np.zeros(len(part))))
+    return found
+
+
+def recorded(path: Path, blocks: Sequence[Telemetry]) -> Path:
+    with SimulatedActuatorBag(BagWriter(path), UNKNOWN, START_NS) as bag:
+        for block in blocks:
+            bag.write_block(block, 0.0)
+    return path
+
+
+def live(blocks: Sequence[Telemetry]) -> list[Window]:
+    finder = WindowFinder(SETTINGS, UNKNOWN)
+    events = [event for block in blocks for event in finder.feed(block)] + finder.finish()
+    windows = [event.window for event in events if isinstance(event, Segment)]
+    assert all(isinstance(window, Window) for window in windows)
+    return [window for window in windows if isinstance(window, Window)]
+
+
+def assert_same(found: BagWindows, windows: Sequence[Window]) -> None:
+    assert len(found.usable) == len(windows) == len(found.windows)
+    for window, place, other in zip(found.usable, found.windows, windows, strict=True):
+        assert (place.start_ns, place.end_ns) == (other.start_ns, other.end_ns)
+        assert window.telemetry.stamp_ns == other.telemetry.stamp_ns
+        assert window.telemetry.first_index == other.telemetry.first_index
+        for name in COLUMNS:
+            assert np.array_equal(getattr(window.telemetry, name), getattr(other.telemetry, name))
+
+
+@pytest.mark.parametrize("size", [1, 7, 400])
+def test_records_of_a_bag_are_those_found_live(path: Path, size: int):
+    """Long motion, rests, and a motion that ends with the bag; blocks shorter than a record."""
+    position = np.concatenate(
+        [np.zeros(300), motion(33.0), np.zeros(900), motion(4.0), np.zeros(200), motion(3.0)]
+    )
+    blocks = blocks_of(position, size)
+    windows = live(blocks)
+    # 20 s without rest, the remaining 13 s, and both motions at the end.
+    lengths = [20.0, 13.0 + 0.5 + 0.5, 0.5 + 9.0]
+    assert [len(one.telemetry) * H for one in windows] == pytest.approx(lengths, abs=0.6)
+    assert_same(read_windows(recorded(path, blocks), SETTINGS), windows)
+
+
+def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Path):
+    """A driver that is restarted counts from 1 again, in the middle of a motion."""
+    before = blocks_of(motion(8.0), 50)
+    after = blocks_of(motion(6.0), 50, start_ns=START_NS + 9_000_000_000)
+    found = read_windows(recorded(path, [*before, *after]), SETTINGS)
+    assert_same(found, live([*before, *after]))
+    assert [len(one.telemetry) for one in found.usable] == [800, 600]
+    assert any("the sample index went back" in remark for remark in found.remarks)
+
+
+def test_pieces_that_are_passed_over_are_told(path: Path):
+    short = np.concatenate([motion(1.0), np.zeros(700)])
+    found = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
+    # The first bin, of 0.03 s, and the last one do not count.
+    reason = "a record needs 2 s of motion, and the longest piece has 0.92 s"
+    assert (found.windows, found.obstacle) == ([], reason)
+    long = np.concatenate([short, motion(5.0)])
+    found = read_windows(recorded(path.with_name("long.mcap"), blocks_of(long, 50)), SETTINGS)
+    assert len(found.windows) == 1
+    assert found.obstacle == ""
+    assert f"1 piece of the telemetry passed over: {reason}" in found.remarks
+    assert "1 record" in str(found)
+
+
+def test_long_records_stay_in_the_bag(path: Path):
+    """Of records with more than 1 million samples, one stays in memory; of short ones, two."""
+    position = np.concatenate([motion(4.0), np.zeros(700), motion(4.0)])
+    found = read_windows(recorded(path, blocks_of(position, 100)), SETTINGS)
+    assert len(found.usable) == 2
+    usable = WindowsOnDemand(found.windows)
+    first = usable[0]
+    assert usable[1] is usable[1]
+    assert usable[0] is first
+    long = []
+    for window in found.windows:
+        assert isinstance(window.place, WindowPlace)
+        long.append(replace(window, place=_LongPlace(window.place)))
+    usable = WindowsOnDemand(long)
+    first = usable[0]
+    assert usable[1] is usable[1]
+    assert usable[0] is not first
+
+
+class _LongPlace(WindowPlace):
+    """A place that claims 1.5 million samples."""
+
+    def __init__(self, place: WindowPlace) -> None:
+        super().__init__(place.recorded, place.first, place.last, place.offset, 1_500_000)
+        object.__setattr__(self, "_place", place)
+
+    def read(self) -> Telemetry:
+        return self.__dict__["_place"].read()
