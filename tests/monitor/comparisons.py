@@ -54,6 +54,15 @@ def not_judged(name: str, reason: str) -> QuantityChange:
     return QuantityChange(name, Judgement.NOT_JUDGED, unit=unit, reason=reason)
 
 
+def rival(name: str, of: str, change: float) -> QuantityChange:
+    """A quantity that would explain the record as well as the changed one."""
+    reason = f"this motion cannot tell it apart from {QUANTITIES[of].label}"
+    low, high = change - 0.04, change + 0.04
+    return QuantityChange(
+        name, Judgement.NOT_JUDGED, change, low, high, 0.1, reason=reason, rivals=(of,)
+    )
+
+
 def comparison(*special: QuantityChange, **more: Any) -> Comparison:
     """A comparison that judges all but play and tracking lag, with these quantities."""
     by_name = {one.name: one for one in special}
@@ -68,9 +77,7 @@ def comparison(*special: QuantityChange, **more: Any) -> Comparison:
 HEALTHY = comparison(probability=0.6)
 FRICTION_UP = comparison(changed(FRICTION, 0.152), probability=1e-6)
 NOTHING = comparison(*(not_judged(name, "the joint did not move") for name in QUANTITIES))
-EFFORT_UP = comparison(
-    changed(FRICTION, 0.22, rivals=(TORQUE,)), changed(TORQUE, -0.18, rivals=(FRICTION,))
-)
+EFFORT_UP = comparison(changed(FRICTION, 0.22, rivals=(TORQUE,)), rival(TORQUE, FRICTION, -0.18))
 LOADED = comparison(changed(LOAD, 0.5, 0.1))
 PLAY_UP = comparison(changed(PLAY, 3.0, 0.4))
 HEAVIER = comparison(changed(INERTIA, 0.3), not_judged(FRICTION, "one direction only"))

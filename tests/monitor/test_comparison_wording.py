@@ -6,9 +6,11 @@ import pytest
 
 from ema_monitor.joint.comparison import (
     FRICTION,
+    FRICTION_OVER_INERTIA,
     GRAVITY,
     INERTIA,
     TORQUE,
+    VISCOUS,
     Comparison,
     FigureChange,
     Improvement,
@@ -25,6 +27,7 @@ from .comparisons import (
     changed,
     comparison,
     not_judged,
+    rival,
     unchanged,
 )
 
@@ -61,7 +64,12 @@ def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
 
 @pytest.mark.parametrize(
     "of",
-    [EFFORT_UP, comparison(changed(TORQUE, 1.0 / 1.22 - 1.0, 0.02, (FRICTION,)))],
+    [
+        EFFORT_UP,
+        comparison(
+            changed(TORQUE, 1.0 / 1.22 - 1.0, 0.02, (FRICTION,)), rival(FRICTION, TORQUE, 0.22)
+        ),
+    ],
     ids=["friction first", "torque alone"],
 )
 def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: Comparison):
@@ -70,6 +78,7 @@ def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: 
     assert words.count("cannot be told apart in this motion") == 1
     assert "friction rose" not in words
     assert "ampere fell" not in words
+    assert "Not judged: play" in words
 
 
 def test_other_rivals_are_named_with_the_quantity():
@@ -78,6 +87,34 @@ def test_other_rivals_are_named_with_the_quantity():
     assert "Inertia and gravity cannot be told apart in this motion" in words
     told = row(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))), "inertia")
     assert told[2] == "changed (not told apart from gravity)"
+
+
+def test_rival_has_no_figures_in_the_table():
+    told = "not judged (this motion cannot tell it apart from Coulomb friction)"
+    assert row(EFFORT_UP, "torque per ampere") == ("", "", told)
+
+
+def test_two_changes_with_the_same_rival_are_told_apart_from_it_once():
+    payload = comparison(
+        changed(GRAVITY, 0.4, rivals=(TORQUE,)), changed(INERTIA, 0.3, rivals=(TORQUE,))
+    )
+    words = summary(payload)
+    assert words.index("Inertia rose 30.0 %") < words.index("Gravity rose 40.0 %")
+    told = "Inertia and gravity cannot be told apart from torque per ampere in this motion."
+    assert words.count(told) == words.count("told apart") == 1
+
+
+def test_ratio_of_friction_and_inertia_is_stated_only_where_neither_is():
+    ratio = changed(FRICTION_OVER_INERTIA, 0.2)
+    assert "over inertia" not in summary(comparison(ratio, changed(FRICTION, 0.2)))
+    assert "Coulomb friction over inertia rose 20.0 %" in summary(comparison(ratio))
+
+
+def test_viscous_friction_is_a_share_of_all_friction():
+    of = comparison(changed(VISCOUS, 0.12, 0.02))
+    told = "Viscous friction rose by 12.0 % of all friction at the usual speed (90 % interval "
+    assert summary(of).startswith(told)
+    assert row(of, "viscous friction (of all friction at the usual speed)")[0] == "+12.0 %"
 
 
 def test_absolute_change_has_its_unit():

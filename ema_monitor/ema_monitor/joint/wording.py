@@ -7,6 +7,8 @@ from typing import Final
 from ema_core.wording import text_table
 from ema_monitor.joint.comparison import (
     FRICTION,
+    FRICTION_OVER_INERTIA,
+    INERTIA,
     QUANTITIES,
     TORQUE,
     Comparison,
@@ -36,7 +38,7 @@ def finding(comparison: Comparison) -> str:
     if not comparison.judged and not comparison.figures:
         reasons = dict.fromkeys(one.reason for one in comparison.quantities if one.reason)
         return "No quantity could be judged" + (f": {'; '.join(reasons)}" if reasons else "")
-    departed = [*_changes(comparison.changed), *map(_figure_sentence, comparison.figures)]
+    departed = [*_changes(comparison), *map(_figure_sentence, comparison.figures)]
     parts = departed or [f"no quantity has changed{_friction_that_would_show(comparison)}"]
     return ". ".join(map(_capital, [*parts, *_state(comparison)]))
 
@@ -44,12 +46,17 @@ def finding(comparison: Comparison) -> str:
 def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
     """Return a row for each quantity and each departed figure, in the columns of ``HEADINGS``."""
     table = [
-        (label_of(one.name), change_text(one), interval_text(one), judgement_text(one))
+        (_row_label(one.name), change_text(one), interval_text(one), judgement_text(one))
         for one in comparison.quantities
     ]
     return table + [
         (label_of(one.name), f"× {one.ratio:.3g}", "", "changed") for one in comparison.figures
     ]
+
+
+def _row_label(name: str) -> str:
+    reference = QUANTITIES[name].reference
+    return label_of(name) + ("" if reference == "healthy" else f" (of {reference})")
 
 
 def table_text(comparison: Comparison) -> str:
@@ -89,16 +96,16 @@ def label_of(name: str) -> str:
 
 
 def change_text(quantity: QuantityChange) -> str:
-    """Return the change with sign and unit, as "+15.2 %"; "" if it is not known."""
-    if not math.isfinite(quantity.change):
+    """Return the change with sign and unit, as "+15.2 %"; "" if it is not judged."""
+    if not (quantity.is_judged and math.isfinite(quantity.change)):
         return ""
     return f"{_signed(quantity.change, quantity)} {unit_of(quantity)}"
 
 
 def interval_text(quantity: QuantityChange) -> str:
-    """Return the 90 % interval with its unit, as "+11.0 to +19.4 %"; "" if it is not known."""
+    """Return the 90 % interval with its unit, as "+11.0 to +19.4 %"; "" if it is not judged."""
     ends = quantity.low, quantity.high
-    if not all(map(math.isfinite, ends)):
+    if not (quantity.is_judged and all(map(math.isfinite, ends))):
         return ""
     low, high = (_signed(end, quantity) for end in ends)
     return f"{low} to {high} {unit_of(quantity)}"
@@ -142,28 +149,43 @@ def unit_of(quantity: QuantityChange) -> str:
     return "%" if quantity.unit == "-" else quantity.unit
 
 
-def _changes(changed: Sequence[QuantityChange]) -> list[str]:
-    """Return a sentence for each change; quantities that are not told apart share theirs."""
+def _changes(comparison: Comparison) -> list[str]:
+    """Return a sentence for each change, and which quantities are not told apart."""
+    changed = {one.name: one for one in comparison.changed}
+    if FRICTION in changed or INERTIA in changed:
+        # Their ratio repeats what they say.
+        changed.pop(FRICTION_OVER_INERTIA, None)
     sentences, described = [], set[str]()
-    for one in changed:
-        if one.name in described:
-            continue
-        group = (one.name, *one.rivals)
-        described.update(group if one.rivals else (one.name,))
-        is_effort = bool(one.rivals) and _EFFORT.issuperset(group)
-        sentences.append(_effort_sentence(one) if is_effort else _change_sentence(one))
-        if one.rivals:
-            labels = _joined(map(label_of, group), "and")
-            sentences.append(f"{labels} cannot be told apart in this motion")
+    for one in changed.values():
+        alike = [name for name, other in changed.items() if other.rivals == one.rivals]
+        group = (*alike, *one.rivals)
+        if one.rivals and _EFFORT.issuperset(group):
+            sentences += [] if one.name in described else [_effort_sentence(one)]
+        else:
+            sentences.append(_change_sentence(one))
+        if one.rivals and one.name not in described:
+            sentences.append(_rivalry_sentence(alike, one.rivals))
+            described.update(group)
     return sentences
 
 
+def _rivalry_sentence(named: Sequence[str], rivals: Sequence[str]) -> str:
+    labels, others = map(label_of, named), map(label_of, rivals)
+    if len(named) == 1:
+        return f"{_joined([*labels, *others], 'and')} cannot be told apart in this motion"
+    what = f"{_joined(labels, 'and')} cannot be told apart from {_joined(others, 'or')}"
+    return f"{what} in this motion"
+
+
 def _change_sentence(one: QuantityChange) -> str:
-    if one.unit != "-":
-        interval = interval_text(one)
-        within = f" (90 % interval {interval})" if interval else ""
-        return f"{label_of(one.name)} changed by {change_text(one)}{within}"
-    return f"{label_of(one.name)} {_moved(one.change, one.low, one.high)}"
+    label = label_of(one.name)
+    if one.unit == "-":
+        quantity = QUANTITIES[one.name]
+        share = "" if quantity.reference == "healthy" else f" of {quantity.reference}"
+        return f"{label} {_moved(one.change, one.low, one.high, share)}"
+    interval = interval_text(one)
+    within = f" (90 % interval {interval})" if interval else ""
+    return f"{label} changed by {change_text(one)}{within}"
 
 
 def _effort_sentence(one: QuantityChange) -> str:
@@ -175,9 +197,9 @@ def _effort_sentence(one: QuantityChange) -> str:
     return f"effort at the same motion {_moved(*figures)}"
 
 
-def _moved(change: float, low: float, high: float) -> str:
+def _moved(change: float, low: float, high: float, share: str = "") -> str:
     verb, sign = ("rose", 1.0) if change >= 0.0 else ("fell", -1.0)
-    words = f"{verb} {_decimals(100.0 * sign * change)} %"
+    words = f"{verb} {'by ' * bool(share)}{_decimals(100.0 * sign * change)} %{share}"
     if not (math.isfinite(low) and math.isfinite(high)):
         return words
     ends = sorted(100.0 * sign * end for end in (low, high))
@@ -203,10 +225,13 @@ def _friction_that_would_show(comparison: Comparison) -> str:
 
 
 def _not_judged(comparison: Comparison) -> list[str]:
-    """Return the quantities that are not judged, those with the same reason together."""
+    """Return the quantities that are not judged, those with the same reason together.
+
+    Rivals of a change are named with it.
+    """
     by_reason: dict[str, list[str]] = {}
     for one in comparison.quantities:
-        if not one.is_judged:
+        if not one.is_judged and not one.rivals:
             by_reason.setdefault(one.reason, []).append(label_of(one.name))
     if not by_reason or not comparison.judged:
         return []
