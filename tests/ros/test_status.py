@@ -14,11 +14,13 @@ from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.unit_status import unit_tasks
-from ema_monitor.prognosis.outlook import outlook_of_one
+from ema_monitor.prognosis.history_entry import UnusedCycle
+from ema_monitor.prognosis.outlook import outlook_of_one, unknown_outlook
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
 
+from ..monitor.comparisons import CASES, compared
 from ..prognosis.made_tests import made_test
 
 
@@ -107,3 +109,32 @@ def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
     [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap bandwidth"]
     assert task.message.startswith("16.4 Hz, limit 12 Hz")
     assert [*task.values] == ["value [Hz]", "sigma [Hz]", "limit [Hz]"]
+
+
+def health_task(name: str) -> Task:
+    """The status of the health after a record that gives a comparison."""
+    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    description = ActuatorDescription()
+    unit.finder.describe(description)
+    estimate = compared(CASES[name])
+    outlook = unknown_outlook("no valid test so far").after_refusal(UnusedCycle.of(estimate))
+    if estimate.valid:
+        outlook = outlook_of_one(estimate, HealthLimits(), "")
+    unit.record(Diagnosed(0, 0, description, estimate), outlook, 0, 2)
+    [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap health"]
+    return task
+
+
+def test_quantities_are_plain_decimals_with_their_unit_in_the_key():
+    values = values_of(health_task("friction"))
+    assert values["friction change [%]"] == "15.2"
+    assert values["friction smallest change [%]"] == "6"
+    assert values["load change [N.m]"] == "0"
+    assert values["tracking lag change [%]"] == "nan"
+
+
+def test_record_that_judges_nothing_is_stale_with_its_reason():
+    task = health_task("nothing")
+    assert task.level == STALE
+    assert "No quantity could be judged: the joint did not move" in task.message
+    assert values_of(task)["health index"] == "nan"

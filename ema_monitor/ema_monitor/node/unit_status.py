@@ -4,6 +4,7 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_core.wording import beside_limit
 from ema_monitor.health import FaultHealth
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_ros.status import (
@@ -33,6 +34,8 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
     }
     rated = (*health.faults, *health.requirements)
     figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
+    if unit.comparison is not None:
+        figures |= _figures_of(unit.comparison)
     # While the monitor knows nothing, it reports neither OK nor an old level.
     level = STALE if unit.level is None or health.level == STALE else unit.level
     is_stale = level == STALE
@@ -60,6 +63,17 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
     ]
 
 
+def _figures_of(comparison: Comparison) -> dict[str, float]:
+    """Return change and smallest detectable change of each quantity by key."""
+    figures: dict[str, float] = {}
+    for one in comparison.quantities:
+        scale, unit = (100.0, "%") if one.unit == "-" else (1.0, one.unit)
+        name = one.name.replace("_", " ")
+        figures[f"{name} change [{unit}]"] = scale * one.change
+        figures[f"{name} smallest change [{unit}]"] = scale * one.smallest_change
+    return figures
+
+
 def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     finder, category = unit.finder, ""
     if unit.is_listed and unit.description is None and not finder.blocks:
@@ -75,7 +89,8 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     elif unit.tally.reason:
         level, message = WARN, str(unit.tally)
     elif finder.obstacle:
-        level, message = WARN, f"no window can be complete: {finder.obstacle}"
+        lacking = "no record so far" if finder.finds_records else "no window can be complete"
+        level, message = WARN, f"{lacking}: {finder.obstacle}"
     else:
         level, message = OK, f"{unit.valid} valid estimates"
     if unit.is_silent and finder.blocks:
@@ -93,7 +108,9 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
         "estimates invalid": unit.invalid,
         "latency [s]": unit.latency_s,
     }
-    if unit.tally.stretches or finder.passed_over:
+    if finder.finds_records:
+        counts["pieces too short for a record"] = finder.passed_over
+    elif unit.tally.stretches or finder.passed_over:
         counts |= {
             "stretches combined": unit.tally.combined,
             "stretches without news": unit.tally.skipped,
