@@ -171,6 +171,7 @@ def judged_unit(task: Task) -> Figures:
         ]
         usual = np.mean([one["dry"] for one in truth.values()])
         calibration = folder / "calibration.yaml"
+        calibration.unlink(missing_ok=True)
         code, _, errors, spent = run("calibrate", *healthy, "-o", calibration, "--replace")
         failure = errors.strip()[-300:] if not calibration.exists() else ""
         least_squares = LeastSquares(unit.joint, healthy)
@@ -252,7 +253,7 @@ def is_alarm(ours: Figures) -> bool:
 
 def outcome(test: Figures) -> str:
     """Return which of ``OUTCOMES`` a test with a fault has."""
-    wanted, ours = NAMES[test["kind"]], test["ours"]
+    wanted, ours = NAMES.get(test["kind"], "friction"), test["ours"]
     changed = {
         name: one for name, one in ours["quantities"].items() if one["judgement"] == "changed"
     }
@@ -280,6 +281,7 @@ def of_joint(units: Sequence[Figures]) -> Figures:
     same = [_error(one, one["least_squares"]) for one in wear if _friction(one)]
     covered = [(one, found) for one, found in judged if one["kind"] in ("friction", "healthy")]
     reasons = Counter(_reason(one) for one in tests if not _friction(one))
+    sizes = [unit["smallest"] for unit in units if np.isfinite(unit["smallest"])]
     plain_covered = [_covers(one, one["least_squares"]) for one in (*wear, *healthy)]
     plain_alarms = [bool(one["least_squares"]["alarm"]) for one in healthy]
     return {
@@ -300,9 +302,9 @@ def of_joint(units: Sequence[Figures]) -> Figures:
             kind: dict(Counter(outcome(one) for one in tests if one["kind"] == kind))
             for kind in NAMES
         },
-        "smallest": float(np.nanmedian([*(unit["smallest"] for unit in units), np.inf])),
+        "smallest": float(np.median(sizes)) if sizes else np.inf,
         "found_smallest": [
-            bool(f := _friction(one)) and f["judgement"] == "changed"
+            outcome(one) in ("named", "not told apart")
             for one in tests
             if one["kind"] == "smallest"
         ],
