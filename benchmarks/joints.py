@@ -61,6 +61,8 @@ NAMES: Final = {
     "play": "play",
 }
 """Quantity that changes in each kind of case."""
+CONSEQUENCES: Final = ("friction_over_inertia", "tracking_lag")
+"""Quantities that no fault is attributed to: they change with others."""
 OUTCOMES: Final = ("named", "not told apart", "departed", "missed", "not judged", "wrong")
 
 _FIRST_TRIAL: Final = 1000
@@ -255,7 +257,9 @@ def outcome(test: Figures) -> str:
     """Return which of ``OUTCOMES`` a test with a fault has."""
     wanted, ours = NAMES.get(test["kind"], "friction"), test["ours"]
     changed = {
-        name: one for name, one in ours["quantities"].items() if one["judgement"] == "changed"
+        name: one
+        for name, one in ours["quantities"].items()
+        if one["judgement"] == "changed" and name not in CONSEQUENCES
     }
     others = [one for name, one in changed.items() if name != wanted]
     if any(wanted not in one["rivals"] for one in others):

@@ -123,6 +123,8 @@ def joints() -> ModuleType:
         ({"friction": ()}, (), "wrong"),
         ({"torque_per_ampere": (), "inertia": ()}, (), "wrong"),
         ({}, ("effort_scatter",), "departed"),
+        ({"torque_per_ampere": (), "tracking_lag": ()}, (), "named"),
+        ({"tracking_lag": ()}, (), "departed"),
         ({}, (), "missed"),
     ],
 )
