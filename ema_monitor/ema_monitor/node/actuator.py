@@ -14,6 +14,7 @@ from ema_monitor.health import FaultHealth, LevelFilter
 from ema_monitor.identification.tally import Tally
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.node.settings import Operation
 from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
@@ -118,6 +119,10 @@ class Actuator:
     def defects(self) -> str:
         """What was wrong since the window of the latest valid estimate; empty when nothing was."""
         return "; ".join(reason for _, reason in self._open_defects)
+
+    def good_for_s(self, operation: Operation) -> float:
+        """Return how long a level holds after a test [s]; a record may be long."""
+        return operation.good_for(self.finder.longest_s if self.finder.finds_records else 0.0)
 
     @contextmanager
     def next_windows(self) -> Iterator[SimpleQueue[Segment]]:

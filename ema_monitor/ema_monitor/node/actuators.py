@@ -89,15 +89,19 @@ class Actuators(dict[str, Actuator]):
         node.report()
 
     def check(self) -> None:
-        """Publish what has just become stale."""
+        """Publish levels that have just become stale, and end records of silent actuators."""
         node, operation = self._node, self._node.operation.value
         if not node.is_active:
             return
         with self.lock:
             now_ns = self.now_ns()
             published = [
-                unit.publish_if_stale(operation.good_for_s, now_ns) for unit in self.values()
+                unit.publish_if_stale(unit.good_for_s(operation), now_ns) for unit in self.values()
             ]
+            for unit in self.values():
+                # Nothing follows a record when the telemetry ends.
+                if unit.is_silent and unit.finder.finds_records:
+                    self._handle(unit, unit.finder.finish())
         stale = [health for health in published if health is not None]
         for health in stale:
             node.get_logger().warning(f"{health.actuator_id}: {health.reason}")
@@ -223,7 +227,7 @@ class Actuators(dict[str, Actuator]):
         """End the telemetry of all; return the refusals of the windows that are cut off."""
         with self.lock:
             events = [event for unit in self.values() for event in unit.finder.finish()]
-        return [event for event in events if isinstance(event, Segment)]
+        return [_cut_off(event) for event in events if isinstance(event, Segment)]
 
     def _handle(self, unit: Actuator, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
@@ -279,6 +283,7 @@ class Actuators(dict[str, Actuator]):
             with self.lock:
                 confirmations = node.operation.value.level_confirmations
                 if unit := self.get(actuator_id):
+                    outlook = self._claimed(unit, outlook) if outlook else None
                     change = unit.record(found, outlook, self.now_ns(), confirmations)
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
@@ -299,9 +304,15 @@ class Actuators(dict[str, Actuator]):
             unit = self.get(description.actuator_id)
             if unit is None or not self._node.is_active:
                 return
+            outlook = self._claimed(unit, outlook)
             change = unit.resume(description, outlook, self.now_ns())
         self._follow(description, None if change is None else outlook, change)
         self._node.report(self._node.tasks(description.actuator_id))
+
+    def _claimed(self, unit: Actuator, outlook: Outlook) -> Outlook:
+        """Return an outlook that holds as long as the tests of the unit require."""
+        good_for_s = unit.good_for_s(self._node.operation.value)
+        return replace(outlook, claim=outlook.claim._replace(good_for_s=good_for_s))
 
     def tell(self, actuator_id: str, events: tuple[UnitEvent, ...]) -> None:
         """Publish the health of an actuator as it is, with events."""
@@ -359,3 +370,12 @@ class Actuators(dict[str, Actuator]):
     def _not_monitored(self, actuator_id: str) -> str:
         reason = self.admission.why_not(actuator_id) or f"monitored: {self._in_words()}"
         return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
+
+
+def _cut_off(segment: Segment) -> Segment:
+    """Return the refusal of a record that ends because the monitor does."""
+    window = segment.window
+    if isinstance(window, Refusal):
+        return segment
+    reason = "the monitor was stopped within the record"
+    return replace(segment, window=Refusal(window.start_ns, window.end_ns, reason, is_cut_off=True))

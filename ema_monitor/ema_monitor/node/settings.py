@@ -82,7 +82,11 @@ class Operation(Checked):
     @property
     def good_for_s(self) -> float:
         """How long a level holds after its test [s]."""
-        return _PERIODS * self.expected_period_s
+        return self.good_for(0.0)
+
+    def good_for(self, longest_s: float) -> float:
+        """Return how long a level holds after a test that lasts up to ``longest_s`` [s]."""
+        return _PERIODS * max(self.expected_period_s, longest_s)
 
 
 def folder_of(text: str) -> Path:
