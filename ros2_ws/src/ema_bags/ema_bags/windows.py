@@ -327,6 +327,8 @@ def find_recorded_windows(
                 meter.cut(window.end_ns)
     take(event for event in finder.finish() if isinstance(event, Segment))
     if meter is not None:
+        for window in windows[len(flown) :]:
+            meter.cut(window.end_ns)
         meter.cut(last_ns)
     obstacle = finder.shortage or finder.obstacle or ("" if windows else finder.shortfall)
     truths = _recorded_truths(recorded)
