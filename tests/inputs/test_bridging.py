@@ -11,6 +11,8 @@ from ema_bags.inputs.defects import not_finite
 from ema_core.acquisition import Acquisition
 
 from .conftest import cycle, described, mapping_from
+from .joint_motion import TAU as JOINT_TAU
+from .joint_motion import joint, moves
 
 START_NS = 1_700_000_000_000_000_000
 TAU = 1 / 500
@@ -168,3 +170,87 @@ def test_some_samples_that_are_not_finite_are_a_note():
     [defect] = not_finite({"current": column, "speed": np.zeros(1000)})
     assert "current is not a finite number in 5 of 1000 samples" in defect.text
     assert not defect.is_error
+
+
+def joint_bridge(of=None, **settings):
+    """Return a bridge of a joint whose controller is unknown, without a command."""
+    given = of or mapping(command=None)
+    description = joint(200.0)
+    return Bridge(given, description, BridgeSettings(**settings))
+
+
+def send_moves(target, seconds, *, begin=0, speed_factor=1.0, position=None):
+    """Send states of a joint at 200 Hz; return the blocks that come out."""
+    columns, stamps = moves(seconds)
+    place = columns["position"] if position is None else position
+    blocks = []
+    for i in range(begin, len(stamps)):
+        stamp = int(stamps[i])
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9))
+        message = SimpleNamespace(
+            header=header,
+            name=["flap"],
+            position=[place[i]],
+            velocity=[columns["speed"][i] * JOINT_TAU * speed_factor],
+            effort=[columns["current"][i]],
+        )
+        target.collector.add(STATES, message, stamp, stamp + 10_000)
+        blocks += target.advance()
+    return blocks
+
+
+def test_joint_without_a_command_becomes_telemetry_without_a_command():
+    target = joint_bridge()
+    blocks = send_moves(target, 6.0)
+    assert target.description is not None
+    assert not target.description.acquisition.command
+    assert not any(block.has_command for block in blocks)
+    assert sum(len(block) for block in blocks) == 1200
+    assert (target.defects, target.withheld) == ([], 0)
+
+
+def test_speed_of_an_elastic_joint_is_a_note_and_withholds_nothing():
+    target = joint_bridge()
+    blocks = send_moves(target, 6.0, speed_factor=0.94)
+    assert [item.name for item in target.defects] == ["speed_ratio"]
+    assert sum(len(block) for block in blocks) == 1200
+
+
+def test_unit_of_the_first_stroke_is_judged_again_before_telemetry_is_withheld():
+    """What one stroke seems to show withholds nothing; what three strokes show does."""
+    target = joint_bridge(learn_s=0.5)
+    blocks = send_moves(target, 0.8, speed_factor=57.29578)
+    assert [item.name for item in target.uncertain] == ["speed_unit"]
+    assert (target.refused, target.withheld) == ([], 0)
+    assert blocks
+    send_moves(target, 6.0, begin=160, speed_factor=57.29578)
+    assert [item.name for item in target.refused] == ["speed_unit"]
+    assert target.uncertain == []
+    assert target.withheld > 0
+
+
+def test_defect_of_the_first_stroke_goes_away_with_more_motion():
+    target = joint_bridge(learn_s=0.5)
+    send_moves(target, 0.8, speed_factor=-1.0)
+    assert [item.name for item in target.uncertain] == ["speed_sign_reversed"]
+    blocks = send_moves(target, 8.0, begin=160)
+    assert [item.name for item in (*target.refused, *target.uncertain)] == []
+    assert target.withheld == 0
+    assert sum(len(block) for block in blocks) == 8 * 200 - 160
+
+
+def test_wraps_and_messages_of_zeros_are_bridged_live():
+    columns, _ = moves(6.0)
+    place = (columns["position"] + 2.0 * np.pi) % (2.0 * np.pi)
+    wraps = np.count_nonzero(np.abs(np.diff(place)) > np.pi)
+    place[[700, 900]] = 1e37
+    target = joint_bridge()
+    blocks = send_moves(target, 6.0, position=place)
+    position = np.concatenate([block.position for block in blocks])
+    assert len(position) == 1200
+    assert wraps > 5
+    assert (target.losses.wraps, target.losses.impossible) == (wraps, 2)
+    assert {item.name for item in target.defects} == {"angle_wraps", "impossible_samples"}
+    assert target.withheld == 0
+    moved, true = (values - values[0] for values in (position, columns["position"]))
+    np.testing.assert_allclose(moved, true, atol=0.02)

@@ -61,7 +61,7 @@ def test_nothing_is_wrong_with_what_is_right(found):
         ({"current": 1e-3}, "current_unit", "times as large", "current: {scale: 1000}"),
         ({"speed": TAU}, "speed_shaft", "user was", "speed: {shaft: user}"),
         ({"position": 1 / TAU}, "position_shaft", "motor was", "position: {shaft: motor}"),
-        ({"speed": 0.8}, "gear_ratio", "the description has 1/500", "tau: 0.0025"),
+        ({"speed": 0.8}, "gear_ratio", "the description has 1/500", "unit and shaft of both"),
         ({"command": 0.25}, "command_position", "3.9", "command: {scale: 3.9"),
         ({"position": np.nan}, "not_finite", "in 1700 of 1700", "choose another one"),
     ],

@@ -19,6 +19,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from ema_bags.inputs import bridge_node
 from ema_bags.inputs.bridge_node import BridgeNode
+from ema_bags.inputs.bridging import Bridge
+from ema_bags.inputs.input_defect import InputDefect
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
@@ -43,6 +45,8 @@ JOINT_STATE = {
 }
 HELD = {"topic": "/command", "source": "data", "between": "hold"}
 FRICTION = 0.25
+# The position follows the command, but is not a copy of it.
+GAIN = 1.02
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -114,8 +118,8 @@ def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
 class Session:
     """A bridge in this process, and a node beside it that publishes and listens."""
 
-    def __init__(self, graph: Spinning, mapping: Path) -> None:
-        self.bridge = bridge_of(graph, mapping)
+    def __init__(self, graph: Spinning, mapping: Path, bridge: BridgeNode | None = None) -> None:
+        self.bridge = bridge or bridge_of(graph, mapping)
         assert self.bridge.bring_up()
         self.descriptions = graph.listen(DescriptionMessage, "/ema/actuator_description", LATCHED)
         self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
@@ -133,7 +137,7 @@ class Session:
         t = self._number * self.step_s
         angle, rate = 0.01 * math.sin(20.0 * t), 0.2 * math.cos(20.0 * t)
         effort = math.sin(t) * effort_factor
-        self.commands.publish(Float64(data=angle))
+        self.commands.publish(Float64(data=GAIN * angle))
         stamp_ns = START_NS + round(t * 1e9)
         self.states.publish(joint_state(stamp_ns, self.joint, angle, rate, effort))
 
@@ -167,7 +171,7 @@ def test_joint_states_become_telemetry_with_its_description(session):
         assert after.first_index == before.first_index + len(before.position)
     block = session.blocks[-1]
     assert (block.actuator_id, block.sample_period) == ("flap", 1e-3)
-    assert list(block.command) == pytest.approx(list(block.position))
+    assert list(block.command) == pytest.approx([GAIN * value for value in block.position])
     elapsed = 1e-9 * (stamp_from_message(block.header.stamp) - START_NS)
     # Speed of the motor: that of the joint over the gear ratio of 1/500.
     assert block.speed[0] == pytest.approx(500.0 * 0.2 * math.cos(20.0 * elapsed), rel=1e-9)
@@ -196,6 +200,34 @@ def test_column_that_becomes_nan_is_an_error_that_names_it_accepted_or_not(sessi
     words = "no telemetry is published: not_finite: current is not a finite number"
     session.publish_until(lambda: words in session.task("input").message, words, math.nan)
     assert session.task("input").level == ERROR
+
+
+def test_defect_that_more_motion_may_refute_is_a_warning_that_withholds_nothing(
+    session, monkeypatch
+):
+    session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
+    defect = InputDefect("speed_unit", "rpm was meant", "speed: {unit: rpm}", is_certain=False)
+    monkeypatch.setattr(Bridge, "uncertain", property(lambda _: [defect]))
+    count = len(session.blocks)
+    session.publish_until(lambda: len(session.blocks) > count, "more telemetry")
+    task = session.task("mapping")
+    assert task.level == WARN
+    assert "to be judged again after more motion, not withheld: speed_unit: rpm" in task.message
+
+
+def test_joint_without_a_command_is_published_without_a_command(graph, mapping_file, tmp_path):
+    actuator = tmp_path / "joint.yaml"
+    actuator.write_text("actuator_id: wheel\nserial_number: W-1\ndrive: unknown\n")
+    mapping = mapping_file(command=None)
+    bridge = graph.managed(
+        BridgeNode, mapping_file=str(mapping), actuator_file=str(actuator), learn_s=0.1
+    )
+    session = Session(graph, mapping, bridge)
+    session.publish_until(lambda: session.blocks, "a block")
+    description = description_from_message(session.descriptions[0])
+    assert not description.acquisition.command
+    assert len(session.blocks[0].command) == 0
+    assert len(session.blocks[0].position) > 0
 
 
 def test_silent_topics_are_named_and_their_rates_fall(session):

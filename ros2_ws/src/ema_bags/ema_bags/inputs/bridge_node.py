@@ -121,6 +121,8 @@ class BridgeNode(ManagedNode):
             "repeated": losses.repeated,
             "not finite": losses.missing,
             "rebuilt stamps": bridge.rebuilt,
+            "impossible": losses.impossible,
+            "wraps": losses.wraps,
             "withheld": bridge.withheld,
         }
         level, message = self._input_level(recent)
@@ -192,6 +194,9 @@ class BridgeNode(ManagedNode):
             level, text = STALE, "no samples to check"
         elif errors:
             level, text = ERROR, f"telemetry is withheld: {'; '.join(map(str, errors))}"
+        elif uncertain := self._bridge.uncertain:
+            words = "; ".join(map(str, uncertain))
+            level, text = WARN, f"to be judged again after more motion, not withheld: {words}"
         elif defects:
             level, text = WARN, "; ".join(map(str, defects))
         return Task("mapping", level, text, self.hardware_id, values)

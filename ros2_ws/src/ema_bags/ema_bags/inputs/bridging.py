@@ -8,8 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
-from ema_bags.inputs.defects import InputDefect, find_defects, not_finite, refused, stream_defects
+from ema_bags.inputs.defects import (
+    find_defects,
+    not_finite,
+    other_rate,
+    refused,
+    stream_defects,
+    withholding,
+)
 from ema_bags.inputs.importing import SampleStream, uses_arrival
+from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
@@ -51,7 +59,8 @@ class Bridge:
     """Turns messages into telemetry, with a little delay.
 
     The rate is found in the first ``learn_s``; nothing of these is lost. Telemetry with a defect
-    that forbids estimates is withheld until the defect is gone.
+    that forbids estimates is withheld until the defect is gone. While more motion may refute the
+    defect, telemetry is published, and the defect is judged again.
 
     Parameters
     ----------
@@ -122,7 +131,12 @@ class Bridge:
     @property
     def refused(self) -> list[InputDefect]:
         """Defects that withhold telemetry."""
-        return refused(self.defects, self._mapping)
+        return withholding(self.defects, self._mapping)
+
+    @property
+    def uncertain(self) -> list[InputDefect]:
+        """Defects that withhold telemetry if more motion does not refute them."""
+        return [item for item in refused(self.defects, self._mapping) if not item.is_certain]
 
     def advance(self) -> list[Telemetry]:
         """Return the telemetry that has become complete, in blocks.
@@ -222,7 +236,9 @@ class Bridge:
         times = np.concatenate([one.stamps_ns for one in latest])
         whole = {name: np.concatenate([one.columns[name] for one in latest]) for name in COLUMNS}
         first, last_s = latest[0], round(_NOT_FINITE_S / h)
+        assert self.rate is not None
         self.defects = [
+            *other_rate(self.rate, self._given),
             *stream_defects(self.losses - first.losses, self.rebuilt - first.rebuilt),
             *not_finite({name: column[-last_s:] for name, column in whole.items()}),
             *find_defects(whole, times, self._mapping, self._stream.description),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.mapping import (
+    CURRENTS,
     ENCODINGS,
     LINEAR,
     UNITS,
@@ -53,19 +54,19 @@ def convert(
     p = description.parameters
     raw = {key: _decoded(raw[key], source.encoding) for key, _, source in mapping.wanted()}
     position = _turned(raw["position"], mapping.position, p)
+    command, speed, current = np.empty(0), np.empty(0), np.empty(0)
     if mapping.command is not None:
         command = _turned(raw["command"], mapping.command, p)
-    else:
-        assert mapping.error is not None
+    elif mapping.error is not None:
         command = position + _turned(raw["error"], mapping.error, p)
-    speed, current = np.empty(0), np.empty(0)
     if mapping.speed is not None:
         speed = _turned(raw["speed"], mapping.speed, p)
     source = mapping.measured_current
     if source is not None:
         is_phases = source.kind == "phase_currents"
         values = _of_phases(raw, description.drive != "six_step") if is_phases else raw["current"]
-        current = _scaled(values, _current_factor(source, description), source.offset)
+        factor = _current_factor(source, description, mapping.position.lead)
+        current = _scaled(values, factor, source.offset)
         if source.kind == "magnitude":
             has_speed = bool(len(speed))
             pieces = np.split(speed if has_speed else position, breaks)
@@ -93,14 +94,29 @@ def _turned(
     return _scaled(raw, factor, source.offset)
 
 
-def _current_factor(source: CurrentSource, description: ActuatorDescription) -> float:
+def _current_factor(source: CurrentSource, description: ActuatorDescription, lead: float) -> float:
     """Return the equivalent current over the source [A]; of phases that of their magnitude."""
     p = description.parameters
+    is_effort = source.kind in ("equivalent", "magnitude") and source.unit not in CURRENTS
+    if is_effort and description.drive != "unknown":
+        raise ValueError(
+            f"current: unit = {source.unit} with kind = {source.kind} and drive = "
+            f"{description.drive}: expected {' or '.join(CURRENTS)}, or kind = motor_torque, "
+            "joint_torque or force"
+        )
     factor = source.sign * source.scale * UNITS[source.unit]
     if source.kind == "motor_torque":
         return factor / p.k_t
     if source.kind == "joint_torque":
         return factor * p.tau / p.k_t
+    if source.kind == "force":
+        if lead := p.lead or lead:
+            return factor * lead / (2.0 * math.pi) * p.tau / p.k_t
+        if description.drive != "unknown":
+            raise ValueError(
+                "current: kind = force with lead = 0: expected the travel for one turn of the "
+                "shaft in the actuator file (lead [m])"
+            )
     if source.kind == "i_q":
         constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0
         return factor * _PEAK[source.amplitude] * constant

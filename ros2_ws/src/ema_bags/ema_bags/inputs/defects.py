@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.commanded import find_commanded
 from ema_bags.inputs.factors import explain
+from ema_bags.inputs.held import find_held
+from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import CURRENTS, Mapping
 from ema_bags.inputs.motion import ThinnedMotion
+from ema_bags.inputs.rate import Rate
 from ema_bags.inputs.resampling import Losses
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
@@ -19,32 +22,16 @@ _LEAST_TRAVEL: Final = 1e-3
 _RATIO_WITHIN: Final = 0.03
 _CURRENT_SIZE: Final = 8.0
 _MANY: Final = 0.01
+_OPPOSED: Final = 0.4
+_MUCH: Final = 2.0
+_GAIN: Final = 1.35
+_SAME_RATE: Final = 2e-3
+_SIMILAR_RATE: Final = 0.1
+_GAP: Final = 1.5
+_LEAST_STEPS: Final = 200
+_JUMP: Final = 20.0
+_JUMP_OF_RANGE: Final = 0.05
 _NAMES: Final = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}
-
-
-@dataclass(frozen=True)
-class InputDefect:
-    """Something wrong.
-
-    Attributes
-    ----------
-    name
-        Its stable name, by which a mapping can accept it.
-    text
-        What is wrong, with values.
-    remedy
-        What to write in the mapping, or where else to look.
-    is_error
-        Whether estimates would be wrong; else it costs some data, or is worth knowing.
-    """
-
-    name: str
-    text: str
-    remedy: str
-    is_error: bool = True
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.text}: {self.remedy}"
 
 
 def find_defects(
@@ -65,12 +52,15 @@ def find_defects(
         Stamps of the samples, ``(n,)`` [ns].
     """
     found = list(_other_drive(mapping, description))
+    found += _held(columns, stamps_ns)
+    found += _jumps(columns["position"], stamps_ns)
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
     found += _frozen(columns, motion)
     if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in found}:
         found += _wrong_factors(motion, mapping, description)
+        found += find_commanded(columns, description.parameters.tau)
     if not any(item.is_error for item in found):
         found += _wrong_current(motion, mapping, description)
     if mapping.position.shaft == "motor":
@@ -113,6 +103,15 @@ def stream_defects(
             rebuild = "clock: {source: arrival} rebuilds the stamps"
             remedy = f"is clock.source the right one? {order if of_table else rebuild}"
         yield InputDefect("time_not_monotonic", text, remedy, is_error)
+    if losses.impossible:
+        text = f"{counted(losses.impossible, 'sample')} of {n} that no actuator can give"
+        remedy = "the line between their neighbours stands for them"
+        if is_error := losses.impossible > _MANY * n:
+            remedy = "repair the source: these are too many"
+        yield InputDefect("impossible_samples", text, remedy, is_error)
+    if losses.wraps:
+        text = f"an angle begins again {counted(losses.wraps, 'time')} at the end of its register"
+        yield InputDefect("angle_wraps", text, "it is continued over each wrap", False)
     if rebuilt:
         text = f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival"
         remedy = "have the source fill header.stamp, if it can"
@@ -136,9 +135,33 @@ def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]
     yield InputDefect("not_finite", f"{text} of {counted(len(is_bad), 'sample')}", remedy, is_error)
 
 
+def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDefect]:
+    """Yield that the samples come at a rate that differs by a few per cent from the description."""
+    described = description.sample_period
+    if _SAME_RATE < abs(rate.period / described - 1.0) < _SIMILAR_RATE:
+        text = f"the samples come at {1.0 / rate.period:.5g} Hz, described are {1.0 / described:g}"
+        yield InputDefect("other_rate", text, "the rate of the samples is used", False)
+
+
+def renewed_slowly(rate: Rate, published: Rate) -> InputDefect:
+    """Return that all sensor columns are renewed at a rate below the rate of the samples."""
+    times = round(rate.measured_period / published.measured_period)
+    text = (
+        f"the values repeat {times} times: renewed at {1.0 / rate.period:.5g} Hz, published at "
+        f"{1.0 / published.period:.5g} Hz"
+    )
+    remedy = f"the telemetry has {1.0 / rate.period:.5g} Hz, the rate at which values are renewed"
+    return InputDefect("values_repeat", text, remedy, False)
+
+
 def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
     """Return the defects that forbid estimates: errors that the mapping does not accept."""
     return [item for item in defects if item.is_error and item.name not in mapping.accept]
+
+
+def withholding(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
+    """Return the defects that withhold live telemetry: ``refused`` and certain."""
+    return [item for item in refused(defects, mapping) if item.is_certain]
 
 
 def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[InputDefect]:
@@ -153,10 +176,45 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
         )
 
 
+def _held(
+    columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64]
+) -> Iterator[InputDefect]:
+    """Yield sensor columns that are renewed at a rate below the rate of the samples."""
+    held = find_held(columns)
+    if not held:
+        return
+    rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
+    parts = [
+        f"the {name} repeats each value {count} times (renewed at {rate_hz / count:.4g} Hz)"
+        for name, count in held.items()
+    ]
+    remedy = "it is used as it is; have the driver publish each value once"
+    yield InputDefect("values_repeat", ", ".join(parts), remedy, False)
+
+
+def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
+    """Yield that a position jumps, and does not come back, while nothing around it moves as far."""
+    steps, usual_ns = np.abs(np.diff(position)), np.median(np.diff(stamps_ns))
+    steps = np.where(np.diff(stamps_ns) < _GAP * usual_ns, steps, 0.0)
+    steps = steps[np.isfinite(steps)]
+    if len(steps) < _LEAST_STEPS:
+        return
+    far = max(_JUMP * float(np.percentile(steps, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
+    rows = np.flatnonzero(steps > far) if far > 0.0 else np.empty(0, dtype=np.int64)
+    if len(rows) and len(rows) <= _MANY * len(steps):
+        text = (
+            f"the position jumps {counted(len(rows), 'time')}, at most by "
+            f"{np.max(steps[rows]):.4g} rad within a sample"
+        )
+        remedy = "is the encoder homed or reset, or do two sources publish?"
+        yield InputDefect("position_jumps", text, remedy)
+
+
 def _frozen(
     columns: dict[str, NDArray[np.float64]], motion: ThinnedMotion
 ) -> Iterator[InputDefect]:
     moves = {name: motion.travel(name) > _LEAST_TRAVEL for name in ("command", "position")}
+    moves["command"] &= len(columns["command"]) > 0
     moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
     for name in ("command", "position", "speed", "current"):
         values = columns[name]
@@ -183,11 +241,18 @@ def _wrong_factors(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield units, signs and shafts that the relations of the columns contradict."""
+    is_unknown = description.drive == "unknown"
     explained = explain(motion, mapping, description)
-    if explained is not None:
+    if explained:
+        is_certain = not is_unknown or motion.is_ample
         for change in explained:
             name = f"{change.quantity}_{_NAMES[change.entry]}"
-            yield InputDefect(name, change.reason, change.remedy)
+            yield InputDefect(name, change.reason, change.remedy, is_certain=is_certain)
+        return
+    if is_unknown:
+        yield from _unlike(motion)
+        return
+    if explained is not None:
         return
     tau, ratio, gain = description.parameters.tau, motion.speed_ratio, motion.gain
     if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
@@ -195,8 +260,8 @@ def _wrong_factors(
             "gear_ratio",
             f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
             f"description has {_as_ratio(tau)}",
-            f"parameters: {{tau: {tau * ratio:.6g}}} in the description, or speed: "
-            f"{{scale: {ratio:.6g}}}",
+            "are position and speed of the same joint, and are unit and shaft of both right? If "
+            "they are, and tau is that of the data sheet: accept: [gear_ratio]",
         )
     if gain is not None and not 0.5 < gain < 2.0:
         yield InputDefect(
@@ -207,16 +272,43 @@ def _wrong_factors(
         )
 
 
+def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
+    """Yield how columns of an unknown drive differ by what no unit explains."""
+    strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain
+    over = f"over {counted(strokes, 'stroke')}"
+    if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
+        is_near = 1.0 / _MUCH < ratio < _MUCH
+        why = "elasticity, lag or sampling" if is_near else "no unit, sign or shaft explains it"
+        remedy = "the speed is used as it is" if is_near else "is the speed of the same joint?"
+        text = f"the speed is {1.0 / ratio:.3g} times the derivative of the position {over}: {why}"
+        yield InputDefect("speed_ratio", text, remedy, False)
+    if gain is not None and not 1.0 / _GAIN < gain < _GAIN:
+        text = f"the position moves {gain:.3g} times as far as the command {over}"
+        remedy = "lag or elasticity, or the command of another joint; it is used as it is"
+        yield InputDefect("command_position", text, remedy, False)
+
+
 def _wrong_current(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield a sign or size of the current that acceleration and friction contradict."""
     source = mapping.measured_current
+    if description.drive == "unknown":
+        correlation = motion.dissipation
+        if source is not None and correlation is not None and correlation < -_OPPOSED:
+            yield InputDefect(
+                "current_sign_reversed",
+                "the current brakes where the friction needs it to drive (correlation with the "
+                f"speed {correlation:.2f})",
+                f"current: {{sign: {-source.sign}}}",
+                is_certain=motion.is_ample,
+            )
+        return
     found = motion.current_against_torque(description.parameters)
     if source is None or found is None:
         return
     slope, correlation = found
-    if correlation < -0.4:
+    if correlation < -_OPPOSED:
         yield InputDefect(
             "current_sign_reversed",
             "the current is negative where the motor accelerates and drives friction in the "
@@ -224,8 +316,7 @@ def _wrong_current(
             f"current: {{sign: {-source.sign}}}",
         )
         return
-    # Inertia and friction of a drive of which nothing is known say nothing of the size.
-    if correlation < 0.4 or description.drive == "unknown":
+    if correlation < _OPPOSED:
         return
     text = (
         f"the current is {slope:.3g} times as large as inertia and friction of the description need"

@@ -3,6 +3,10 @@
 Right factors are those with which the position follows the command, its derivative is the speed
 times the gear ratio, and nothing moves beyond what the actuator can. Of all combinations the one
 with the fewest changes of the mapping is taken.
+
+A drive whose controller is unknown may have an elastic gear, a sensor that lags or few samples in
+a stroke. There a relation within a factor of 2 is accepted, and only a factor near a mistaken unit,
+sign or shaft is a mistake.
 """
 
 import itertools
@@ -21,6 +25,10 @@ _RATIO_WITHIN: Final = 0.03
 _MOST_CHANGES: Final = 3
 _NEAR_RATIO: Final = (0.3, 3.0)
 _WEIGHT_OF_RATIO: Final = 1.6
+_PLAUSIBLE: Final = 2.0
+_MOST_OF_ONE: Final = 2
+_NEAR_UNIT: Final = 1.2
+_NEAR_UNITS: Final = 1.05
 _OVER_STOP: Final = 1.05
 _OVER_SPEED: Final = 3.0
 
@@ -58,15 +66,23 @@ def explain(
     p = description.parameters
     # Of a drive of which nothing is known, neither are the limits.
     is_known = description.drive != "unknown"
-    gain, ratio = motion.gain, motion.speed_ratio
+    gain = motion.gain
+    ratio = motion.speed_ratio if is_known else motion.stroke_ratio
     reach = float(np.max(np.abs(motion.position)))
     fastest = motion.fastest / p.tau
     given = {"position": mapping.position, "command": mapping.command, "speed": mapping.speed}
     sources = {name: source for name, source in given.items() if source is not None}
 
-    def agrees(factors: dict[str, float]) -> bool:
+    def agrees(factors: dict[str, float], changes: int = 0) -> bool:
         position = factors["position"]
-        if is_known and reach * abs(position) > _OVER_STOP * p.theta_stop:
+        if not is_known:
+            relations = ((gain, "command"), (ratio, "speed"))
+            return all(
+                _is_explained(value, position / factors[name], changes)
+                for value, name in relations
+                if value is not None and name in factors
+            )
+        if reach * abs(position) > _OVER_STOP * p.theta_stop:
             return False
         if (
             "command" in factors
@@ -78,7 +94,7 @@ def explain(
             return True
         speed = factors["speed"]
         is_slow = fastest * abs(speed) <= _OVER_SPEED * max(p.omega_max, p.V_max / p.k_e)
-        return abs(ratio * position / speed - 1.0) <= _RATIO_WITHIN and (is_slow or not is_known)
+        return abs(ratio * position / speed - 1.0) <= _RATIO_WITHIN and is_slow
 
     as_they_are = dict.fromkeys(sources, 1.0)
     if agrees(as_they_are):
@@ -93,7 +109,10 @@ def explain(
         if weight >= least or sum(bool(item.changes) for item in combination) > _MOST_CHANGES:
             continue
         chosen = dict(zip(sources, combination, strict=True))
-        if agrees({name: item.factor for name, item in chosen.items()}):
+        changes = max(len(item.changes) for item in combination)
+        if not is_known and (changes > _MOST_OF_ONE or _scales_both(chosen)):
+            continue
+        if agrees({name: item.factor for name, item in chosen.items()}, changes):
             best, least = chosen, weight
     if best is None:
         return None
@@ -102,7 +121,7 @@ def explain(
         facts.append(f"the position moves {gain:.4g} times as far as the command")
     if ratio is not None:
         facts.append(f"its derivative is {ratio:.4g} times the speed times the gear ratio")
-    if reach > p.theta_stop:
+    if is_known and reach > p.theta_stop:
         facts.append(
             f"the position reaches {reach:.4g} rad, the end stop is at {p.theta_stop:g} rad"
         )
@@ -117,6 +136,28 @@ def explain(
         for name, item in best.items()
         for entry, value in item.changes
     ]
+
+
+def _scales_both(chosen: dict[str, _Option]) -> bool:
+    """Return whether both position and speed change by more than a sign.
+
+    Such products come near any factor by chance.
+    """
+    both = [chosen[name].factor for name in ("position", "speed") if name in chosen]
+    return len(both) == 2 and all(abs(abs(factor) - 1.0) > 1e-9 for factor in both)
+
+
+def _is_explained(value: float, change: float, changes: int) -> bool:
+    """Return whether the ratio of two columns is right after a change of their factors."""
+    left = value * change
+    if left <= 0.0:
+        return False
+    if abs(abs(change) - 1.0) < 1e-9:
+        within = _PLAUSIBLE
+    else:
+        # Two changes together come near more factors by chance.
+        within = _NEAR_UNIT if changes == 1 else _NEAR_UNITS
+    return 1.0 / within < left < within
 
 
 def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]:

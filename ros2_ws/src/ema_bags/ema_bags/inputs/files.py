@@ -97,15 +97,16 @@ class InputFile:
         Raises
         ------
         ValueError
-            When it holds nothing that seems to be a position and its command.
+            When nothing in it seems to be a position, or the command that its drive needs.
         """
-        held = self._held
+        held, needs_command = self._held, description.drive != "unknown"
         if isinstance(held, TableColumns):
-            first = guess_columns(held)
+            first = guess_columns(held, needs_command=needs_command)
         else:
             topics = {name: one.type_name for name, one in held.topics.items() if one.count}
             states = [name for name, kind in topics.items() if kind == JOINT_STATE]
-            first = guess_topics(topics, {name: joints_by_travel(held, name) for name in states})
+            joints = {name: joints_by_travel(held, name) for name in states}
+            first = guess_topics(topics, joints, needs_command=needs_command)
         series = self.series(first.mapping)
         stamps, _ = primary_stamps(series[first.mapping.position.topic], first.mapping)
         return refine(first, join_topics(series, first.mapping, stamps), stamps, description)

@@ -60,6 +60,7 @@ _UNITS: Final = {
     "ns": ("ns", "nsec", "nanos", "nanoseconds"),
 }
 _LEAD: Final = 0.005
+_NO_COMMAND: Final = "no command seems to be there: tracking is then not judged"
 _BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 _COMMANDS: Final = {
     "control_msgs/msg/JointTrajectoryControllerState": "reference.positions",
@@ -87,13 +88,18 @@ class Guess:
     remarks: list[str]
 
 
-def guess_columns(columns: TableColumns) -> Guess:
+def guess_columns(columns: TableColumns, *, needs_command: bool = True) -> Guess:
     """Return a mapping of the columns of a table by their names and units.
+
+    Parameters
+    ----------
+    needs_command
+        Whether the drive is one that a position command is needed for.
 
     Raises
     ------
     ValueError
-        When no column seems to be the position, or the command or position error.
+        When no column seems to be the position, or a command or position error that is needed.
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
     clock, unused = _clock(columns, remarks)
@@ -126,7 +132,9 @@ def guess_columns(columns: TableColumns) -> Guess:
         taken.pop("error", None)
     missing = [name for name in ("position",) if name not in taken]
     if "command" not in taken and "error" not in taken:
-        missing.append("command (or position error)")
+        if needs_command:
+            missing.append("command (or position error)")
+        remarks.append(_NO_COMMAND)
     if missing:
         raise ValueError(
             f"{columns.path}: no column seems to be the {' or the '.join(missing)}; columns: "
@@ -150,7 +158,9 @@ def guess_columns(columns: TableColumns) -> Guess:
     return Guess(Mapping(**sources, clock=clock, table=columns.format), remarks)
 
 
-def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Guess:
+def guess_topics(
+    topics: ByName[str, str], joints: ByName[str, list[str]], *, needs_command: bool = True
+) -> Guess:
     """Return a mapping of the topics of a bag by their types and names.
 
     Parameters
@@ -160,16 +170,18 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
     joints
         Names of the joints by topic of type ``sensor_msgs/msg/JointState``, the one that moves
         most first.
+    needs_command
+        Whether the drive is one that a position command is needed for.
 
     Raises
     ------
     ValueError
-        When there is no joint state, or nothing that seems to be its command.
+        When there is no joint state, or nothing that seems to be a command that is needed.
     """
     remarks: list[str] = []
     states = [name for name, names in joints.items() if names]
     command = _command_topic(topics)
-    if not states or command is None:
+    if not states or (command is None and needs_command):
         what = "to be the command" if states else f"{JOINT_STATE} with a joint"
         lacking = f"no topic {'seems' if states else 'of'} {what}"
         listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
@@ -182,7 +194,9 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
         remarks.append(
             f"joint {joint!r} on {topic} is a guess, it moves most; others: {', '.join(others)}"
         )
-    if command.source.endswith("[0]"):
+    if command is None:
+        remarks.append(_NO_COMMAND)
+    elif command.source.endswith("[0]"):
         remarks.append(f"command.source {command.source} is a guess")
     remarks.append("effort may be a current, a torque of motor or joint, or nothing: confirm kind")
     mapping = Mapping(

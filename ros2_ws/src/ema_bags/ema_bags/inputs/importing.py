@@ -10,12 +10,22 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
 from ema_bags.inputs.conversion import convert
-from ema_bags.inputs.defects import InputDefect, find_defects, not_finite, stream_defects
+from ema_bags.inputs.defects import (
+    find_defects,
+    not_finite,
+    other_rate,
+    renewed_slowly,
+    stream_defects,
+)
 from ema_bags.inputs.filling import PAUSE_S
+from ema_bags.inputs.held import renewed_rows
+from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
 from ema_bags.inputs.series import Series, join_topics
+from ema_bags.inputs.wrapping import Unwrapper
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 
@@ -38,7 +48,10 @@ class SampleStream:
         self.description = replace(description, sample_period=rate.period, acquisition=acquisition)
         self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
         self._mapping = mapping
-        motion = self.filled.index("command"), self.filled.index("position")
+        self._impossible, self._unwrapper = ImpossibleSamples(mapping), Unwrapper(mapping)
+        motion = tuple(
+            self.filled.index(name) for name in ("command", "position") if name in self.filled
+        )
         self._resampler = Resampler(rate, mapping.fill_lost, motion)
 
     @property
@@ -53,7 +66,21 @@ class SampleStream:
 
         Arguments are those of ``join_topics`` and ``Resampler.push``.
         """
-        raw = join_topics(by_topic, self._mapping, stamps_ns)
+        return self.push_joined(
+            join_topics(by_topic, self._mapping, stamps_ns), stamps_ns, is_last=is_last
+        )
+
+    def push_joined(
+        self,
+        raw: ByName[str, NDArray[np.float64]],
+        stamps_ns: NDArray[np.int64],
+        *,
+        is_last: bool = False,
+    ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
+        """Do as ``push`` with what ``join_topics`` returned for the stamps."""
+        raw = self._unwrapper.push(self._impossible.push(raw))
+        self.losses.impossible = self._impossible.found
+        self.losses.wraps = sum(self._unwrapper.wraps.values())
         steps = np.diff(stamps_ns)
         breaks = 1 + np.flatnonzero((steps < 0) | (steps > PAUSE_S * 1e9))
         columns = convert(raw, self._mapping, self.description, breaks.tolist())
@@ -142,19 +169,34 @@ def import_series(
     if rebuilt == len(own):
         # They are on a line: what it moves as it follows the clock is no jitter of the samples.
         rate = replace(rate, jitter=0.0)
+    raw, notes = join_topics(by_topic, mapping, stamps), list(other_rate(rate, description))
+    if (rows := renewed_rows(raw)) is not None:
+        rate, published = _renewed_rate(stamps[rows], rate, mapping), rate
+        raw, stamps = {name: values[rows] for name, values in raw.items()}, stamps[rows]
+        notes = [renewed_slowly(rate, published)]
     stream = SampleStream(mapping, description, rate)
-    columns, runs = stream.push(by_topic, stamps, is_last=True)
+    columns, runs = stream.push_joined(raw, stamps, is_last=True)
     if not runs:
         raise ValueError(
             f"none of {stream.losses.samples} samples has a finite value in all of "
             f"{', '.join(stream.filled)}"
         )
     defects = [
+        *notes,
         *stream_defects(stream.losses, rebuilt, of_table=mapping.is_table),
         *not_finite(columns),
         *find_defects(columns, stamps, mapping, stream.description),
     ]
     return Imported(mapping, stream, rate, columns, runs, rebuilt, defects)
+
+
+def _renewed_rate(stamps_ns: NDArray[np.int64], published: Rate, mapping: Mapping) -> Rate:
+    """Return the rate of the samples at which values are renewed."""
+    found = find_rate(stamps_ns)
+    if not mapping.clock.rate_hz:
+        return found
+    times = round(found.measured_period / published.measured_period)
+    return replace(found, period=times / mapping.clock.rate_hz)
 
 
 def uses_arrival(series: Series, mapping: Mapping) -> bool:

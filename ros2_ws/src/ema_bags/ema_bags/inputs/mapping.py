@@ -33,7 +33,8 @@ LINEAR_SPEEDS: Final = {"mm/s": 1e-3, "m/s": 1.0}
 LINEAR: Final = LENGTHS | LINEAR_SPEEDS
 CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
 TORQUES: Final = {"N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2}
-UNITS: Final = ANGLES | SPEEDS | LINEAR | CURRENTS | TORQUES
+FORCES: Final = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+UNITS: Final = ANGLES | SPEEDS | LINEAR | CURRENTS | TORQUES | FORCES
 """Size of each unit in SI units."""
 TIMES_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """Units of a time [ns]."""
@@ -61,6 +62,7 @@ DEFECTS: Final = (
     *("current_sign_reversed", "position_shaft", "command_shaft", "speed_shaft"),
     *("position_scale", "command_scale", "speed_scale", "drive_of_i_q", "gear_ratio"),
     *("command_position", "current_size", "not_finite", "time_not_monotonic"),
+    *("position_jumps", "impossible_samples"),
 )
 """Names of the defects that are errors, which a mapping can accept."""
 
@@ -68,6 +70,7 @@ _ANY_JOINT: Final = "{joint}"
 _QUANTITIES: Final = ("position", "command", "error", "speed", "current")
 _KINDS: Final = (
     *("equivalent", "i_q", "phase_currents", "motor_torque", "joint_torque", "magnitude"),
+    "force",
 )
 # i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of the
 # power-invariant transformation.
@@ -154,7 +157,7 @@ class CurrentSource(Source):
         When the unit is not one of the kind, or what a kind needs is missing or given for another.
     """
 
-    unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES))
+    unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES, *FORCES))
     kind: str = text("equivalent", "what the source is", _KINDS)
     amplitude: str = text("", "of i_q: its convention; empty: peak", _AMPLITUDES)
     phases: tuple[str, ...] = texts("of phase_currents: sources of three phases, or of two")
@@ -166,6 +169,11 @@ class CurrentSource(Source):
         super().__post_init__()
         Acquisition(self.sampling, self.filter_time)
         units = TORQUES if self.kind.endswith("torque") else CURRENTS
+        if self.kind == "force":
+            units = FORCES
+        elif self.kind in ("equivalent", "magnitude"):
+            # An effort in any unit: only a drive whose controller is known needs amperes.
+            units = CURRENTS | TORQUES | FORCES
         if self.unit not in units:
             raise ValueError(
                 f"unit = {self.unit!r} with kind = {self.kind}: expected {', '.join(units)}"
@@ -220,7 +228,8 @@ class Mapping(Checked):
     position
         Angle of the user shaft, or of the motor.
     command, error
-        The command, or instead of it the position error, command less position.
+        The command, or instead of it the position error, command less position. A drive whose
+        controller is unknown may have neither.
     speed, current
         None where they are not measured.
     joints
@@ -229,8 +238,8 @@ class Mapping(Checked):
     Raises
     ------
     ValueError
-        When the position, or command and error, are missing or contradict each other, sources
-        are partly columns and partly topics, or a name to accept is not that of a defect.
+        When command and error are both given, sources are partly columns and partly topics, or a
+        name to accept is not that of a defect.
     """
 
     position: AngleSource
@@ -250,10 +259,9 @@ class Mapping(Checked):
         for name in self.accept:
             if name not in DEFECTS:
                 raise ValueError(f"accept: {unknown_name('defect', name, DEFECTS)}")
-        if (self.command is None) == (self.error is None):
-            given = "neither" if self.command is None else "both"
+        if self.command is not None and self.error is not None:
             raise ValueError(
-                f"{given} of command and error given: expected the command, or instead of it the "
+                "both of command and error given: expected the command, or instead of it the "
                 "position error"
             )
         if self.joints and (self.joint or len(set(self.joints)) < len(self.joints)):
@@ -306,8 +314,13 @@ class Mapping(Checked):
         """How the telemetry is acquired."""
         current, speed = self.measured_current, self.speed is not None
         if current is None:
-            return Acquisition("none", 0.0, speed)
-        return Acquisition(current.sampling, current.filter_time, speed)
+            return Acquisition("none", 0.0, speed, self.has_command)
+        return Acquisition(current.sampling, current.filter_time, speed, self.has_command)
+
+    @property
+    def has_command(self) -> bool:
+        """Whether the command, or the position error, is mapped."""
+        return self.command is not None or self.error is not None
 
     @property
     def measured_current(self) -> CurrentSource | None:

@@ -13,6 +13,11 @@ _LEAST_POINTS: Final = 12
 _FAST: Final = 0.4
 _GAP: Final = 1.5
 _FOLLOWS: Final = 0.85
+_REVERSAL: Final = 0.05
+_SHORT: Final = 0.2
+_MOVING: Final = 0.1
+_SURE_STROKES: Final = 3
+_SURE_S: Final = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +27,8 @@ class ThinnedMotion:
     Attributes
     ----------
     command, position
-        At the ends of the steps, ``(m, 2)`` [rad].
+        At the ends of the steps, ``(m, 2)`` [rad]; the command is empty, ``(0, 2)``, if there is
+        none.
     angle
         What the motor turned within each step by the speed, on the user shaft, ``(m,)`` [rad];
         empty without speed.
@@ -79,7 +85,9 @@ class ThinnedMotion:
             angle = means(halves) * seconds * tau
         joins = np.concatenate([[False], starts[1:] == ends[:-1]])
         return cls(
-            np.column_stack([given["command"][starts], given["command"][ends]]),
+            np.column_stack([given["command"][starts], given["command"][ends]])
+            if "command" in given
+            else np.empty((0, 2)),
             np.column_stack([given["position"][starts], given["position"][ends]]),
             angle,
             means(given["current"]) if "current" in given else None,
@@ -104,8 +112,9 @@ class ThinnedMotion:
         return float(np.max(np.abs(self.angle) / self.seconds)) if self.has_speed else 0.0
 
     def travel(self, name: str) -> float:
-        """Return the range of the command or position [rad]."""
-        return float(np.ptp(getattr(self, name)))
+        """Return the range of the command or position [rad]; 0 without one."""
+        values = getattr(self, name)
+        return float(np.ptp(values)) if len(values) else 0.0
 
     @property
     def gain(self) -> float | None:
@@ -114,7 +123,7 @@ class ThinnedMotion:
         Negative where they move in opposite directions; None where one does not follow the other.
         """
         command, position = self.command[:, 1], self.position[:, 1]
-        if np.ptp(command) <= 0.0 or np.ptp(position) <= 0.0:
+        if not len(command) or np.ptp(command) <= 0.0 or np.ptp(position) <= 0.0:
             return None
         # Steps of the position lag; ranges do not.
         size = float(np.ptp(position) / np.ptp(command))
@@ -141,6 +150,65 @@ class ThinnedMotion:
             return None
         steps = self.position[:, 1] - self.position[:, 0]
         return float(np.median(steps[chosen] / self.angle[chosen]))
+
+    @property
+    def strokes(self) -> NDArray[np.float64]:
+        """Travel of each stroke by the position, and by the speed, ``(k, 2)`` [rad].
+
+        A stroke is a motion between two reversals of the position. Reversals below 5 % of the
+        range, and strokes below 20 % of the longest, do not count. Without speed the second column
+        is 0. A lag, an elastic gear and the play hardly change what a whole stroke travels.
+        """
+        ends = _reversals(self.position[:, 1])
+        steps = self.position[:, 1] - self.position[:, 0]
+        by_speed = self.angle if self.has_speed else np.zeros(len(steps))
+        sums = np.array([np.cumsum(steps), np.cumsum(by_speed)])
+        travels = np.diff(sums[:, ends], axis=1).T
+        size = np.abs(travels[:, 0])
+        return travels[size > _SHORT * np.max(size, initial=0.0)]
+
+    @property
+    def stroke_ratio(self) -> float | None:
+        """Travel by the position over travel by the speed, of all strokes; 1 if all is right.
+
+        None without speed or without strokes.
+        """
+        strokes = self.strokes
+        moved = strokes[np.abs(strokes[:, 1]) > 0.0]
+        return float(np.median(moved[:, 0] / moved[:, 1])) if len(moved) else None
+
+    @property
+    def is_ample(self) -> bool:
+        """Whether the motion suffices to be certain of a unit or sign: 3 strokes, or 5 s."""
+        return len(self.strokes) >= _SURE_STROKES or float(np.sum(self.seconds)) >= _SURE_S
+
+    @property
+    def dissipation(self) -> float | None:
+        """Correlation of the current with the speed, without inertia, gravity and constant load.
+
+        Friction dissipates, so that it is above 0 if the sign of the current is right. None
+        without current, or without fast motion in both directions.
+        """
+        if self.current is None:
+            return None
+        speed = (self.position[:, 1] - self.position[:, 0]) / self.seconds
+        fast = np.abs(speed) > _MOVING * np.max(np.abs(speed), initial=0.0)
+        chosen = fast & self.joins & np.roll(self.joins, -1)
+        chosen[[0, -1]] = False
+        if min(np.count_nonzero(speed[chosen] > 0), np.count_nonzero(speed[chosen] < 0)) < (
+            _LEAST_POINTS
+        ):
+            return None
+        acceleration = np.gradient(speed)[chosen]
+        angle = self.position[chosen, 0]
+        terms = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle), acceleration]
+        others = np.column_stack([one / max(np.max(np.abs(one)), 1e-300) for one in terms])
+        both = np.column_stack([speed[chosen], self.current[chosen]])
+        left = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
+        sizes = np.sqrt(np.sum(left**2, axis=0))
+        if np.any(sizes <= 1e-9 * np.sqrt(np.sum(both**2, axis=0))):
+            return None
+        return float(left[:, 0] @ left[:, 1] / np.prod(sizes))
 
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
         """Return the current over what inertia and friction need, and their correlation.
@@ -170,3 +238,21 @@ class ThinnedMotion:
         correlation = np.corrcoef(expected[moving], self.current[moving])[0, 1]
         size = np.sqrt(np.mean(self.current[moving] ** 2) / np.mean(expected[moving] ** 2))
         return float(size), float(correlation)
+
+
+def _reversals(position: NDArray[np.float64]) -> list[int]:
+    """Return the first sample, where a position reverses, and the last sample."""
+    least = _REVERSAL * float(np.ptp(position))
+    if least <= 0.0:
+        return []
+    ends, extreme, way = [0], 0, 0
+    values = position.tolist()
+    for number, value in enumerate(values):
+        gain = value - values[extreme]
+        if way * gain > 0.0:
+            extreme = number
+        elif abs(gain) > least:
+            if way:
+                ends.append(extreme)
+            way, extreme = (1 if gain > 0.0 else -1), number
+    return [*ends, len(values) - 1]

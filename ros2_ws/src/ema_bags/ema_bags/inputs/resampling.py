@@ -31,6 +31,10 @@ class Losses:
         Samples left out because they have the stamp of the one before.
     missing
         Samples left out because a value is not a finite number.
+    impossible
+        Samples that no actuator can give, put on the line between their neighbours.
+    wraps
+        Times at which the register of an angle began again, and the angle was continued.
     """
 
     samples: int = 0
@@ -41,6 +45,8 @@ class Losses:
     jumps: int = 0
     repeated: int = 0
     missing: int = 0
+    impossible: int = 0
+    wraps: int = 0
 
     def __sub__(self, earlier: "Losses") -> "Losses":
         return Losses(

@@ -1,0 +1,94 @@
+"""Columns that hold what was commanded instead of what was measured."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.input_defect import InputDefect
+
+_LEAST_SAMPLES: Final = 100
+_LONGEST_LAG: Final = 3
+_EQUAL: Final = 1e-9
+_MOST: Final = 0.99
+_EXACT: Final = 2e-3
+_CLEARLY: Final = 5.0
+
+
+def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Iterator[InputDefect]:
+    """Yield the columns that follow the command or a law of control exactly.
+
+    Parameters
+    ----------
+    columns
+        Columns in SI units, ``(n,)`` or empty.
+    tau
+        Gear ratio, user over motor speed [-].
+    """
+    given = {name: values for name, values in columns.items() if len(values)}
+    if "command" not in given:
+        return
+    finite = np.all([np.isfinite(values) for values in given.values()], axis=0)
+    given = {name: values[finite] for name, values in given.items()}
+    command, position = given["command"], given["position"]
+    if len(command) < _LEAST_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
+        return
+    if (lag := _lag_of_copy(command, position)) is not None:
+        late = f" {lag} samples later" if lag else ""
+        text = f"the position is equal to the command{late}: it is a set point, not a measurement"
+        remedy = "position: choose the source of the encoder"
+        yield InputDefect("position_commanded", text, remedy, False)
+        return
+    speed = given.get("speed")
+    if speed is not None and _follows(speed, np.gradient(command), np.gradient(position)):
+        text = "the speed is the derivative of the command: it is a set point, not a measurement"
+        remedy = "speed: choose the measured source, or leave speed out"
+        yield InputDefect("speed_commanded", text, remedy, False)
+    current = given.get("current")
+    if current is None:
+        return
+    rate = np.gradient(position) if speed is None else speed * tau
+    ones = np.ones(len(command))
+    for words, terms in (
+        ("the command", (command, ones)),
+        ("position error and speed", (command - position, rate, ones)),
+    ):
+        if _residual(current, terms) < _EXACT:
+            text = f"the current follows {words} exactly: it is a set point, not a measurement"
+            remedy = "a change of the torque per ampere does not show in it"
+            yield InputDefect("current_commanded", text, remedy, False)
+            return
+
+
+def _lag_of_copy(command: NDArray[np.float64], position: NDArray[np.float64]) -> int | None:
+    """Return by how many samples a position repeats the command later; None if it does not."""
+    moving = np.abs(np.diff(command, prepend=command[0])) > 0.0
+    if np.count_nonzero(moving) < _LEAST_SAMPLES // 2:
+        return None
+    least = _EQUAL * float(np.ptp(command))
+    for lag in range(_LONGEST_LAG + 1):
+        n = len(command) - lag
+        same = np.abs(position[lag:] - command[:n]) <= least
+        if np.mean(same[moving[:n]]) > _MOST:
+            return lag
+    return None
+
+
+def _follows(
+    speed: NDArray[np.float64], commanded: NDArray[np.float64], moved: NDArray[np.float64]
+) -> bool:
+    """Return whether a speed is the derivative of the command, and not that of the position."""
+    of_command, of_position = (_residual(speed, (one,)) for one in (commanded, moved))
+    return of_command < _EXACT and of_position > _CLEARLY * of_command
+
+
+def _residual(values: NDArray[np.float64], terms: tuple[NDArray[np.float64], ...]) -> float:
+    """Return the share of values that a sum of terms does not explain [-]."""
+    size = float(np.std(values))
+    sizes = [float(np.max(np.abs(one))) for one in terms]
+    if size <= 0.0 or min(sizes) <= 0.0:
+        return 1.0
+    rows = np.column_stack([one / scale for one, scale in zip(terms, sizes, strict=True)])
+    left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
+    return float(np.std(left)) / size

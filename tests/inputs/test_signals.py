@@ -1,0 +1,168 @@
+"""Columns that repeat their values, angles that wrap, and samples that no actuator can give."""
+
+import numpy as np
+import pytest
+
+from ema_bags.inputs.held import find_held, held_samples, renewed_rows
+from ema_bags.inputs.importing import import_series
+from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.series import Series
+from ema_bags.inputs.wrapping import Unwrapper
+
+from .joint_motion import joint, moves
+
+
+def imported(mapping, columns, stamps, rate_hz):
+    return import_series({"": Series(stamps, stamps, columns)}, mapping, joint(rate_hz))
+
+
+@pytest.mark.parametrize("held", [2, 3, 5, 15])
+def test_values_that_repeat_are_told_from_those_of_a_coarse_encoder(held):
+    columns, _ = moves(20.0, 1000.0)
+    position = columns["position"]
+    assert held_samples(np.repeat(position[::held], held)) == held
+    coarse = np.round(position / 1.5e-3) * 1.5e-3
+    assert held_samples(coarse) == 1
+    assert held_samples(position) == 1
+
+
+def test_publisher_with_a_clock_of_its_own_repeats_values_a_sample_more_or_less():
+    columns, _ = moves(20.0, 1000.0)
+    phase = np.floor(np.arange(20_000) * 0.2013).astype(int)
+    assert held_samples(columns["current"][phase]) == 5
+
+
+def test_states_renewed_at_200_hz_and_published_at_1000_hz_are_resampled(mapped):
+    slow, _ = moves(12.0, 200.0)
+    columns = {name: np.repeat(values, 5) for name, values in slow.items()}
+    _, stamps = moves(12.0, 1000.0)
+    assert find_held(columns) == {"position": 5, "speed": 5, "current": 5}
+    got = imported(mapped(), columns, stamps, 1000.0)
+    assert 1.0 / got.description.sample_period == pytest.approx(200.0)
+    [defect] = got.defects
+    assert (defect.name, defect.is_error) == ("values_repeat", False)
+    assert "repeat 5 times: renewed at 200 Hz, published at 1000 Hz" in defect.text
+    [run] = got.runs
+    position = run.values[:, got.stream.filled.index("position")]
+    np.testing.assert_array_equal(position, slow["position"])
+
+
+def test_columns_of_different_rates_are_not_resampled():
+    columns, _ = moves(12.0, 1000.0)
+    columns["current"] = np.repeat(columns["current"][::5], 5)
+    assert renewed_rows(columns) is None
+
+
+def wrapped(values, period, lowest):
+    return (values - lowest) % period + lowest
+
+
+@pytest.mark.parametrize(
+    ("source", "period", "lowest"),
+    [
+        ({"unit": "rad"}, 2.0 * np.pi, -np.pi),
+        ({"unit": "rad"}, 2.0 * np.pi, 0.0),
+        ({"unit": "deg"}, 360.0, -180.0),
+        ({"unit": "turn"}, 1.0, 0.0),
+        ({"unit": "turn", "scale": 1.0 / 4096}, 4096.0, 0.0),
+        ({"unit": "rad"}, 65536.0, 0.0),
+    ],
+)
+@pytest.mark.parametrize("block", [7, 10_000])
+def test_angle_is_continued_over_the_wraps_of_its_register(mapped, source, period, lowest, block):
+    """Two and a half turns each way, in blocks and as a whole."""
+    angle = 2.5 * period * np.sin(np.linspace(0.0, 9.0, 4000))
+    if period > 1000.0:
+        angle = np.floor(angle)
+    mapping = mapped(position={"source": "p", **source}, command=None)
+    unwrapper = Unwrapper(mapping)
+    register = wrapped(angle, period, lowest)
+    parts = [
+        unwrapper.push({"position": register[i : i + block]})["position"]
+        for i in range(0, len(angle), block)
+    ]
+    continued = np.concatenate(parts)
+    np.testing.assert_allclose(continued - continued[0], angle - angle[0], atol=1e-9 * period)
+    jumps = np.count_nonzero(np.abs(np.diff(register)) > 0.5 * period)
+    assert unwrapper.wraps == {"position": jumps}
+
+
+def test_command_that_has_wrapped_first_begins_in_the_turn_of_the_position(mapped):
+    position = np.linspace(3.0, 3.5, 200)
+    command = position + 0.2
+    ahead = {"position": position, "command": wrapped(command, 2.0 * np.pi, -np.pi)}
+    cut = {name: values[20:] for name, values in ahead.items()}
+    got = Unwrapper(mapped()).push(cut)
+    np.testing.assert_allclose(got["command"] - got["position"], 0.2, atol=1e-12)
+
+
+def test_motor_that_turns_fast_between_two_samples_does_not_wrap(mapped):
+    angle = np.cumsum(np.full(500, 0.9 * 2.0 * np.pi))
+    unwrapper = Unwrapper(mapped(command=None))
+    np.testing.assert_array_equal(unwrapper.push({"position": angle})["position"], angle)
+    assert unwrapper.wraps == {}
+
+
+def test_wraps_are_counted_in_the_import(mapped):
+    columns, stamps = moves(travel=2.0)
+    true = columns["position"].copy()
+    for name in ("position", "command"):
+        columns[name] = wrapped(columns[name] + np.pi, 2.0 * np.pi, -np.pi)
+    got = imported(mapped(), columns, stamps, 200.0)
+    [defect] = got.defects
+    assert (defect.name, defect.is_error) == ("angle_wraps", False)
+    moved = got.columns["position"]
+    np.testing.assert_allclose(moved - moved[0], true - true[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("block", [1, 10, 10_000])
+def test_messages_of_zeros_are_bridged_and_counted(mapped, block):
+    columns, _ = moves()
+    columns["position"] += 1.0
+    rows = [700, 1201, 1202]
+    spoiled = {name: values.copy() for name, values in columns.items()}
+    for name in ("position", "speed", "current"):
+        spoiled[name][rows] = 0.0
+    target = ImpossibleSamples(mapped())
+    parts = [
+        target.push({name: values[i : i + block] for name, values in spoiled.items()})
+        for i in range(0, len(columns["position"]), block)
+    ]
+    position = np.concatenate([part["position"] for part in parts])
+    assert target.found == len(rows)
+    # A block that ends in such a sample holds the value before: a step of the motion at most.
+    step = np.max(np.abs(np.diff(columns["position"])))
+    assert np.max(np.abs(position - columns["position"])) < 2.5 * step
+    np.testing.assert_array_equal(np.delete(position, rows), np.delete(columns["position"], rows))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("current", 9.9e37), ("speed", -9.9e37), ("position", 40.0)]
+)
+def test_single_sample_beyond_what_an_actuator_can_is_a_note(mapped, name, value):
+    columns, stamps = moves()
+    true = columns[name].copy()
+    columns[name][1500] = value
+    got = imported(mapped(), columns, stamps, 200.0)
+    [defect] = got.defects
+    assert (defect.name, defect.is_error) == ("impossible_samples", False)
+    assert "1 sample of 2400 that no actuator can give" in defect.text
+    near = np.max(np.abs(true[1495:1506] - true[1500]))
+    assert abs(got.columns[name][1500] - true[1500]) <= near
+
+
+def test_many_impossible_samples_are_an_error(mapped):
+    columns, stamps = moves()
+    columns["current"][::50] = 9.9e37
+    got = imported(mapped(), columns, stamps, 200.0)
+    [defect] = [item for item in got.defects if item.name == "impossible_samples"]
+    assert defect.is_error
+
+
+def test_rest_at_zero_is_not_impossible(mapped):
+    columns, _ = moves()
+    still = {name: np.where(np.arange(2400) > 800, 0.0, values) for name, values in columns.items()}
+    target = ImpossibleSamples(mapped())
+    for i in range(0, 2400, 10):
+        target.push({name: values[i : i + 10] for name, values in still.items()})
+    assert target.found == 0

@@ -1,0 +1,219 @@
+"""Checks of a drive whose controller is unknown: what forbids estimates, and what is a note."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_bags.inputs.conversion import convert
+from ema_bags.inputs.defects import find_defects, refused, withholding
+from ema_bags.inputs.importing import import_series
+from ema_bags.inputs.series import Series
+from ema_core.description import ActuatorDescription
+
+from .joint_motion import START_NS, TAU, joint, moves
+
+RPM = 60.0 / (2.0 * np.pi)
+
+
+def found(mapping, changes, *, seconds=12.0, rate_hz=200.0):
+    columns, stamps = moves(seconds, rate_hz)
+    for name, change in changes.items():
+        columns[name] = change(columns[name]) if callable(change) else columns[name] * change
+    return find_defects(columns, stamps, mapping, joint(rate_hz))
+
+
+def test_nothing_is_wrong_with_a_joint_that_lags(mapped):
+    assert found(mapped(), {}) == []
+
+
+@pytest.mark.parametrize("factor", [0.6, 0.9, 0.956, 1.05, 1.6])
+def test_speed_that_is_not_quite_the_derivative_is_a_note_that_blocks_nothing(mapped, factor):
+    [defect] = found(mapped(), {"speed": factor})
+    assert (defect.name, defect.is_error) == ("speed_ratio", False)
+    assert f"the speed is {factor:.3g} times the derivative of the position over" in defect.text
+    assert "strokes: elasticity, lag or sampling" in defect.text
+    assert "tau" not in defect.remedy
+
+
+@pytest.mark.parametrize("factor", [0.3, 2.7, 22.0])
+def test_speed_ratio_that_no_unit_explains_is_a_note(mapped, factor):
+    [defect] = found(mapped(), {"speed": factor})
+    assert (defect.name, defect.is_error) == ("speed_ratio", False)
+    assert "no unit, sign or shaft explains it" in defect.text
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "remedy"),
+    [
+        ({"speed": RPM}, "speed_unit", "speed: {unit: rpm}"),
+        ({"speed": 57.29578}, "speed_unit", "speed: {unit: deg/s}"),
+        ({"speed": 1 / (2 * np.pi)}, "speed_unit", "speed: {unit: turn/s}"),
+        ({"speed": 1000}, "speed_unit", "speed: {unit: mrad/s}"),
+        ({"speed": -1}, "speed_sign_reversed", "speed: {sign: -1}"),
+        ({"speed": -0.8}, "speed_sign_reversed", "speed: {sign: -1}"),
+        ({"speed": TAU}, "speed_shaft", "speed: {shaft: user}"),
+        ({"speed": 1.12 * TAU}, "speed_shaft", "speed: {shaft: user}"),
+        ({"command": 57.29578}, "command_unit", "command: {unit: deg}"),
+        ({"position": 1 / TAU}, "position_shaft", "position: {shaft: motor}"),
+        ({"position": -1}, "position_sign_reversed", "position: {sign: -1}"),
+        ({"current": -1}, "current_sign_reversed", "current: {sign: -1}"),
+    ],
+)
+def test_factor_near_a_unit_is_an_error_and_certain_after_some_strokes(
+    mapped, changes, name, remedy
+):
+    [defect] = found(mapped(), changes)
+    assert (defect.name, defect.is_error, defect.is_certain) == (name, True, True)
+    assert remedy in defect.remedy
+
+
+@pytest.mark.parametrize(
+    ("factor", "names"),
+    [
+        (-57.29578, {"speed_unit", "speed_sign_reversed"}),
+        (RPM * TAU, {"speed_unit", "speed_shaft"}),
+        (-TAU, {"speed_shaft", "speed_sign_reversed"}),
+    ],
+)
+def test_product_of_two_units_is_named_by_both(mapped, factor, names):
+    defects = found(mapped(), {"speed": factor})
+    assert {item.name for item in defects} == names
+    assert all(item.is_error for item in defects)
+
+
+def test_unit_of_one_stroke_is_an_error_that_does_not_withhold_yet(mapped):
+    mapping = mapped()
+    defects = found(mapping, {"speed": RPM}, seconds=0.5)
+    assert [item.name for item in refused(defects, mapping)] == ["speed_unit"]
+    assert withholding(defects, mapping) == []
+
+
+def test_current_of_a_load_that_gravity_moves_is_not_taken_for_reversed(mapped):
+    """The torque that holds a heavy load has the opposite sign half of the time."""
+    columns, stamps = moves()
+    columns["current"] += -6.0 * np.sin(columns["position"] + 0.4)
+    assert find_defects(columns, stamps, mapped(), joint()) == []
+
+
+def test_encoder_of_few_counts_is_not_blocked(mapped):
+    """12 bits at 100 Hz: a step of the encoder is much of what the joint moves in a sample."""
+    columns, stamps = moves(rate_hz=100.0, travel=0.2)
+    count = 2.0 * np.pi / 4096
+    columns["position"] = np.round(columns["position"] / count) * count
+    columns["current"] = np.round(columns["current"] / 2.7e-3) * 2.7e-3
+    assert refused(find_defects(columns, stamps, mapped(), joint(100.0)), mapped()) == []
+
+
+def test_rate_that_differs_by_a_few_per_cent_is_a_note(mapped):
+    columns, stamps = moves(rate_hz=195.0)
+    series = Series(stamps, stamps, {name: values for name, values in columns.items()})
+    imported = import_series({"": series}, mapped(), joint(200.0))
+    [defect] = imported.defects
+    assert (defect.name, defect.is_error) == ("other_rate", False)
+    assert "come at 195 Hz, described are 200" in defect.text
+    assert imported.description.sample_period == pytest.approx(1 / 195)
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+def test_position_that_is_the_command_is_named(mapped, lag):
+    columns, stamps = moves()
+    columns["position"] = np.concatenate([columns["command"][:1]] * lag + [columns["command"]])
+    columns["position"] = columns["position"][: len(stamps)]
+    [defect] = find_defects(columns, stamps, mapped(), joint())
+    assert (defect.name, defect.is_error) == ("position_commanded", False)
+    assert "a set point, not a measurement" in defect.text
+
+
+def test_speed_that_is_that_of_the_command_is_named(mapped):
+    columns, stamps = moves()
+    columns["speed"] = np.gradient(columns["command"], 5e-3) / TAU
+    [defect] = find_defects(columns, stamps, mapped(), joint())
+    assert defect.name == "speed_commanded"
+
+
+def test_current_that_a_controller_commands_is_named(mapped):
+    columns, stamps = moves()
+    error = columns["command"] - columns["position"]
+    columns["current"] = 12.0 * error - 0.1 * columns["speed"] * TAU + 0.3
+    [defect] = find_defects(columns, stamps, mapped(), joint())
+    assert (defect.name, defect.is_error) == ("current_commanded", False)
+    assert "the current follows position error and speed exactly" in defect.text
+
+
+def test_sensor_that_holds_its_value_is_named_with_its_rate(mapped):
+    columns, stamps = moves()
+    columns["current"] = np.repeat(columns["current"][::15], 15)[: len(stamps)]
+    [defect] = find_defects(columns, stamps, mapped(), joint())
+    assert (defect.name, defect.is_error) == ("values_repeat", False)
+    assert "the current repeats each value 15 times (renewed at 13.33 Hz)" in defect.text
+
+
+def test_position_that_jumps_is_an_error(mapped):
+    columns, stamps = moves()
+    columns["position"][1000:] += 0.3
+    columns["command"][1000:] += 0.3
+    names = [item.name for item in find_defects(columns, stamps, mapped(), joint())]
+    assert "position_jumps" in names
+
+
+def test_drive_without_a_command_is_imported_with_an_empty_column(mapped):
+    columns, stamps = moves()
+    mapping = mapped(command=None)
+    assert not mapping.acquisition.command
+    values = {name: values for name, values in columns.items() if name != "command"}
+    series = Series(stamps, stamps, values)
+    imported = import_series({"": series}, mapping, joint())
+    assert imported.defects == []
+    assert not imported.description.acquisition.command
+    blocks = list(imported.blocks())
+    assert not any(block.has_command for block in blocks)
+    position = np.concatenate([block.position for block in blocks])
+    np.testing.assert_array_equal(position, columns["position"])
+
+
+def test_modelled_drive_needs_a_command(mapped):
+    columns, stamps = moves()
+    series = Series(stamps, stamps, columns)
+    six_step = replace(joint(), drive="six_step", acquisition=ActuatorDescription().acquisition)
+    with pytest.raises(ValueError, match=r"no position command with drive = six_step"):
+        import_series({"": series}, mapped(command=None), six_step)
+
+
+@pytest.mark.parametrize(
+    ("source", "factor"),
+    [
+        ({"unit": "A"}, 1.0),
+        ({"unit": "mA"}, 1e-3),
+        ({"unit": "N.m"}, 1.0),
+        ({"unit": "N"}, 1.0),
+        ({"unit": "N.m", "kind": "joint_torque"}, TAU / 0.05),
+        ({"unit": "N.m", "kind": "motor_torque"}, 1.0 / 0.05),
+        ({"unit": "N", "kind": "force"}, 1.0),
+    ],
+)
+def test_effort_of_an_unknown_drive_may_be_a_current_a_torque_or_a_force(mapped, source, factor):
+    columns, _ = moves()
+    mapping = mapped(current={"source": "i", **source})
+    converted = convert(columns, mapping, joint())
+    np.testing.assert_allclose(converted["current"], factor * columns["current"], rtol=1e-12)
+
+
+def test_force_of_a_screw_becomes_the_torque_of_its_motor(mapped):
+    columns, _ = moves()
+    screw = replace(joint(), parameters=replace(joint().parameters, lead=0.01))
+    mapping = mapped(current={"source": "i", "unit": "N", "kind": "force"})
+    force = convert(columns, mapping, screw)["current"]
+    torque = columns["current"] * 0.01 / (2.0 * np.pi) * TAU
+    np.testing.assert_allclose(force * 0.05, torque, rtol=1e-12)
+
+
+def test_modelled_drive_takes_no_torque_for_its_current(mapped):
+    columns, _ = moves()
+    mapping = mapped(current={"source": "i", "unit": "N.m"})
+    with pytest.raises(ValueError, match=r"unit = N\.m with kind = equivalent and drive = six_st"):
+        convert(columns, mapping, ActuatorDescription())
+
+
+def test_start_of_the_motion_is_that_of_the_stamps():
+    assert moves()[1][0] == START_NS + 5_000_000
