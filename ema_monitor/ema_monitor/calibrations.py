@@ -12,14 +12,13 @@ from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.calibration.stored import is_calibration_file
-from ema_monitor.current_balance.calibrating import calibrate_unknown
-from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.windows.window import Window
 
-AnyCalibration = Calibration | UnknownDriveUnit
-"""Of a drive that is modelled, or of one whose controller is unknown."""
+AnyCalibration = Calibration | JointCalibration
+"""Of a drive that is modelled, or of one whose controller is not."""
 
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""
@@ -38,8 +37,8 @@ def load_calibration(path: Path) -> AnyCalibration:
         When it cannot be read.
     """
     content = load_yaml(path)
-    if isinstance(content, dict) and content.get("format") == UnknownDriveUnit.FORMAT:
-        return UnknownDriveUnit.of_content(path, content)
+    if isinstance(content, dict) and content.get("format") == JointCalibration.FORMAT:
+        return JointCalibration.of_content(path, content)
     return Calibration.of_content(path, content)
 
 
@@ -70,11 +69,9 @@ def calibrate(
         impossibly far from its description.
     """
     description = description or ActuatorDescription()
-    made: AnyCalibration
     if description.drive == "unknown":
-        made = calibrate_unknown(windows, description)
-    else:
-        made = calibrate_model(windows, description, form)
+        return calibrate_joint(windows, description)
+    made = calibrate_model(windows, description, form)
     return replace(made, normal=UnitNormal.of(one.telemetry for one in windows))
 
 
@@ -83,7 +80,11 @@ def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> Any
     one, other = ((item.actuator_id, item.serial_number) for item in (calibration, replaced))
     if one != other:
         return calibration
-    return replace(calibration, normal=calibration.normal.with_labels_of(replaced.normal))
+    if isinstance(calibration, JointCalibration) and isinstance(replaced, JointCalibration):
+        return calibration.with_labels_of(replaced)
+    if isinstance(calibration, Calibration) and isinstance(replaced, Calibration):
+        return replace(calibration, normal=calibration.normal.with_labels_of(replaced.normal))
+    return calibration
 
 
 class CalibrationStore:

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import AnyCalibration
-from ema_monitor.current_balance.combining import CurrentCombination
-from ema_monitor.current_balance.identifying import identify_by_current
-from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
+from ema_monitor.identification.joint_estimate import identify_record
 from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
@@ -42,15 +41,13 @@ def _identified(
     memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
     """Yield the state after each generation, and return the estimate of any drive."""
-    if isinstance(calibration, UnknownDriveUnit):
-        found = identify_by_current(window, description, calibration, settings, force=force)
-    else:
-        faults = None if previous is None else fault_vector(previous)
-        result = yield from ModelIdentification(
-            window, description, calibration, settings, force, faults, memory=memory
-        ).run()
-        found = result.estimate
-    return _judged(found, _figures(window, calibration), calibration, description)
+    if isinstance(calibration, JointCalibration):
+        return identify_record(window, description, calibration, force=force)
+    faults = None if previous is None else fault_vector(previous)
+    result = yield from ModelIdentification(
+        window, description, calibration, settings, force, faults, memory=memory
+    ).run()
+    return _judged(result.estimate, _figures(window, calibration), calibration, description)
 
 
 def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[Part]:
@@ -58,7 +55,7 @@ def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> lis
 
     There are none where a cause was measured: they may be those of another load.
     """
-    if isinstance(window, Refusal) or isinstance(calibration, str) or window.measured:
+    if isinstance(window, Refusal) or not isinstance(calibration, Calibration) or window.measured:
         return []
     return figures_of(window.telemetry) if calibration.normal.windows else []
 
@@ -73,7 +70,7 @@ def _judged(
 
     A window that is refused is judged, too, unless it is of another unit.
     """
-    if isinstance(calibration, str) or estimate.verdict in (FAILED, SKIPPED):
+    if not isinstance(calibration, Calibration) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
     estimate = replace(estimate, parts=tuple(parts))
     departure = calibration.normal.departure(estimate.start_ns, parts)
@@ -287,7 +284,8 @@ class Diagnosis:
         search
             How to identify.
         combining
-            Until when stretches of ordinary motion are combined; None for a test window.
+            Until when stretches of ordinary motion are combined; None for a test window. Records of
+            a controller that is not modelled are never combined.
         force
             As of `Identification`.
 
@@ -301,7 +299,7 @@ class Diagnosis:
         previous, memory = None, NOTHING
         if search.warm_start and search.memory and self._last[0] == described:
             previous, memory = self._last[1], self._memory.before(window.start_ns)
-        if combining is not None:
+        if combining is not None and not isinstance(calibration, JointCalibration):
             yield from self._combine(
                 window, found.description, calibration, search, combining, previous, force
             )
@@ -347,7 +345,7 @@ class Diagnosis:
         self,
         window: Window | Refusal,
         description: ActuatorDescription,
-        calibration: AnyCalibration | str,
+        calibration: Calibration | str,
         search: SearchSettings,
         combining: CombinationSettings,
         previous: NDArray[np.float64] | None,
@@ -355,14 +353,9 @@ class Diagnosis:
     ) -> Iterator[Generation | Diagnosed]:
         key = (description, _identity(calibration), search, combining)
         if self._motion is None or self._motion.key != key:
-            if isinstance(calibration, UnknownDriveUnit):
-                new: Combining = CurrentCombination(
-                    description, calibration, search, combining, force=force
-                )
-            else:
-                new = Combination(
-                    description, calibration, search, combining, previous=previous, force=force
-                )
+            new = Combination(
+                description, calibration, search, combining, previous=previous, force=force
+            )
             yield from self.finish()
             self._motion = _Motion(new, key, description, calibration, search)
         motion = self._motion

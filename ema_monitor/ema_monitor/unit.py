@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.faults import ECCENTRICITY_PHASE
-from ema_core.levels import ERROR, WARN
+from ema_core.levels import ERROR, STALE, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
@@ -436,8 +436,19 @@ class Unit:
             outlook,
             assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
             failed_since=self._failed_since(outlook),
+            last_level=self._last_level(outlook),
             missing_share=(missing + 1) / (missing + len(entries) + 2),
         )
+
+    def _last_level(self, outlook: Outlook) -> int:
+        """Return the level before a test that leaves it open; STALE for any other test."""
+        if outlook.health.level == STALE:
+            for entry in reversed(self.history.entries):
+                found = self.history.assessments.get(entry.stamp_ns)
+                is_earlier = entry.stamp_ns < outlook.stamp_ns
+                if is_earlier and found is not None and found.level != STALE:
+                    return found.level
+        return STALE
 
     def _failed_since(self, outlook: Outlook) -> float:
         """Return the hour of the first of the latest tests that have all been ERROR [h]."""

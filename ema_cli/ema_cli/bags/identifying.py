@@ -14,7 +14,6 @@ from ema_cli.parameters import Command, Parameters
 from ema_cli.show.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
-from ema_monitor.current_balance.unit import UnknownDriveUnit
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.identification.settings import SearchSettings
@@ -107,12 +106,12 @@ class Identifying(Source):
     def calibration_of_model(self) -> Calibration:
         """Return the calibration as ``calibration``; ValueError for that of an unknown drive."""
         calibration = self.calibration()
-        if isinstance(calibration, UnknownDriveUnit):
-            raise ValueError(
-                f"{self.calibration_file} is the calibration of an unknown drive, which "
-                "has no model to compare or draw; `ema estimate` and `ema report` give its figures"
-            )
-        return calibration
+        if isinstance(calibration, Calibration):
+            return calibration
+        raise ValueError(
+            f"{self.calibration_file} is the calibration of a controller that is not modelled: "
+            "there is no model to compare or draw; use `ema estimate` or `ema report`"
+        )
 
     @property
     def calibration_source(self) -> str:

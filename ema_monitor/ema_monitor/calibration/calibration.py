@@ -323,10 +323,16 @@ class Calibration(StoredCalibration):
             raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
         content["unit"] = Deviations(**content["unit"])
         content["acquisition"] = Acquisition(**content.get("acquisition", {}))
+        if "normal" in content:
+            content["normal"] = UnitNormal.of_mapping(content["normal"])
         return cls(**content)
 
-    def _as_mapping(self) -> dict[str, Any]:
+    def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
         content = {"format": self.FORMAT, **asdict(self)}
+        del content["normal"]
+        normal = self.normal if with_labels else replace(self.normal, windows=self.normal.healthy)
+        if normal.windows:
+            content["normal"] = normal.as_mapping()
         for name in (*_ROWS, "unit_covariance"):
             content[name] = getattr(self, name).tolist()
         content["unit"] = self.unit._asdict()

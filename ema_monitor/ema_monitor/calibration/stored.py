@@ -5,7 +5,6 @@ import json
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
@@ -17,7 +16,6 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.windows.window import Window
 
 _HEAD_BYTES: Final = 200
@@ -38,7 +36,6 @@ class StoredCalibration(ABC):
     parameters: ActuatorParameters
     sample_period: float
     not_learned: Any
-    normal: UnitNormal
 
     @cached_property
     def calibration_id(self) -> str:
@@ -109,8 +106,6 @@ class StoredCalibration(ABC):
         made_as = entries.pop("calibration_id", None)
         del entries["format"]
         try:
-            if "normal" in entries:
-                entries["normal"] = UnitNormal.of_mapping(entries["normal"])
             loaded = cls._of_mapping(entries)
             found = loaded.calibration_id
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
@@ -126,17 +121,18 @@ class StoredCalibration(ABC):
         return loaded
 
     def _content(self, *, with_labels: bool = True) -> dict[str, Any]:
-        """Return the content of the file but for the identity, to the last bit."""
-        normal = self.normal if with_labels else replace(self.normal, windows=self.normal.healthy)
-        content = self._as_mapping()
-        del content["normal"]
+        """Return the content of the file but for the identity, to the last bit.
+
+        Labelled states are left out unless ``with_labels``.
+        """
+        content = self._as_mapping(with_labels=with_labels)
         if not self.parameters.lead:  # rotary ones keep the identity that they always had
             del content["parameters"]["lead"]
-        return content | ({"normal": normal.as_mapping()} if normal.windows else {})
+        return content
 
     @abstractmethod
-    def _as_mapping(self) -> dict[str, Any]:
-        """Return what the kind of calibration has."""
+    def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
+        """Return the entries of the file, without labelled states unless ``with_labels``."""
 
     @classmethod
     @abstractmethod

@@ -1,18 +1,19 @@
 """Baseline of a joint: its healthy records, and what they predict for a further one."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.record import NS_A_DAY, JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, DRY, GRAVITY, INERTIA, LOAD, VISCOUS, Shape
 from ema_monitor.joint.signals import Preparation
 
 BETWEEN_DAYS: Final = {
-    "friction": 0.007,
+    "friction": 0.008,
     "inertia": 0.007,
     "viscous_friction": 0.04,
     "viscous_of_friction": 0.004,
@@ -22,9 +23,7 @@ BETWEEN_DAYS: Final = {
 """Prior medians of the standard deviation between days: relative, of viscous friction also and of
 the load only as a share of the dry friction at the usual speed [-]."""
 
-BETWEEN_RECORDS: Final = 0.6
-"""Prior medians between records of a day, over those between days [-]."""
-
+_SAME_MOTION: Final = 0.05
 _FLOOR: Final = 1e-9
 
 
@@ -38,11 +37,14 @@ class Baseline:
         How records are prepared, and the terms of the model.
     records
         Healthy records.
+    labelled
+        Records in states that the owner has named.
     """
 
     preparation: Preparation
     shape: Shape
     records: tuple[JointRecord, ...] = field(repr=False)
+    labelled: tuple[LabelledRecord, ...] = field(default=(), repr=False)
 
     @cached_property
     def days(self) -> tuple[int, ...]:
@@ -71,6 +73,45 @@ class Baseline:
     def friction(self) -> float:
         """Healthy dry friction [A]."""
         return abs(self.shape.friction_scale * float(np.median(self.values[:, DRY])))
+
+    @cached_property
+    def repeats(self) -> bool:
+        """Whether the healthy records repeat one motion."""
+        motions = [(one.usual_speed, one.travel) for one in self.records]
+        least, most = np.min(motions, axis=0), np.max(motions, axis=0)
+        return len(motions) > 1 and bool(np.all(most <= (1.0 + _SAME_MOTION) * least))
+
+    def is_like(self, record: JointRecord) -> bool:
+        """Return whether a record has the speed and travel of the healthy ones."""
+        motions = np.array([(one.usual_speed, one.travel) for one in self.records])
+        own = np.array([record.usual_speed, record.travel])
+        slack = 1.0 + _SAME_MOTION
+        is_within = (own >= motions.min(axis=0) / slack) & (own <= motions.max(axis=0) * slack)
+        return bool(np.all(is_within))
+
+    def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
+        """Return the baseline with these labelled records and no others."""
+        return replace(self, labelled=tuple(labelled))
+
+    def extended(self, records: int, days: int) -> "Baseline":
+        """Return the baseline with further records that scatter as those so far.
+
+        Parameters
+        ----------
+        records
+            Number of further records.
+        days
+            Number of further days they are spread over; 0 for the last day so far.
+        """
+        own = self.values - self.healthy
+        added = []
+        for number in range(records):
+            like = self.records[number % len(self.records)]
+            after = 1 + number % days if days else 0
+            values = self.healthy + own[number % len(own)] * (-1.0) ** number
+            stamp_ns = self.records[-1].stamp_ns + after * NS_A_DAY
+            added.append(replace(like, stamp_ns=stamp_ns, values=values))
+        return replace(self, records=(*self.records, *added))
 
     @property
     def viscous_scale(self) -> float:

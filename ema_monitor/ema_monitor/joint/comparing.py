@@ -6,43 +6,38 @@ the one that leaves the least of the departure is named, unless others explain i
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_monitor.joint.baseline import BETWEEN_RECORDS, Baseline
+from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import (
     FRICTION,
     FRICTION_OVER_INERTIA,
     GRAVITY,
-    INERTIA,
     LOAD,
     PLAY,
     QUANTITIES,
     TORQUE,
     TRACKING,
-    VISCOUS,
     Comparison,
     FigureChange,
+    Improvement,
     Judgement,
     QuantityChange,
 )
-from ema_monitor.joint.figures import FIGURES
+from ema_monitor.joint.figures import FIGURES, OF_EFFORT
+from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.scatter import Prediction, Scatter
-from ema_monitor.joint.shape import COEFFICIENTS
-
-SIGNIFICANCE: Final = 1e-3
-"""Probability below which a healthy record differs in one quantity or figure."""
-
-POWER: Final = 0.9
-"""Probability with which the smallest detectable change is found."""
-
-INTERVAL: Final = (0.05, 0.95)
+from ema_monitor.joint.shape import COEFFICIENTS, DRY, INERTIA, VISCOUS
+from ema_monitor.joint.shape import LOAD as LOAD_AT
+from ema_monitor.joint.single import BETWEEN_RECORDS, Observation, SingleTest, is_known
+from ema_monitor.joint.states import state_probabilities
 
 _MODEL_TOLERANCE: Final = 0.1
 _RATIO_TOLERANCE: Final = 0.02
@@ -52,49 +47,36 @@ _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
 _PLAY_BETWEEN: Final = 0.05
 _LAG_BETWEEN: Final = 0.03
+_LAG_FLOOR: Final = 0.01
 _WIND_UP: Final = 0.5
-_NAN: Final = math.nan
+_VISIBLE: Final = 3.0
+_Z90: Final = 1.645
+_LEAST_RATIO: Final = 0.05
+_FEWEST_FOR_TEMPERATURE: Final = 6
+_TEMPERATURE_RANGE: Final = 3.0
+_TEMPERATURE_UNIT: Final = 10.0
+_TEMPERATURE_HELPS: Final = 0.95
+_MORE_DAYS: Final = 2
+_MORE_RECORDS: Final = 6
+_WORTH_IT: Final = 0.9
 _TINY: Final = 1e-12
-
-
-class Hypothesis(NamedTuple):
-    """A change that may explain a record: quantities that change, and columns, ``(5, k)``.
-
-    A column is the change of the coefficients for a change of 1 of its quantity: relative, or in
-    the unit of the effort.
-    """
-
-    quantities: tuple[str, ...]
-    columns: Array
-
-
-def hypotheses(baseline: Baseline) -> list[Hypothesis]:
-    """Return the changes that are considered for a joint."""
-    healthy, unit = baseline.healthy, np.eye(len(COEFFICIENTS))
-    dry, inertia, viscous, load, gravity = unit * np.where(unit.any(axis=1), 1.0, 0.0)
-    has_gravity = baseline.shape.has_gravity
-    viscous_scale = baseline.viscous_scale
-    found = [
-        Hypothesis((FRICTION,), (healthy[0] * dry)[:, None]),
-        Hypothesis((INERTIA,), (healthy[1] * inertia)[:, None]),
-        Hypothesis((VISCOUS,), (viscous_scale * viscous)[:, None]),
-        Hypothesis((LOAD,), load[:, None]),
-        # The effort that the same motion takes is inverse to the torque per ampere.
-        Hypothesis((TORQUE,), -healthy[:, None]),
-        Hypothesis((FRICTION, TORQUE), np.column_stack([healthy[0] * dry, -healthy])),
-    ]
-    if has_gravity:
-        found.append(Hypothesis((GRAVITY,), (healthy[4] * gravity)[:, None]))
-        payload = np.column_stack([healthy[4] * gravity, healthy[1] * inertia])
-        found.append(Hypothesis((GRAVITY, INERTIA), payload))
-    return found
 
 
 @dataclass(frozen=True)
 class Comparer:
-    """Compares records with a baseline."""
+    """Compares records with a baseline.
+
+    Attributes
+    ----------
+    baseline
+        Healthy records of the unit.
+    effort_unit, effort_scale
+        Unit in which a load is reported, and its size for 1 A.
+    """
 
     baseline: Baseline
+    effort_unit: str = "A"
+    effort_scale: float = 1.0
 
     def compare(self, record: JointRecord) -> Comparison:
         """Return what has changed in a record."""
@@ -124,25 +106,81 @@ class Comparer:
         share = (_NOISE_FREEDOM * expected + observed) / ((_NOISE_FREEDOM + freedom) * expected)
         return np.sqrt(np.minimum(share, 1.0))
 
-    def covariance(self, covariance: Array) -> Array:
+    def error(self, covariance: Array) -> Array:
         """Return the covariance of the error of a record, as healthy records confirm it."""
         return covariance * np.outer(self.noise, self.noise)
 
     @cached_property
-    def between(self) -> Array:
-        """Variance of each coefficient between records of different days, ``(5,)``."""
-        unit = np.eye(len(COEFFICIENTS))
-        return np.array([self.scatter(one).variance for one in unit])
+    def errors(self) -> Array:
+        """Covariances of the errors of the healthy records, ``(n, 5, 5)``."""
+        return np.array([self.error(one) for one in self.baseline.covariances])
+
+    @cached_property
+    def spread(self) -> Array:
+        """Covariance of what differs between a typical record and the healthy mean, ``(5, 5)``."""
+        days, count = len(set(self.baseline.days)), len(self.baseline.records)
+        between = [self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))]
+        return np.diag(between) * (1.0 + 1.0 / days) + np.mean(self.errors, axis=0) / count
 
     def scatter(self, weights: Array) -> Scatter:
         """Return the scatter of a linear combination of the coefficients, weights ``(5,)``."""
         baseline = self.baseline
-        errors = np.array([self.covariance(one) for one in baseline.covariances])
-        variances = np.einsum("i,nij,j->n", weights, errors, weights)
+        values = baseline.values @ weights
         days = math.sqrt(float(weights**2 @ baseline.prior_sigmas**2))
-        return Scatter(
-            baseline.values @ weights, variances, baseline.days, BETWEEN_RECORDS * days, days
-        )
+        covariates = None
+        if self._temperatures is not None and _helps(values, self._temperatures):
+            covariates = self._temperatures[:, None]
+        variances = np.einsum("i,nij,j->n", weights, self.errors, weights)
+        return Scatter(values, variances, baseline.days, BETWEEN_RECORDS * days, days, covariates)
+
+    def temperature(self, record: JointRecord) -> Array | None:
+        """Return the temperature of a record as a covariate; None where it is not used."""
+        if self._temperatures is None:
+            return None
+        away = record.temperature - self._mean_temperature
+        return np.array([away / _TEMPERATURE_UNIT]) if math.isfinite(away) else np.zeros(1)
+
+    @cached_property
+    def _mean_temperature(self) -> float:
+        return float(np.mean([one.temperature for one in self.baseline.records]))
+
+    @cached_property
+    def _temperatures(self) -> Array | None:
+        """Temperatures of the records as a covariate, ``(n,)``; None where they say too little."""
+        measured = np.array([one.temperature for one in self.baseline.records])
+        if len(measured) < _FEWEST_FOR_TEMPERATURE or not np.all(np.isfinite(measured)):
+            return None
+        if np.ptp(measured) < _TEMPERATURE_RANGE:
+            return None
+        return (measured - self._mean_temperature) / _TEMPERATURE_UNIT
+
+    @cached_property
+    def smallest_changes(self) -> Mapping[str, float]:
+        """Smallest change of each quantity that a record of another day would show."""
+        return {one.name: one.smallest_change for one in _Test(self, self._typical).alone()}
+
+    @cached_property
+    def smallest_changes_of_a_day(self) -> Mapping[str, float]:
+        """Smallest changes on a day that has healthy records."""
+        record = replace(self._typical, stamp_ns=self.baseline.records[-1].stamp_ns)
+        return {one.name: one.smallest_change for one in _Test(self, record).alone()}
+
+    @property
+    def _typical(self) -> JointRecord:
+        """A healthy record of no day."""
+        mean = np.mean(self.baseline.covariances, axis=0)
+        speed = self.baseline.preparation.usual_speed
+        return JointRecord(0, self.baseline.healthy, mean, speed, temperature=math.nan)
+
+    @cached_property
+    def improvements(self) -> tuple[Improvement, ...]:
+        """Further healthy records that would lower the smallest change of friction."""
+        now, found = self.smallest_changes[FRICTION], []
+        for days in (0, _MORE_DAYS):
+            lower = Comparer(self.baseline.extended(_MORE_RECORDS, days)).smallest_changes[FRICTION]
+            if lower < _WORTH_IT * now:
+                found.append(Improvement(FRICTION, days, _MORE_RECORDS, lower))
+        return tuple(sorted(found, key=lambda one: one.smallest_change)[:1])
 
 
 class _Test:
@@ -151,75 +189,75 @@ class _Test:
     def __init__(self, comparer: Comparer, record: JointRecord) -> None:
         self._comparer, self._record = comparer, record
         self._baseline = comparer.baseline
-        self._error = comparer.covariance(record.covariance)
+        self._error = comparer.error(record.covariance)
         self._departure = record.values - self._baseline.healthy
-        count = len(self._baseline.records)
-        mean_error = np.mean(self._baseline.covariances, axis=0)
-        spread = np.diag(comparer.between) * (1.0 + 1.0 / len(set(self._baseline.days)))
-        self._total = spread + self._error + comparer.covariance(mean_error) / count
-
-    def predicted(self, weights: Array) -> Prediction:
-        """Return the prediction of a combination of the coefficients of this record."""
-        error = float(weights @ self._error @ weights)
-        return self._comparer.scatter(weights).predict(error, self._record.day)
-
-    def _weights(self, columns: Array, covariance: Array) -> Array:
-        """Return the weights that estimate the parameters of a change best, ``(k, 5)``."""
-        inverse = np.linalg.pinv(covariance, hermitian=True, rcond=1e-14)
-        return np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
+        self._total = comparer.spread + self._error
 
     def result(self) -> Comparison:
         """Return the comparison."""
-        tests = [
-            (one, self._alone(one)) for one in self._comparer.hypotheses if len(one.quantities) == 1
-        ]
-        probability = {one.quantities[0]: p for one, (_, p) in tests}
-        figures, figure_probability = self._figures()
+        singles = [one for one in self._comparer.hypotheses if len(one.quantities) == 1]
+        tests = {one.quantities[0]: self._along(self._weights(one)) for one in singles}
         play, play_probability = self._play()
-        tracking = self._tracking()
-        worst = min([*probability.values(), figure_probability, play_probability])
-        tolerant = self._tolerant()
         named: tuple[str, ...] = ()
         rivals: tuple[str, ...] = ()
-        if min(probability.values()) < SIGNIFICANCE and play.judgement is not Judgement.CHANGED:
-            named, rivals = self._explanation(tolerant)
-        quantities = [
-            self._quantity(one.quantities[0], alone, named, rivals, tolerant)
-            for one, alone in tests
+        least = min(test.probability for test in tests.values())
+        departs = any(test.is_significant for test in tests.values())
+        if departs and play.judgement is not Judgement.CHANGED:
+            named, rivals = self._explanation()
+        quantities = {name: self._judged(name, test, named, rivals) for name, test in tests.items()}
+        quantities[PLAY], quantities[TRACKING] = play, self._tracking()
+        quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
+        if GRAVITY not in quantities:
+            reason = "the healthy records show no gravity"
+            quantities[GRAVITY] = QuantityChange(GRAVITY, Judgement.NOT_JUDGED, reason=reason)
+        figures, figure_probability = self._figures(quantities[FRICTION])
+        count = len(tests) + len(FIGURES) + 1
+        probability = min(1.0, count * min(least, figure_probability, play_probability))
+        states = state_probabilities(self._baseline, self._record)
+        ordered = tuple(quantities[name] for name in QUANTITIES)
+        improvements = self._comparer.improvements
+        return Comparison(ordered, figures, probability, states or None, improvements)
+
+    def alone(self) -> list[QuantityChange]:
+        """Return the changes of the quantities of the coefficients, with none of them named."""
+        singles = [one for one in self._comparer.hypotheses if len(one.quantities) == 1]
+        return [
+            self._judged(one.quantities[0], self._along(self._weights(one)), (), ())
+            for one in singles
         ]
-        by_name = {one.name: one for one in quantities}
-        by_name[PLAY], by_name[TRACKING] = play, tracking
-        by_name[FRICTION_OVER_INERTIA] = self._friction_over_inertia()
-        if GRAVITY not in by_name:
-            reason = "the motion of the healthy records shows no gravity"
-            by_name[GRAVITY] = QuantityChange(GRAVITY, Judgement.NOT_JUDGED, reason=reason)
-        ordered = tuple(by_name[name] for name in QUANTITIES)
-        return Comparison(ordered, figures, worst)
 
-    def _alone(self, hypothesis: Hypothesis) -> tuple[Array, float]:
-        """Return the weights of a change alone, and how likely a healthy record differs so."""
-        weights = self._weights(hypothesis.columns, self._total)[0]
-        x = float(weights @ self._record.values)
-        return weights, self.predicted(weights).probability(x)
+    def _weights(self, hypothesis: Hypothesis, covariance: Array | None = None) -> Array:
+        """Return the weights that estimate the first parameter of a change best, ``(5,)``."""
+        return _best_weights(hypothesis.columns, self._total if covariance is None else covariance)[
+            0
+        ]
 
+    def _along(self, weights: Array) -> SingleTest:
+        """Return the test of a combination of the coefficients."""
+        error = float(weights @ self._error @ weights)
+        covariates = self._comparer.temperature(self._record)
+        scatter = self._comparer.scatter(weights)
+        prediction: Prediction = scatter.predict(error, self._record.day, covariates)
+        return SingleTest(float(weights @ self._record.values), prediction)
+
+    @cached_property
     def _tolerant(self) -> Array:
-        """Return the covariance with what the model may miss beside changed friction, ``(5, 5)``."""
+        """Covariance with what the model may miss beside changed friction, ``(5, 5)``."""
         baseline = self._baseline
-        change = abs(self._departure[0] / baseline.healthy[0])
+        change = abs(self._departure[DRY] / baseline.healthy[DRY])
         scales = np.abs(baseline.healthy)
-        scales[2] = _VISCOUS_TOLERANCE * baseline.friction / baseline.preparation.usual_speed
-        scales[3] = baseline.friction
-        scales[0] = 0.0
+        scales[VISCOUS] = _VISCOUS_TOLERANCE * baseline.friction / baseline.preparation.usual_speed
+        scales[LOAD_AT] = baseline.friction
+        scales[DRY] = 0.0
         return self._total + np.diag((_MODEL_TOLERANCE * change * scales) ** 2)
 
-    def _explanation(self, covariance: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the quantities that explain the departure, and those that explain it as well."""
-        inverse = np.linalg.pinv(covariance, hermitian=True, rcond=1e-14)
+        inverse = np.linalg.pinv(self._tolerant, hermitian=True, rcond=1e-14)
         costs = []
         for one in self._comparer.hypotheses:
-            left = self._departure - one.columns @ (
-                self._weights(one.columns, covariance) @ self._departure
-            )
+            parameters = _best_weights(one.columns, self._tolerant) @ self._departure
+            left = self._departure - one.columns @ parameters
             costs.append(float(left @ inverse @ left) + _FOR_A_PARAMETER * one.columns.shape[1])
         order = np.argsort(costs)
         best = self._comparer.hypotheses[int(order[0])]
@@ -228,188 +266,176 @@ class _Test:
             other = self._comparer.hypotheses[int(at)]
             if costs[at] - costs[order[0]] >= _TOLD_APART:
                 break
-            if set(best.quantities) < set(other.quantities):
-                continue
-            rivals += [name for name in other.quantities if name not in best.quantities]
+            if not set(best.quantities) < set(other.quantities):
+                rivals += [name for name in other.quantities if name not in best.quantities]
         return best.quantities, tuple(dict.fromkeys(rivals))
 
-    def _quantity(
-        self,
-        name: str,
-        alone: tuple[Array, float],
-        named: tuple[str, ...],
-        rivals: tuple[str, ...],
-        tolerant: Array,
+    def _judged(
+        self, name: str, test: SingleTest, named: tuple[str, ...], rivals: tuple[str, ...]
     ) -> QuantityChange:
         """Return the change of a quantity, beside those that are named."""
-        others = [one for one in named if one != name]
-        columns = [
-            one.columns[:, 0]
-            for key in (name, *others)
-            for one in self._comparer.hypotheses
-            if one.quantities == (key,)
-        ]
-        scale, unit = self._scale(name)
-        smallest = abs(self.predicted(alone[0]).smallest_change(SIGNIFICANCE, POWER) / scale)
-        weights = self._weights(np.column_stack(columns), tolerant)[0] if named else alone[0]
-        prediction = self.predicted(weights)
-        x = float(weights @ self._record.values)
-        low, high = (x - prediction.quantile(share) for share in reversed(INTERVAL))
-        change = x - prediction.mean
-        extra = _RATIO_TOLERANCE * abs(change) * 1.645
-        low, high = (
+        smallest = test.smallest_change
+        if named:
+            columns = [
+                one.columns[:, 0]
+                for key in dict.fromkeys((name, *named))
+                for one in self._comparer.hypotheses
+                if one.quantities == (key,)
+            ]
+            test = self._along(_best_weights(np.column_stack(columns), self._tolerant)[0])
+        change, (low, high) = test.change, test.interval
+        extra = _Z90 * _RATIO_TOLERANCE * abs(change)
+        figures = (
+            change,
             change - math.hypot(change - low, extra),
             change + math.hypot(high - change, extra),
+            smallest,
         )
-        values = sorted((low / scale, high / scale))
-        change = change / scale
+        unit = "-"
+        if name == LOAD:
+            unit = self._comparer.effort_unit
+            figures = tuple(self._comparer.effort_scale * one for one in figures)
         if name == TORQUE:  # the columns are linear in the effort, the quantity is its inverse
-            change, values = _inverse(change), sorted(_inverse(one) for one in values)
+            change, low, high = map(_inverse, figures[:3])
+            figures = change, *sorted((low, high)), smallest
         if name in named:
-            judgement, reason, found = Judgement.CHANGED, "", rivals
-        elif name in rivals:
-            label = " and ".join(QUANTITIES[one].label for one in named)
-            judgement, found = Judgement.NOT_JUDGED, named
-            reason = f"this motion cannot tell it apart from {label}"
-        else:
-            judgement, reason, found = Judgement.UNCHANGED, "", ()
-        return QuantityChange(name, judgement, change, *values, smallest, unit, reason, found)
+            return QuantityChange(name, Judgement.CHANGED, *figures, unit, "", rivals)
+        if name in rivals:
+            labels = " and ".join(QUANTITIES[one].label for one in named)
+            reason = f"this motion cannot tell it apart from {labels}"
+            return QuantityChange(name, Judgement.NOT_JUDGED, *figures, unit, reason, named)
+        return QuantityChange(name, Judgement.UNCHANGED, *figures, unit)
 
-    def _scale(self, name: str) -> tuple[float, str]:
-        """Return what a parameter of 1 is in the unit of a change, and that unit."""
-        return (1.0, "A") if name == LOAD else (1.0, "-")
+    def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:
+        """Return the change of friction over inertia: that of the coefficient of friction.
 
-    def _friction_over_inertia(self) -> QuantityChange:
-        """Return the change of friction over inertia, which a self-locking gear leaves alone."""
-        baseline = self._baseline
-        healthy = baseline.healthy
+        In a self-locking gear friction raises the inertia and the gravity at the motor as well.
+        """
+        healthy = self._baseline.healthy
         weights = np.zeros(len(healthy))
-        weights[0], weights[1] = 1.0 / healthy[0], -1.0 / healthy[1]
-        prediction = self.predicted(weights)
-        ratio = (self._record.values[0] / healthy[0]) / (self._record.values[1] / healthy[1])
-        sigma = math.hypot(prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
-        low, high = (ratio * math.exp(way * 1.645 * sigma) - 1.0 for way in (-1.0, 1.0))
-        smallest = prediction.smallest_change(SIGNIFICANCE, POWER)
-        is_changed = prediction.probability(float(weights @ self._record.values)) < SIGNIFICANCE
+        weights[DRY], weights[INERTIA] = 1.0 / healthy[DRY], -1.0 / healthy[INERTIA]
+        test = self._along(weights)
+        relative = self._record.values / healthy
+        ratio = float(relative[DRY] / max(relative[INERTIA], _LEAST_RATIO))
+        sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
+        low, high = (ratio * math.exp(way * _Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
+        is_changed = bool(named) and test.is_significant
         judgement = Judgement.CHANGED if is_changed else Judgement.UNCHANGED
-        return QuantityChange(FRICTION_OVER_INERTIA, judgement, ratio - 1.0, low, high, smallest)
+        figures = ratio - 1.0, low, high, test.smallest_change
+        return QuantityChange(FRICTION_OVER_INERTIA, judgement, *figures)
 
     def _play(self) -> tuple[QuantityChange, float]:
-        """Return the change of the play, and its probability in a healthy record.
+        """Return the change of the play, and how likely a healthy record shows as much.
 
-        Lost motion grows with friction by the wind-up of the gear: play is changed only beyond the
+        Lost motion grows with friction by the wind-up of the gear: play has changed only beyond the
         healthy lost motion times the friction ratio.
         """
-        records = [one for one in self._baseline.records if math.isfinite(one.lost_motion)]
         own = self._record
+        healthy = [
+            Observation(one.lost_motion, one.lost_motion_sigma, one.day)
+            for one in self._baseline.records
+            if is_known(one.lost_motion, one.lost_motion_sigma)
+        ]
+        values = np.array([one.value for one in healthy])
+        mean = float(np.mean(values)) if len(values) else 0.0
         reason = ""
-        if not records:
-            reason = "it needs a speed measured at the motor and a position at the joint"
-        elif not math.isfinite(own.lost_motion):
+        if not healthy:
+            reason = "it needs the speed of the motor and the position of the joint"
+        elif mean < _VISIBLE * (np.std(values) + np.mean([one.sigma for one in healthy])):
+            reason = (
+                "no play is visible in the healthy records: both sensors are on one side, or a "
+                "constant load closes the play"
+            )
+        elif not is_known(own.lost_motion, own.lost_motion_sigma):
             reason = "too few reversals"
-        values = np.array([one.lost_motion for one in records])
-        mean = float(np.mean(values)) if records else 0.0
-        if not reason and not mean > 0.0:
-            reason = "the position follows the motor, as if both were measured on one side"
         if reason:
             return QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason), 1.0
-        errors = np.array([one.lost_motion_sigma for one in records]) ** 2
-        between = _PLAY_BETWEEN * mean
-        prediction = Scatter(
-            values, errors, [one.day for one in records], BETWEEN_RECORDS * between, between
-        ).predict(own.lost_motion_sigma**2, own.day)
-        probability = prediction.probability(own.lost_motion)
-        ratio = max(1.0, own.values[0] / self._baseline.healthy[0])
-        wind_up = mean * (ratio - 1.0)
-        beyond = prediction.probability(own.lost_motion - wind_up)
-        change = own.lost_motion - prediction.mean
-        sigma = math.hypot(prediction.sigma, _WIND_UP * wind_up)
-        low, high = change - wind_up - 1.645 * prediction.sigma, change + 1.645 * sigma
-        smallest = prediction.smallest_change(SIGNIFICANCE, POWER) / mean
-        is_changed = probability < SIGNIFICANCE and (
-            (beyond < SIGNIFICANCE and own.lost_motion - wind_up > mean) or change < 0.0
-        )
-        return (
-            QuantityChange(
-                PLAY,
-                Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
-                change / mean,
-                low / mean,
-                high / mean,
-                smallest,
-            ),
-            probability if is_changed else 1.0,
-        )
+        observed = Observation(own.lost_motion, own.lost_motion_sigma, own.day)
+        test = SingleTest.of(observed, healthy, _PLAY_BETWEEN * mean)
+        friction = own.values[DRY] / self._baseline.healthy[DRY]
+        wind_up = mean * max(friction - 1.0, 0.0)
+        rest = test.less(wind_up)
+        if test.change < 0.0 and test.is_significant:
+            return QuantityChange(PLAY, Judgement.NOT_JUDGED, reason="a load closes the play"), 1.0
+        is_changed = rest.change > 0.0 and rest.is_significant
+        low, high = test.interval
+        figures = (test.change, low - _WIND_UP * wind_up, high, test.smallest_change)
+        judgement = Judgement.CHANGED if is_changed else Judgement.UNCHANGED
+        change = QuantityChange(PLAY, judgement, *(one / mean for one in figures))
+        return change, test.probability if is_changed else 1.0
 
     def _tracking(self) -> QuantityChange:
         """Return the change of the tracking lag."""
-        records = [one for one in self._baseline.records if math.isfinite(one.lag_s)]
         own = self._record
-        if not records or not math.isfinite(own.lag_s):
+        healthy = [
+            Observation(one.lag_s, one.lag_sigma, one.day)
+            for one in self._baseline.records
+            if is_known(one.lag_s, one.lag_sigma)
+        ]
+        if not healthy or not is_known(own.lag_s, own.lag_sigma):
             reason = "there is no position command"
             return QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason)
-        values = np.array([one.lag_s for one in records])
-        mean = abs(float(np.mean(values)))
-        errors = np.array([one.lag_sigma for one in records]) ** 2
-        between = _LAG_BETWEEN * mean + _TINY
-        prediction = Scatter(
-            values, errors, [one.day for one in records], BETWEEN_RECORDS * between, between
-        ).predict(own.lag_sigma**2, own.day)
-        is_changed = prediction.probability(own.lag_s) < SIGNIFICANCE
-        low, high = (own.lag_s - prediction.quantile(share) for share in reversed(INTERVAL))
-        return QuantityChange(
-            TRACKING,
-            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
-            (own.lag_s - prediction.mean) / mean,
-            low / mean,
-            high / mean,
-            prediction.smallest_change(SIGNIFICANCE, POWER) / mean,
-        )
+        floor = _LAG_FLOOR / self._baseline.preparation.cutoff_hz
+        mean = abs(float(np.mean([one.value for one in healthy])))
+        between = math.hypot(_LAG_BETWEEN * mean, _LAG_BETWEEN * floor)
+        observed = Observation(own.lag_s, own.lag_sigma, own.day)
+        test = SingleTest.of(observed, healthy, between)
+        is_changed = test.is_significant and abs(test.change) > floor
+        figures = (test.change, *test.interval, max(test.smallest_change, floor))
+        judgement = Judgement.CHANGED if is_changed else Judgement.UNCHANGED
+        return QuantityChange(TRACKING, judgement, *(one / max(mean, floor) for one in figures))
 
-    def _figures(self) -> tuple[tuple[FigureChange, ...], float]:
-        """Return the figures that depart, and the smallest probability of any."""
+    def _figures(self, friction: QuantityChange) -> tuple[tuple[FigureChange, ...], float]:
+        """Return the model-free figures that depart, and the smallest probability of any.
+
+        They depend on the motion: a record of another motion is not compared, and records whose
+        motion does not repeat scatter more. An effort that has grown scatters more in proportion.
+        """
+        baseline, own = self._baseline, self._record
+        if not baseline.is_like(own):
+            return (), 1.0
+        grown = 0.0
+        if friction.judgement is Judgement.CHANGED:
+            grown = math.log1p(max(friction.change, 0.0))
         found: list[FigureChange] = []
         least = 1.0
         for name, figure in FIGURES.items():
-            value = self._record.figures.get(name)
-            records = [one for one in self._baseline.records if name in one.figures]
-            if value is None or not records:
+            healthy = [
+                Observation(one.figures[name], 0.0, one.day)
+                for one in baseline.records
+                if name in one.figures
+            ]
+            if name not in own.figures or not healthy:
                 continue
-            values = np.array([one.figures[name] for one in records])
-            scatter = Scatter(
-                values,
-                np.zeros(len(values)),
-                [one.day for one in records],
-                figure.between_records,
-                figure.between_days,
-            )
-            prediction = scatter.predict(0.0, self._record.day)
-            probability = prediction.probability(value)
-            least = min(least, probability)
-            if probability < SIGNIFICANCE:
-                ratio = math.exp(value - prediction.mean)
-                found.append(FigureChange(name, ratio, probability))
+            between = figure.repeated if baseline.repeats else figure.varied
+            test = SingleTest.of(Observation(own.figures[name], 0.0, own.day), healthy, between)
+            if name in OF_EFFORT:
+                test = test.less(min(grown, max(test.change, 0.0)))
+            least = min(least, test.probability)
+            if test.is_significant:
+                found.append(FigureChange(name, math.exp(test.change), test.probability))
         return tuple(sorted(found, key=lambda one: one.probability)), least
+
+
+def _best_weights(columns: Array, covariance: Array) -> Array:
+    """Return the weights of generalised least squares for each column, ``(k, 5)``."""
+    inverse = np.linalg.pinv(covariance, hermitian=True, rcond=1e-14)
+    return np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
 
 
 def _inverse(change: float) -> float:
     """Return the relative change of a quantity whose inverse changes by ``-change``."""
-    return 1.0 / max(1.0 - change, 0.05) - 1.0
+    return 1.0 / max(1.0 - change, _LEAST_RATIO) - 1.0
 
 
-def smallest_changes(baseline: Baseline) -> Iterator[tuple[str, float]]:
-    """Yield the smallest change of each quantity that a record like the healthy ones would show."""
-    comparer = Comparer(baseline)
-    record = baseline.records[0]
-    typical = JointRecord(
-        0, baseline.healthy, np.mean(baseline.covariances, axis=0), record.usual_speed
-    )
-    test = _Test(comparer, typical)
-    for one in comparer.hypotheses:
-        if len(one.quantities) == 1:
-            weights, _ = test._alone(one)
-            scale, _ = test._scale(one.quantities[0])
-            smallest = test.predicted(weights).smallest_change(SIGNIFICANCE, POWER)
-            yield one.quantities[0], abs(smallest / scale)
+def _helps(values: Array, temperatures: Array) -> bool:
+    """Return whether the temperature improves the prediction of records left out."""
 
+    def missed(design: Array) -> float:
+        hat = design @ np.linalg.pinv(design)
+        left = values - hat @ values
+        return float(np.sum((left / np.maximum(1.0 - np.diag(hat), _TINY)) ** 2))
 
+    constant = np.ones((len(values), 1))
+    both = np.column_stack([constant, temperatures])
+    return missed(both) < _TEMPERATURE_HELPS * missed(constant)

@@ -241,3 +241,10 @@ class Comparison:
             for one in content["improvements"]
         )
         return cls(quantities, figures, number(content["probability"]), states, improvements)
+
+
+def not_judged(reason: str) -> Comparison:
+    """Return the comparison of a record from which no quantity can be judged."""
+    return Comparison(
+        tuple(QuantityChange(name, Judgement.NOT_JUDGED, reason=reason) for name in QUANTITIES)
+    )

@@ -15,21 +15,33 @@ WAYS: Final = ("forward", "backward")
 
 
 class Figure(NamedTuple):
-    """A model-free figure: its label, and prior standard deviations of its logarithm [-]."""
+    """A model-free figure.
+
+    Attributes
+    ----------
+    label
+        Name in words.
+    repeated, varied
+        Prior median of the standard deviation of its logarithm between days [-], where the motion
+        repeats and where it does not.
+    """
 
     label: str
-    between_records: float
-    between_days: float
+    repeated: float
+    varied: float
 
 
 FIGURES: Final = {
-    "effort_scatter": Figure("scatter of the effort", 0.02, 0.024),
-    "effort_roughness": Figure("roughness of the effort", 0.016, 0.02),
-    "error_scatter": Figure("scatter of the tracking error", 0.02, 0.024),
-    "error_roughness": Figure("roughness of the tracking error", 0.016, 0.02),
-    "rest_effort": Figure("effort at rest", 0.008, 0.008),
+    "effort_scatter": Figure("scatter of the effort", 0.024, 0.1),
+    "effort_roughness": Figure("roughness of the effort", 0.02, 0.08),
+    "error_scatter": Figure("scatter of the tracking error", 0.024, 0.1),
+    "error_roughness": Figure("roughness of the tracking error", 0.02, 0.08),
+    "rest_effort": Figure("effort at rest", 0.01, 0.03),
 }
 """Figures that are compared, by name: logarithms, means of both directions."""
+
+OF_EFFORT: Final = ("effort_scatter", "effort_roughness")
+"""Figures that grow with the effort."""
 
 DIRECTED: Final = tuple(
     f"{name}_{way}"

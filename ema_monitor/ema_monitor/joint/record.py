@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
+
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
@@ -30,8 +32,8 @@ class JointRecord:
     values, covariance
         Coefficients, ``(5,)``, in the order of ``COEFFICIENTS``, and the covariance of their
         error, ``(5, 5)``.
-    usual_speed
-        95 % quantile of the speed [rad/s].
+    usual_speed, travel
+        95 % quantile of the speed [rad/s], and travel of the position [rad].
     figures
         Model-free figures by name; scatters are logarithms.
     lag_s, lag_sigma
@@ -46,6 +48,7 @@ class JointRecord:
     values: Array
     covariance: Array
     usual_speed: float
+    travel: float = math.nan
     figures: dict[str, float] = field(default_factory=dict)
     lag_s: float = math.nan
     lag_sigma: float = math.nan
@@ -57,6 +60,14 @@ class JointRecord:
     def day(self) -> int:
         """Day of the record, counted from 1970."""
         return self.stamp_ns // NS_A_DAY
+
+
+@dataclass(frozen=True)
+class LabelledRecord:
+    """A record in a state that the owner has named."""
+
+    state: str
+    record: JointRecord
 
 
 def defect_of(signals: Signals, preparation: Preparation) -> str:
@@ -119,6 +130,7 @@ def read_record(
         fit.values,
         fit.covariance,
         signals.usual_speed,
+        float(np.ptp(telemetry.position)),
         figures,
         *lag,
         *lost,

@@ -20,6 +20,7 @@ STRIBECK_SPEEDS: Final = (0.06, 0.12, 0.24)
 
 # A Gaussian of this standard deviation times 1 / f passes 71 % of the amplitude at f.
 _SIGMA_CUTOFF: Final = 0.1325
+_LEEWAY: Final = 1.2
 _OF_MOTION: Final = 2.5
 _POWER: Final = 0.95
 _FINE: Final = 20.0
@@ -52,6 +53,11 @@ class Preparation(NamedTuple):
     lag_s: float
     usual_speed: float
     is_signed: bool
+
+    @property
+    def highest_period(self) -> float:
+        """Longest sample period at which the filter can be applied [s]."""
+        return HIGHEST_SHARE * _LEEWAY / self.cutoff_hz
 
 
 @dataclass(frozen=True)

@@ -159,10 +159,9 @@ class WindowFinder:
             return ""
         lost = f" ({counted(self.lost_samples, 'sample')} lost)" if self.lost_samples else ""
         if self.finds_records:
-            return (
-                f"a record needs {LEAST_MOTION_S:g} s of motion, and there are never more than "
-                f"{self._longest_run * self._sample_period:.2g} s without a gap{lost}"
-            )
+            longest = f"{self._longest_run * self._sample_period:.2g} s"
+            pieces = f"at most {longest} without a gap{lost}" if lost else f"only {longest}"
+            return f"a record needs {LEAST_MOTION_S:g} s of motion, and the telemetry has {pieces}"
         return (
             f"a window of {self.window_s:g} s has {samples} samples after its start, and there are "
             f"never more than {self._longest_run} samples without a gap{lost}"

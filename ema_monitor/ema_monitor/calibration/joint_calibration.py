@@ -1,0 +1,249 @@
+"""Calibration of a unit whose controller is not modelled: the baseline of its healthy records."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+
+from ema_core.description import ActuatorDescription
+from ema_core.linear import Shown
+from ema_core.parameters import ActuatorParameters
+from ema_core.wording import counted
+from ema_monitor.calibration.stored import StoredCalibration, numbers
+from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.comparing import Comparer
+from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.joint.learning import learn
+from ema_monitor.joint.record import JointRecord, LabelledRecord
+from ema_monitor.joint.shape import COEFFICIENTS, Shape
+from ema_monitor.joint.signals import Preparation
+from ema_monitor.windows.window import Window
+
+_USED: Final = ("tau", "k_t", "lead")
+_N: Final = len(COEFFICIENTS)
+
+
+@dataclass(frozen=True, eq=False)
+class JointCalibration(StoredCalibration):
+    """Baseline of a unit, and the unit that it belongs to.
+
+    Attributes
+    ----------
+    actuator_id, serial_number
+        The unit.
+    parameters
+        Those described; the gear ratio, the torque constant and the lead are used, to convert
+        between the motor, the user shaft and the rod.
+    sample_period
+        Period of the telemetry of the healthy records [s].
+    speed_measured
+        Whether the speed was measured.
+    baseline
+        Healthy records, and the model that they were fitted with.
+    """
+
+    FORMAT: ClassVar = "joint_1"
+
+    form = "joint"
+    """There are no kernels to compile for it."""
+
+    unit_parameters = None
+    """Nothing is known of the unit in the units of the parameters."""
+
+    actuator_id: str
+    serial_number: str
+    parameters: ActuatorParameters
+    sample_period: float
+    speed_measured: bool
+    baseline: Baseline = field(repr=False)
+
+    @property
+    def windows(self) -> int:
+        """Number of healthy records."""
+        return len(self.baseline.records)
+
+    @cached_property
+    def comparer(self) -> Comparer:
+        """What compares a record with the baseline."""
+        unit, scale = self.effort_shown
+        return Comparer(self.baseline, unit, scale)
+
+    @property
+    def effort_shown(self) -> Shown:
+        """Unit in which a load is reported, and its size for 1 A.
+
+        It is a force with a lead, a torque of the joint with a gear ratio or a torque constant.
+        """
+        parameters = self.parameters
+        if parameters.tau == 1.0 and parameters.k_t == 1.0 and not parameters.lead:
+            return Shown("A", 1.0)
+        torque = parameters.k_t / parameters.tau
+        if parameters.lead:
+            return Shown("N", torque * 2.0 * math.pi / parameters.lead)
+        return Shown("N.m", torque)
+
+    @property
+    def torque_scale(self) -> float:
+        """Torque at the motor for a load of 1 in the unit of ``effort_shown`` [N.m]."""
+        return self.parameters.k_t / self.effort_shown.scale
+
+    @property
+    def not_learned(self) -> tuple[str, ...]:
+        """Names of the quantities that no healthy record shows; none: each record tells its own."""
+        return ()
+
+    def __str__(self) -> str:
+        baseline = self.baseline
+        days = counted(len(set(baseline.days)), "day")
+        friction = self.comparer.smallest_changes[FRICTION]
+        return (
+            f"calibration {self.calibration_id} of {self.actuator_id} (controller not modelled) "
+            f"from {counted(self.windows, 'record')} on {days}: "
+            f"friction {self.effort_shown.text(baseline.friction)}, "
+            f"inertia {baseline.healthy[1]:.4g} A.s^2/rad, changes of Coulomb friction above "
+            f"{100.0 * friction:.2g} % would show"
+        )
+
+    def with_labels_of(self, other: "JointCalibration") -> Self:
+        """Return the calibration with the labelled records of one that it replaces."""
+        return replace(self, baseline=self.baseline.with_labels(other.baseline.labelled))
+
+    @property
+    def residual_in_words(self) -> str:
+        """Standard error of the friction of a healthy record."""
+        sigma = math.sqrt(float(np.median(self.baseline.covariances[:, 0, 0])))
+        return f"friction of a record ± {100.0 * sigma:.2g} %"
+
+    def of_any_motion(self) -> Self:
+        """Return what holds under any command, which is all."""
+        return self
+
+    def shape_mismatch(self, window: Window) -> str:
+        """Return why the samples of a record cannot be compared; empty when they can.
+
+        Records of another sample rate are filtered to the same band.
+        """
+        highest = self.baseline.preparation.highest_period
+        if window.sample_period <= highest:
+            return ""
+        return (
+            f"the sample period is {window.sample_period:g} s, at most {highest:.3g} s can be "
+            "compared with the healthy records: record at a higher rate, or calibrate at this one"
+        )
+
+    def unit_mismatch(self, description: ActuatorDescription) -> str:
+        """Return why this calibration does not fit a described actuator; empty when it does."""
+        reasons = []
+        if description.drive != "unknown":
+            reasons.append(
+                f"the actuator has drive = {description.drive}, the calibration is of a unit "
+                "whose controller is not modelled"
+            )
+        if description.acquisition.speed != self.speed_measured:
+            reasons.append("the speed is measured in either telemetry or calibration, not in both")
+        return "; ".join(reasons + self._mismatches(description, _USED))
+
+    def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
+        baseline = self.baseline
+        content: dict[str, Any] = {
+            "format": self.FORMAT,
+            "actuator_id": self.actuator_id,
+            "serial_number": self.serial_number,
+            "parameters": self.parameters.as_mapping(),
+            "sample_period": self.sample_period,
+            "speed_measured": self.speed_measured,
+            "preparation": baseline.preparation._asdict(),
+            "shape": asdict(baseline.shape),
+            "records": [_record_mapping(one) for one in baseline.records],
+        }
+        if with_labels and baseline.labelled:
+            content["labelled"] = [
+                {"state": one.state, "record": _record_mapping(one.record)}
+                for one in baseline.labelled
+            ]
+        return content
+
+    @classmethod
+    def _of_mapping(cls, content: dict[str, Any]) -> Self:
+        baseline = Baseline(
+            Preparation(**content.pop("preparation")),
+            Shape(**content.pop("shape")),
+            tuple(map(_record_of, content.pop("records"))),
+            tuple(
+                LabelledRecord(str(one["state"]), _record_of(one["record"]))
+                for one in content.pop("labelled", [])
+            ),
+        )
+        if not baseline.records:
+            raise ValueError("records is empty: expected healthy records")
+        content["parameters"] = ActuatorParameters().replace(content["parameters"])
+        return cls(**content, baseline=baseline)
+
+
+def calibrate_joint(
+    windows: Sequence[Window], description: ActuatorDescription
+) -> JointCalibration:
+    """Return the calibration of a unit on its healthy records.
+
+    Parameters
+    ----------
+    windows
+        Healthy records, at least one. A measured winding temperature is used.
+    description
+        The unit.
+
+    Raises
+    ------
+    ValueError
+        When there is no record, no measured effort, or the records do not show the friction.
+    """
+    if description.acquisition.current == "none":
+        raise ValueError(
+            "drive = unknown needs a measured current or torque: acquisition says that there is "
+            "none"
+        )
+    baseline = learn(
+        [one.telemetry for one in windows],
+        description,
+        temperatures=[winding_temperature(one) for one in windows],
+    )
+    return JointCalibration(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        parameters=description.parameters,
+        sample_period=float(np.median([one.sample_period for one in windows])),
+        speed_measured=description.acquisition.speed,
+        baseline=baseline,
+    )
+
+
+def winding_temperature(window: Window) -> float:
+    """Return the measured rise of the winding temperature in a record [K]; NaN if not measured."""
+    found = (one.value for one in window.measured if one.name == "winding_temperature")
+    return next(found, math.nan)
+
+
+def _record_mapping(record: JointRecord) -> dict[str, Any]:
+    content = {item.name: getattr(record, item.name) for item in fields(JointRecord)}
+    rows, columns = np.triu_indices(_N)
+    content["values"] = record.values.tolist()
+    content["covariance"] = record.covariance[rows, columns].tolist()
+    return {
+        name: float(value) if isinstance(value, np.floating) else value
+        for name, value in content.items()
+    }
+
+
+def _record_of(content: dict[str, Any]) -> JointRecord:
+    values = {**content, "values": numbers("values", content["values"])}
+    upper = numbers("covariance", content["covariance"])
+    covariance = np.zeros((_N, _N))
+    covariance[np.triu_indices(_N)] = upper
+    values["covariance"] = covariance + np.triu(covariance, 1).T
+    if values["values"].shape != (_N,) or not np.all(np.isfinite(covariance)):
+        raise ValueError(f"a record has no {_N} coefficients with a finite covariance")
+    values["figures"] = {str(name): float(one) for name, one in content["figures"].items()}
+    return JointRecord(**values)

@@ -1,0 +1,180 @@
+"""Estimate of a record whose controller is not modelled, by comparison with its baseline."""
+
+import math
+import time
+from typing import Final
+
+import numpy as np
+
+from ema_core.causes import CauseEstimate
+from ema_core.description import ActuatorDescription
+from ema_core.faults import BACKLASH, FAULT_BY_NAME, FRICTION, N_FAULTS, FaultVector
+from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
+from ema_monitor.identification.estimate import (
+    DEPARTED,
+    FAILED,
+    INVERSE_DYNAMICS,
+    REFUSED,
+    SKIPPED,
+    VALID,
+    Estimate,
+)
+from ema_monitor.joint import comparison as of
+from ema_monitor.joint.comparison import Comparison, QuantityChange
+from ema_monitor.joint.record import defect_of, read_record
+from ema_monitor.joint.signals import block_means, filtered
+from ema_monitor.joint.wording import summary
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+
+_Z90: Final = 1.645
+_CAUSES: Final = {
+    of.TORQUE: "torque_constant",
+    of.INERTIA: "inertia",
+    of.VISCOUS: "viscous_friction",
+    of.LOAD: "load_torque",
+}
+"""Hidden cause of each quantity that is no fault."""
+_FAULTS: Final = {of.FRICTION: FRICTION, of.PLAY: BACKLASH}
+"""Number of the fault of each quantity that is one."""
+
+
+def identify_record(
+    window: Window | Refusal,
+    description: ActuatorDescription,
+    calibration: JointCalibration,
+    *,
+    force: bool = False,
+) -> Estimate:
+    """Return the estimate of a record, or its refusal with the reason.
+
+    Parameters
+    ----------
+    window, description, calibration
+        The record, or why there is none; its actuator, and the calibration.
+    force
+        Make an estimate although the calibration is of another unit.
+    """
+    started = time.perf_counter()
+    if isinstance(window, Refusal):
+        is_lost = window.is_dropped or window.is_cut_off
+        return _refused(window, calibration, window.reason, SKIPPED if is_lost else REFUSED)
+    mismatch = calibration.unit_mismatch(description)
+    if mismatch and not force:
+        return _refused(window, calibration, f"the calibration does not fit: {mismatch}")
+    if reason := calibration.shape_mismatch(window) or _missing(window, description):
+        return _refused(window, calibration, reason)
+    if reason := _standstill(window):
+        return _refused(window, calibration, reason, FAILED)
+    baseline = calibration.baseline
+    fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
+    signals = filtered(fine, baseline.preparation)
+    if reason := defect_of(signals, baseline.preparation):
+        return _refused(window, calibration, reason, comparison=of.not_judged(reason))
+    record = read_record(
+        window.telemetry,
+        description,
+        baseline.preparation,
+        baseline.shape,
+        healthy=baseline.healthy,
+        temperature=winding_temperature(window),
+        prepared=(fine, signals),
+    )
+    comparison = calibration.comparer.compare(record)
+    faults, covariance, insignificant = _faults(comparison)
+    caveat = [f"forced although {mismatch}"] if mismatch else []
+    return Estimate(
+        window.start_ns,
+        window.end_ns,
+        INVERSE_DYNAMICS,
+        0,
+        calibration.calibration_id,
+        faults=faults,
+        covariance=covariance,
+        unobservable=np.isnan(np.asarray(faults)),
+        insignificant=insignificant,
+        excitation=float(np.ptp(window.telemetry.position)),
+        evaluations=1,
+        computing_time_s=time.perf_counter() - started,
+        valid=True,
+        reason=". ".join([*caveat, summary(comparison)]),
+        calibration_windows=calibration.windows,
+        verdict=DEPARTED if comparison.has_departed else VALID,
+        causes=tuple(_causes(comparison, calibration)),
+        measured=window.measured,
+        comparison=comparison,
+    )
+
+
+def _refused(
+    window: Window | Refusal,
+    calibration: JointCalibration,
+    reason: str,
+    verdict: str = REFUSED,
+    comparison: Comparison | None = None,
+) -> Estimate:
+    return Estimate(
+        window.start_ns,
+        window.end_ns,
+        INVERSE_DYNAMICS,
+        0,
+        calibration.calibration_id,
+        reason=reason,
+        calibration_windows=calibration.windows,
+        verdict=verdict,
+        comparison=comparison,
+    )
+
+
+def _missing(window: Window, description: ActuatorDescription) -> str:
+    """Return which column a record lacks; empty when it has all."""
+    telemetry = window.telemetry
+    if not len(telemetry.current):
+        return "drive = unknown needs a measured current or torque, and the telemetry has none"
+    if description.acquisition.speed and not np.all(np.isfinite(telemetry.speed)):
+        return "the speed is not measured, although the description says so"
+    return ""
+
+
+def _standstill(window: Window) -> str:
+    """Return why a joint stands still although it is commanded to move; empty when it moves."""
+    telemetry = window.telemetry
+    if np.ptp(telemetry.position) > 0.0 or not telemetry.has_command:
+        return ""
+    if not np.ptp(telemetry.command) > 0.0:
+        return ""
+    flows = float(np.median(np.abs(telemetry.current)))
+    return (
+        f"the joint stands still although the command moves and {flows:.2g} A flow: a blocked "
+        "shaft, an open phase or a frozen sensor"
+    )
+
+
+def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:
+    """Return the faults that quantities stand for, their covariance, and which are healthy."""
+    values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
+    insignificant = np.zeros(N_FAULTS, dtype=bool)
+    for name, number in _FAULTS.items():
+        one = comparison[name]
+        if not one.is_judged:
+            continue
+        slope = FAULT_BY_NAME[FaultVector._fields[number]].slope
+        values[number] = max(one.change, 0.0) / slope
+        variances[number] = (_sigma(one) / slope) ** 2
+        insignificant[number] = one not in comparison.changed
+    return FaultVector.of(values), np.diag(variances), insignificant
+
+
+def _causes(comparison: Comparison, calibration: JointCalibration) -> list[CauseEstimate]:
+    """Return the hidden causes that quantities stand for which have changed and are named."""
+    found = []
+    for one in comparison.changed:
+        if one.name in _CAUSES and not one.rivals:
+            scale = calibration.torque_scale if one.name == of.LOAD else 1.0
+            cause = CauseEstimate(_CAUSES[one.name], scale * one.change, scale * _sigma(one))
+            found.append(cause)
+    return found
+
+
+def _sigma(one: QuantityChange) -> float:
+    return (one.high - one.low) / (2.0 * _Z90)

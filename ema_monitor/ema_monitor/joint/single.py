@@ -1,0 +1,82 @@
+"""Comparing a single figure of a record with that of the healthy records."""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+
+from ema_monitor.joint.scatter import Prediction, Scatter
+
+BETWEEN_RECORDS: Final = 0.6
+"""Prior medians of standard deviations between records of a day, over those between days [-]."""
+
+SIGNIFICANCE: Final = 1e-3
+"""Probability below which a healthy record differs in one quantity or figure."""
+
+POWER: Final = 0.9
+"""Probability with which the smallest detectable change is found."""
+
+INTERVAL: Final = (0.05, 0.95)
+
+
+class Observation(NamedTuple):
+    """A figure of one record: its value, the standard deviation of its error, and its day."""
+
+    value: float
+    sigma: float
+    day: int
+
+
+class SingleTest(NamedTuple):
+    """A figure of a record beside its prediction from the healthy records."""
+
+    value: float
+    prediction: Prediction
+
+    @classmethod
+    def of(cls, own: Observation, healthy: Sequence[Observation], between_days: float) -> Self:
+        """Return the test of a figure; ``between_days`` is its prior scatter between days."""
+        scatter = Scatter(
+            np.array([one.value for one in healthy]),
+            np.array([one.sigma**2 for one in healthy]),
+            [one.day for one in healthy],
+            BETWEEN_RECORDS * between_days,
+            between_days,
+        )
+        return cls(own.value, scatter.predict(own.sigma**2, own.day))
+
+    @property
+    def change(self) -> float:
+        """Value less the predicted one."""
+        return self.value - self.prediction.mean
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """90 % interval of the change."""
+        low, high = (self.value - self.prediction.quantile(one) for one in reversed(INTERVAL))
+        return low, high
+
+    @property
+    def probability(self) -> float:
+        """Probability that a healthy record differs as much."""
+        return self.prediction.probability(self.value)
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the figure has changed."""
+        return self.probability < SIGNIFICANCE
+
+    @property
+    def smallest_change(self) -> float:
+        """Smallest change that would be detected."""
+        return self.prediction.smallest_change(SIGNIFICANCE, POWER)
+
+    def less(self, part: float) -> Self:
+        """Return the test without a part of the value that has another explanation."""
+        return self._replace(value=self.value - part)
+
+
+def is_known(*values: float) -> bool:
+    """Return whether all values are finite."""
+    return all(map(math.isfinite, values))
