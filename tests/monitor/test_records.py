@@ -322,7 +322,7 @@ def test_telemetry_in_short_pieces_says_so():
     for number in range(8):
         finder.feed(telemetry(sine(1.0), first_index=1 + 150 * number))
     assert finder.obstacle == (
-        "a record needs 2 s of motion, and there are never more than 1 s without a gap "
+        "a record needs 2 s of motion, and the telemetry has at most 1 s without a gap "
         "(350 samples lost)"
     )
 
