@@ -85,6 +85,13 @@ def test_level_returns_with_the_next_record_that_judges_friction():
     assert levels == [OK, STALE, STALE, OK]
 
 
+def test_level_that_is_open_names_the_last_one_that_was_known():
+    for before in (HEALTHY, FRICTION_UP):
+        known, *later = followed([before, NO_FRICTION, NO_FRICTION, NOTHING])[1]
+        assert {one.health.level for one in later} == {STALE}
+        assert {one.known_level for one in later} == {known.health.level}
+
+
 def test_first_record_that_judges_nothing_has_no_index():
     refused = UnusedCycle.of(record(0, NOTHING))
     health = unknown_outlook("no valid test so far").after_refusal(refused).health

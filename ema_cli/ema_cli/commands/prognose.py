@@ -15,6 +15,7 @@ from ema_cli.figures.prognosis import draw_course
 from ema_cli.options import REFUSED
 from ema_cli.output import require_free
 from ema_cli.parameters import settings_options
+from ema_cli.report.verdict import is_unjudged, latest_comparison
 from ema_cli.show.prognosis_table import (
     advice_in_words,
     as_values,
@@ -25,6 +26,7 @@ from ema_cli.show.prognosis_table import (
 )
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
+from ema_monitor.joint.wording import table_text
 from ema_monitor.reports import health_report, scenario_report
 
 
@@ -41,7 +43,8 @@ def prognose(
     All tests are of one unit, in the order of their stamps. The figures are those that a monitor
     publishes after the last one.
 
-    Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
+    Exit code 3: no test has a valid estimate, or the newest one has failed or departed, or it is a
+    record that leaves the level open.
     """
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
@@ -82,7 +85,10 @@ def prognose(
         click.echo(report.removal)
         if words := advice_in_words(course):
             click.echo(words)
-        Console().print(table_of_growth(report))
+        if (latest := latest_comparison(course)) is not None:
+            comparison, ended = latest
+            click.echo(f"record that ended at {ended}:\n{table_text(comparison)}")
+        Console().print(table_of_growth(report, are_records=latest is not None))
         click.echo("\n".join(summary(course, report)))
         if scenarios:
             Console().print(table_of_scenarios(scenarios))
@@ -91,5 +97,5 @@ def prognose(
         save_picture(draw_course(course), output)
         if not as_json:
             click.echo(f"{output}")
-    if course.now.finding:
+    if course.now.finding or is_unjudged(course):
         sys.exit(REFUSED)

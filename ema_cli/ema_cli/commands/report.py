@@ -15,7 +15,7 @@ from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.report.page import fleet_page, report_page
-from ema_cli.report.verdict import verdict_of
+from ema_cli.report.verdict import is_unjudged, verdict_of
 from ema_core.files import complete_file
 from ema_monitor.prognosis.history import history_path, read_history
 from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
@@ -35,7 +35,8 @@ def report(
     ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there. The page
     needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
 
-    Exit code 3: no test has a valid estimate, or the newest one has failed or departed.
+    Exit code 3: no test has a valid estimate, or the newest one has failed or departed, or it is a
+    record that leaves the level open.
     """
     archive = given.archive
     histories = [path for path in bags if path.suffix == ".sqlite"]
@@ -52,7 +53,8 @@ def report(
     else:
         course = diagnose_unit(bags, given, skips_unreadable=True)
         verdict = verdict_of(course)
-        lines, is_useless = verdict.lines, not course.outlooks or bool(course.now.finding)
+        lines = verdict.lines
+        is_useless = not course.outlooks or bool(course.now.finding) or is_unjudged(course)
         unit = course.record.description.unit_key
         notes = _notes(histories or _beside(bags, unit), unit)
         page = report_page(bags, course, verdict, command, notes)

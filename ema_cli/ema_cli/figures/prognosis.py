@@ -101,7 +101,8 @@ def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
     if name not in COMPONENTS:
         return False
     last, limit = course.outlooks[-1], course.given.prognosis.limits.of(name)
-    worst = max(last.health.faults, key=lambda item: item.share).name
+    known = [item for item in last.health.faults if np.isfinite(item.share)]
+    worst = max(known, key=lambda item: item.share).name if known else ""
     ends_life = last.rul_faults.known and last.lives[name].criterion == last.rul_faults.criterion
     moved = np.abs(truth[:, i] - FAULTS[i].healthy) > _MOVES * limit
     warns = _of(last.health.faults, name).level in (WARN, ERROR)
@@ -170,7 +171,9 @@ def _draw_fault(
     nearest = min(ends, key=lambda end: abs(end - tracked[-1]))
     crossed = _crossing(place, np.array(tracked), nearest, last.hours)
     _mark_life(axes, last.hours, last.lives[fault.name], nearest, crossed)
-    least, most = min(*value, *tracked, *ends), max(*value, *tracked, *ends)
+    # Tests that do not show the fault have no value.
+    drawn = np.array([*value, *tracked, *ends])
+    least, most = float(np.nanmin(drawn)), float(np.nanmax(drawn))
     least = min(least, fault.healthy)
     axes.set_ylim(least - 0.06 * (most - least), most + 0.12 * (most - least))
     axes.set_ylabel(fault.label)

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 from xml.sax.saxutils import escape
@@ -23,13 +24,22 @@ from ema_archive.fleet import FleetSummary
 from ema_cli.bags.unit_course import Course, find_bags
 from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.prognosis import draw_course
-from ema_cli.report.verdict import UnitVerdict, confusions, hidden_causes, limited, moment, tests_of
+from ema_cli.report.verdict import (
+    UnitVerdict,
+    confusions,
+    hidden_causes,
+    latest_comparison,
+    limited,
+    moment,
+    tests_of,
+)
 from ema_cli.show.terminal import SHAPES
 from ema_core import __version__
 from ema_core.faults import FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
-from ema_monitor.current_balance.unit import UnknownDriveUnit
+from ema_monitor.joint import wording
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.plot.style import BLUE, INK, stacked_panels, tidy
 from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.sentences import label_of
@@ -67,6 +77,10 @@ def report_page(
     faults, requirements, unknown = [], [], ""
     if outlooks:
         faults, requirements, unknown = limited(outlooks[-1], unit)
+    latest = latest_comparison(course)
+    if latest is not None:
+        # A record shows two of the faults at most.
+        faults = [item for item in faults if math.isfinite(item["value"])]
     calibration = course.calibration
     missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
     return _page(
@@ -79,6 +93,7 @@ def report_page(
         components=[fault.label for fault in FAULTS],
         faults=faults,
         requirements=requirements,
+        compared=_compared(*latest) if latest else None,
         unknown=unknown,
         causes=hidden_causes(course),
         confusions=confusions(course),
@@ -97,6 +112,21 @@ def report_page(
         search=course.given.search,
         parameters=fields(unit.parameters),
     )
+
+
+def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
+    """Return the table of a comparison, and what would lower its smallest changes."""
+    smallest = {one.name: wording.smallest_text(one) for one in comparison.quantities}
+    cells = [
+        (*row, smallest.get(name, ""))
+        for row, name in zip_longest(wording.rows(comparison), smallest)
+    ]
+    return {
+        "ended": ended,
+        "headings": [*wording.HEADINGS, "smallest change that would show"],
+        "rows": cells,
+        "improvements": wording.improvement_sentences(comparison),
+    }
 
 
 def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
@@ -165,7 +195,8 @@ def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
     """Yield pictures with captions: the fit of the last valid window, the course of all tests."""
     estimate = next((one for one in reversed(course.estimates) if one.valid), None)
     # Where the drive is unknown there is no model of a window to be drawn.
-    if estimate is not None and not isinstance(course.calibration, UnknownDriveUnit):
+    has_model = estimate is not None and not estimate.is_of_record
+    if estimate is not None and has_model:
         last = next(one for one in course.record.windows if one.end_ns == estimate.end_ns)
         what = "Last stretch of the estimate" if estimate.stretches else "Window"
         caption = (

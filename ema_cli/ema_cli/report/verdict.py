@@ -19,6 +19,8 @@ from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
+from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.wording import finding, improvement_sentences
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -112,6 +114,21 @@ def limited(
     return faults, requirements, common
 
 
+def is_unjudged(course: Course) -> bool:
+    """Return whether the newest record leaves the level of the unit open."""
+    if not course.estimates or course.estimates[-1].comparison is None:
+        return False
+    return course.now.health.level == STALE
+
+
+def latest_comparison(course: Course) -> tuple[Comparison, str] | None:
+    """Return the comparison of the newest record that has one, and when the record ended."""
+    for one in reversed(course.estimates):
+        if one.comparison is not None:
+            return one.comparison, moment(one.end_ns)
+    return None
+
+
 def _limited(
     item: FaultHealth, outlook: Outlook, common: str, description: ActuatorDescription
 ) -> dict[str, Any]:
@@ -180,6 +197,9 @@ def verdict_of(course: Course) -> UnitVerdict:
     if not course.outlooks:
         tests = counted(len(course.estimates), "test")
         why = f"{cause_of_level(last)}; " if last.finding else ""
+        latest = latest_comparison(course)
+        if latest is not None and not why:
+            why = f"{finding(latest[0])}; "
         return UnitVerdict(
             last.health.level,
             (
@@ -190,21 +210,31 @@ def verdict_of(course: Course) -> UnitVerdict:
             _after_the_last_test(course),
         )
     valid = [one for one in course.estimates if one.valid][-1]
-    lines = _state(last), _wearing(course, last, valid), _lasting(last), _basis(course, last)
+    lines = (
+        _state(course, last),
+        _wearing(course, last, valid),
+        _lasting(last),
+        _basis(course, last),
+    )
     words = [advice_in_words(course), removal_in_words(last)]
     actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(course)]
     return UnitVerdict(last.health.level, lines, actions)
 
 
-def _state(last: Outlook) -> str:
+def _state(course: Course, last: Outlook) -> str:
     level = last.health.level
     state = "Changed" if last.departure and level == WARN else _STATES[level]
-    return f"{state}: {cause_of_level(last) or 'no fault and no requirement gives a warning'}."
+    latest = latest_comparison(course)
+    well = "no fault and no requirement gives a warning"
+    if latest is not None:
+        well = finding(latest[0])
+    return f"{state}: {cause_of_level(last) or well}."
 
 
 def _basis(course: Course, last: Outlook) -> str:
     health, tests = last.health, counted(len(course.outlooks), "valid test")
-    index = f"{health.health_index:.2f}" if math.isfinite(health.health_index) else "unknown"
+    is_known = math.isfinite(health.health_index) and health.level != STALE
+    index = f"{health.health_index:.2f}" if is_known else "unknown"
     return (
         f"{tests} of {len(course.estimates)}; health index {index}, severity {health.severity} "
         f"of 4, confidence {health.confidence:.2f}."
@@ -219,6 +249,10 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     named = [items[last.dominant]] if last.dominant in items else []
     if worst is not None and worst not in named:
         named.append(worst)
+    if valid.comparison is not None:
+        what = finding(valid.comparison)
+        parts = [_item_in_words(item, last, course.record.description) for item in named]
+        return ". ".join([what, *map(_capital, parts)]) + "."
     if not named:
         return "No fault differs from healthy by more than its uncertainty."
     description = course.record.description
@@ -260,6 +294,8 @@ def _after_the_last_test(course: Course) -> list[str]:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
     if last.verdict == FAILED:
         return []
+    if last.comparison is not None:
+        return _after_the_last_record(last, last.comparison)
     actions = []
     if last.verdict == DEPARTED:
         actions.append(f"Look at the unit: the last test {last.reason}.")
@@ -276,5 +312,19 @@ def _after_the_last_test(course: Course) -> list[str]:
     return actions
 
 
+def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
+    """Return what the last record asks for, and what would lower its smallest changes."""
+    actions = []
+    if not last.valid:
+        actions.append(f"Repeat the record of {moment(last.end_ns)}: {finding(comparison)}.")
+    elif last.departure:
+        actions.append(f"Look at the unit: {last.departure}.")
+    return actions + improvement_sentences(comparison)
+
+
 def _sentence(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}."
+    return f"{_capital(words)}."
+
+
+def _capital(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}"

@@ -51,6 +51,8 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
             "valid": step.estimate.valid,
             "reason": step.estimate.reason,
         }
+        if step.estimate.comparison is not None:
+            one["comparison"] = as_values(step.estimate.comparison.as_mapping())
         if step.outlook is not None:
             reported = as_values(health_report(step.outlook, course.record.description))
             kept = ("flight_hours", "cycles", "level", "health_index", "dominant_fault", "events")
@@ -60,16 +62,23 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
     return values
 
 
-def table_of_growth(report: HealthReport) -> Table:
-    """Return faults and requirements, their limits, growth and remaining life."""
+def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table:
+    """Return faults and requirements, their limits, growth and remaining life.
+
+    Of records that are compared with a baseline, only the faults that they show.
+    """
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in ("", "value", "sigma", "limit", f"per\n{TREND_HOURS:g} h"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
     table.add_column("RUL [h]\n5 / 50 / 95 %", justify="right", min_width=18)
-    items = (*report.faults, *report.requirements)
+    faults, requirements = report.faults, report.requirements
+    if are_records:
+        # A record shows two of the faults at most.
+        faults = tuple(item for item in faults if math.isfinite(item.value))
+    items = (*faults, *requirements)
     reasons = {item.rul.reason for item in items}
     for number, item in enumerate(items):
-        if number == len(report.faults):
+        if number == len(faults):
             table.add_section()
         unit, scale = shown_in(item.unit)
         side = "≥" if item.limit_is_lower else "≤"
@@ -122,8 +131,10 @@ def summary(course: Course, report: HealthReport) -> list[str]:
         level += f" (last {LEVEL_NAMES[report.last_level]})"
     first = label_of(report.dominant_fault)
     first = f"; first to end life: {first}" if first else ""
+    is_known = math.isfinite(report.health_index)
+    index = f"{report.health_index:.2f}" if is_known else "unknown"
     lines.append(
-        f"health index {report.health_index:.2f}, level {level}, severity "
+        f"health index {index}, level {level}, severity "
         f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
     )
     lines += _checked(report.faults)
