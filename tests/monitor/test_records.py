@@ -226,6 +226,23 @@ def test_noise_at_rest_is_no_motion(sigma: float, h: float):
     assert span == pytest.approx((119.5, 128.5), abs=0.2)
 
 
+def test_slow_rotation_after_fast_rotation_is_motion():
+    """A wheel at 100 rad/s has turned by 4,000 rad when it slows down to 5 rad/s."""
+    speed = np.concatenate([np.full(4000, 100.0), np.full(1000, 5.0), np.full(1000, 100.0)])
+    position = np.cumsum(speed) * H
+    [(first, count, _)] = spans(events_of(telemetry(position)))
+    assert (first, count) == (1, 6000)
+
+
+def test_small_motion_after_a_large_one_belongs_to_the_record():
+    """Strokes of 0.5 mrad for 20 s, 4 s after a move of 1 rad."""
+    move = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, 300))
+    small = 1.0 + 0.00025 * sine(20.0, 1.0)
+    position = np.concatenate([move, np.ones(400), small, np.ones(1000)])
+    [(_, end)] = seconds(events_of(telemetry(position)))
+    assert end == pytest.approx(27.5, abs=0.1)
+
+
 def test_hours_of_rest_take_no_memory_and_make_no_record():
     trigger = RecordTrigger(UNKNOWN.parameters)
     noise = 1e-4 * np.random.default_rng(5).standard_normal(6000)

@@ -3,6 +3,7 @@
 A record begins and ends where the position says so: the drive may have no position command.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -63,8 +64,8 @@ class RecordTrigger(WindowTrigger):
     """Cuts records out of continuous telemetry by the position.
 
     The position rests while it stays within a threshold for 0.25 s. The threshold follows from
-    resolution and noise of the sensor (`PositionBins`); within a record it is at least 0.2 % of the
-    travel so far.
+    resolution and noise of the sensor (`PositionBins`); it is at least 0.2 % of the travel in the
+    latest 5 s.
 
     A record begins with a motion, and with up to 0.5 s of the rest before. It ends
 
@@ -96,12 +97,12 @@ class RecordTrigger(WindowTrigger):
         super().reset()
         self._latest = LatestBlocks()
         self._bins: PositionBins | None = None
-        self._run = SteadyRun(0)
+        self._run, self._recent = SteadyRun(0), SteadyRun(0)
         self._piece_begin = self._free_from = 0
         self._motion_begin: int | None = None
         self._cut_at: _Cut | None = None
         self._moved = 0
-        self._low = self._high = self._threshold = 0.0
+        self._threshold = 0.0
 
     @property
     def kept_samples(self) -> int:
@@ -115,7 +116,8 @@ class RecordTrigger(WindowTrigger):
             return [*events, *self.end_piece(block.stamp_ns, reason)]
         if self._bins is None:
             begin = self._piece_begin = self._free_from = block.first_index
-            self._bins, self._run = PositionBins(block.sample_period, begin), SteadyRun(begin)
+            self._bins = PositionBins(block.sample_period, begin)
+            self._run, self._recent = SteadyRun(begin), SteadyRun(begin)
         self._latest.add(block)
         events += self._follow(self._bins.add(block.position), block.sample_period)
         self._forget()
@@ -165,9 +167,9 @@ class RecordTrigger(WindowTrigger):
         longest = round(LONGEST_REST_S / h) + rest_samples
         events: list[Window | Refusal] = []
         for item in bins:
-            threshold = self._threshold = item.threshold
-            if self._start is not None:
-                threshold = max(threshold, _RESTING_SHARE * (self._high - self._low))
+            self._threshold = item.threshold
+            self._recent.add(item, math.inf, longest)
+            threshold = max(item.threshold, _RESTING_SHARE * self._recent.travel)
             self._run.add(item, threshold, longest)
             begin = self._run.begin
             is_resting = item.last + 1 - begin >= rest_samples
@@ -185,8 +187,6 @@ class RecordTrigger(WindowTrigger):
             if step.is_moving:
                 self._open(max(self._free_from, item.first - margin), item)
             return []
-        self._low = min(self._low, item.position)
-        self._high = max(self._high, item.position)
         if step.is_moving and self._motion_begin is None:
             self._motion_begin = item.first
         elif step.is_resting and self._motion_begin is not None:
@@ -221,7 +221,6 @@ class RecordTrigger(WindowTrigger):
     def _open(self, start: int, item: PositionBin) -> None:
         self._start, self._moved = start, 0
         self._motion_begin = max(start, item.first)
-        self._low = self._high = item.position
 
     def _close(self, end: int, moved: int) -> list[Window | Refusal]:
         """End the open record with a sample, after so many samples of motion.

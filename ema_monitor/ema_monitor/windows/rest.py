@@ -147,6 +147,11 @@ class SteadyRun:
         self._lows: deque[tuple[int, float]] = deque()
         self._highs: deque[tuple[int, float]] = deque()
 
+    @property
+    def travel(self) -> float:
+        """Difference between its highest and its lowest position [rad]."""
+        return self._highs[0][1] - self._lows[0][1]
+
     def add(self, item: PositionBin, threshold: float, longest: int) -> None:
         """Add the next bin; the run then has at most ``longest`` samples, which bounds memory."""
         entry = item.last + 1, item.position
@@ -157,7 +162,7 @@ class SteadyRun:
             self._highs.pop()
         self._highs.append(entry)
         self._begin_at(max(self.begin, item.last + 1 - longest))
-        while self._highs[0][1] - self._lows[0][1] > threshold:
+        while self.travel > threshold:
             self._begin_at(min(self._lows[0][0], self._highs[0][0]))
 
     def _begin_at(self, index: int) -> None:
