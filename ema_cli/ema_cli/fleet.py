@@ -12,10 +12,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ema_cli.bags.diagnoses import quantity_of
 from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
 from ema_core.causes import CauseEstimate
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.wording import beside_limit, counted, time_in_words
+from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
 from ema_ros.claims import SILENT_S, worth
 from ema_ros.stamps import stamp_from_message
@@ -81,6 +84,7 @@ class _Actuator:
     health: Any = None
     refused: Any = None
     causes: str = ""
+    friction: str = ""
     heard_s: float = math.nan
     tested_s: float = math.nan
     reported_s: float = math.nan
@@ -101,13 +105,18 @@ class HeardFleet:
             one.tested_s = now_s
 
     def add_estimate(self, place: str, message: Any, now_s: float) -> None:
-        """Add a FaultEstimate message; what a valid one changes is shown with its health."""
+        """Add a FaultEstimate message; its causes or friction are shown with the health."""
         one = self._of(place, message)
         if message.valid:
             one.refused = None
             one.causes = ", ".join(
                 str(CauseEstimate(cause.name, cause.value, cause.sigma))
                 for cause in message.hidden_causes
+            )
+            one.friction = ", ".join(
+                brief(quantity_of(quantity))
+                for quantity in message.quantities
+                if quantity.name == FRICTION
             )
         else:
             one.refused, one.tested_s = message, now_s
@@ -142,6 +151,8 @@ class HeardFleet:
         if one.refused is not None:
             test_ns = max(test_ns, stamp_from_message(one.refused.header.stamp))
             reasons.append(f"last test refused: {one.refused.reason}")
+        elif one.friction:
+            reasons.append(one.friction)
         elif one.causes:
             reasons.append(f"hidden cause: {one.causes}")
         age_s = (clock_ns - test_ns) * 1e-9

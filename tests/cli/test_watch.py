@@ -15,15 +15,19 @@ from rclpy.node import Node
 from rich.console import Console
 
 from ema_cli.fleet import SILENT_S, FleetTable, HeardFleet
+from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.wording import time_in_words
 from ema_interfaces.msg import FaultEstimate, FaultHealth, Health, HiddenCause, RemainingUsefulLife
+from ema_monitor.node.messages import estimate_to_message
 from ema_ros.stamps import stamp_to_message
 from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE
 
+from ..monitor.comparisons import CASES, compared
 from ..ros.spinning import ros_context, spinning
 from ..waiting import DEADLINE_S, started, wait_for
 
+FLAP = ActuatorDescription()
 TEST_NS = 1_700_000_000_000_000_000
 
 
@@ -114,6 +118,33 @@ def test_refused_test_is_told_until_the_next_valid_one():
     fleet.add_estimate("/ema", valid, 4.0)
     [row] = fleet.rows(4.0, later_ns)
     assert row.why.endswith("; hidden cause: load torque +0.3 ± 0.01 N.m")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("healthy", "Coulomb friction +0.0 %, unchanged (changes above 6 % would show)"),
+        ("friction", "Coulomb friction +15.2 %, changed"),
+        ("inertia without friction", "Coulomb friction not judged (one direction only)"),
+    ],
+)
+def test_friction_of_a_record_is_told_with_the_health(name: str, told: str):
+    fleet = fleet_of(health_of("flap", OK, None))
+    fleet.add_estimate("/ema", estimate_to_message(compared(CASES[name]), 0, FLAP), 2.0)
+    [row] = fleet.rows(3.0, TEST_NS)
+    assert row.why == told
+
+
+def test_record_that_judges_nothing_is_told_and_has_no_index():
+    health = health_of("flap", STALE, None)
+    health.health_index = math.nan
+    fleet = fleet_of(health)
+    fleet.add_estimate("/ema", estimate_to_message(compared(CASES["nothing"]), 0, FLAP), 2.0)
+    [row] = fleet.rows(3.0, TEST_NS)
+    assert row.why == "last test refused: No quantity could be judged: the joint did not move"
+    # An index that is unknown is the most urgent of its level.
+    others = fleet_of(health, health_of("b", STALE, None)).rows(3.0, TEST_NS)
+    assert [one.actuator_id for one in others] == ["flap", "b"]
 
 
 def test_passing_of_time_is_no_change():

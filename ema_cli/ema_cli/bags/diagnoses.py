@@ -105,7 +105,7 @@ class DiagnosisLog:
                     reason=message.reason,
                     latency_s=(received_ns - end_ns) * 1e-9,
                     # Bags of earlier versions have none.
-                    quantities=tuple(map(_quantity, getattr(message, "quantities", ()))),
+                    quantities=tuple(map(quantity_of, getattr(message, "quantities", ()))),
                 )
         elif type_name == TRUE_FAULTS_TYPE:
             self.truths.append(stamped_faults_from_message(message))
@@ -128,8 +128,14 @@ class DiagnosisLog:
         return found
 
 
-def _quantity(message: Any) -> QuantityChange:
-    """Return the change of an ``ema_interfaces/msg/QuantityChange``."""
+def quantity_of(message: Any) -> QuantityChange:
+    """Return the change that an ``ema_interfaces/msg/QuantityChange`` has.
+
+    Raises
+    ------
+    ValueError
+        When the number of its judgement is unknown.
+    """
     if message.judgement >= len(JUDGEMENTS):
         raise ValueError(f"quantities: judgement = {message.judgement}, expected 0, 1 or 2")
     return QuantityChange(

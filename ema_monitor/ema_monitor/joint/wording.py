@@ -130,6 +130,12 @@ def judgement_text(quantity: QuantityChange) -> str:
     return f"unchanged (changes above {smallest} would show)" if smallest else "unchanged"
 
 
+def brief(quantity: QuantityChange) -> str:
+    """Return label, change and judgement of a quantity in a few words."""
+    words = change_text(quantity), judgement_text(quantity)
+    return f"{label_of(quantity.name)} {', '.join(filter(None, words))}"
+
+
 def improvement_sentences(comparison: Comparison) -> list[str]:
     """Return which further healthy records would lower the smallest detectable changes."""
     sentences = []
