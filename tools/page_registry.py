@@ -1,4 +1,4 @@
-"""Write what the page has to know of faults, hidden causes and messages.
+"""Write what the page has to know of faults, hidden causes, quantities and messages.
 
 Run by ``make page``; tests/web compares the files with the registries and definitions.
 """
@@ -15,6 +15,7 @@ from ema_bags.message_type import message_class
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.faults import FAULTS
 from ema_interfaces import msg
+from ema_monitor.joint.comparison import QUANTITIES
 
 WEB: Final = Path(__file__).parents[1] / "ros2_ws/src/ema_dashboard/web"
 FILE: Final = WEB / "src/registry.json"
@@ -30,7 +31,7 @@ _ARRAYS: Final = {"double": "Float64Array", "float": "Float32Array"}
 
 
 def registry() -> dict[str, Any]:
-    """Return names, words and scales of faults, and words of hidden causes."""
+    """Return names, words and scales of faults, and words of hidden causes and quantities."""
     faults = [
         {
             "name": one.name,
@@ -49,6 +50,10 @@ def registry() -> dict[str, Any]:
     return {
         "faults": faults,
         "causes": {name: cause.label for name, cause in CAUSE_BY_NAME.items()},
+        "quantities": {
+            name: {"label": one.label, "reference": one.reference}
+            for name, one in QUANTITIES.items()
+        },
     }
 
 

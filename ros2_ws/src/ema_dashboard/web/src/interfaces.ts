@@ -88,6 +88,7 @@ export interface FaultEstimate {
   unexplained_share: number;
   hidden_causes: HiddenCause[];
   measured_causes: HiddenCause[];
+  quantities: QuantityChange[];
   confusions: string[];
   verdict: number;
   excitation: number;
@@ -197,6 +198,18 @@ export interface PlaybackState {
   end: Time;
   position: Time;
   jumped: boolean;
+}
+
+export interface QuantityChange {
+  name: string;
+  judgement: number;
+  change: number;
+  low: number;
+  high: number;
+  smallest_change: number;
+  unit: string;
+  reason: string;
+  rivals: string[];
 }
 
 export interface RemainingUsefulLife {

@@ -10,6 +10,7 @@ const { Telemetry } = await load("telemetry.ts");
 const { UnitRecord, begunAnew } = await load("unit_history.ts");
 const { levelNow } = await load("levels.ts");
 const { actuatorOf } = await load("peek.ts");
+const { rowsOf } = await load("quantities.ts");
 const { State, isOf } = await load("state.ts");
 
 test("a value has the digits that its sigma leaves", () => {
@@ -20,6 +21,29 @@ test("a value has the digits that its sigma leaves", () => {
   assert.equal(format.withSigma(-0.02, 0.01), "−0.020 ± 0.010");
   assert.equal(format.withSigma(0.25, NaN), "0.250");
   assert.equal(format.withSigma(NaN, 0.1), "–");
+});
+
+test("a record is a row for each quantity, in the words of the commands", () => {
+  const of = (more) => rowsOf([{
+    name: "friction", judgement: 1, change: 0.152, low: 0.112, high: 0.192, smallest_change: 0.06,
+    unit: "-", reason: "", rivals: [], ...more,
+  }])[0];
+  assert.deepEqual(of({}), {
+    name: "friction", label: "Coulomb friction", change: "+15.2 %", interval: "+11.2 to +19.2 %",
+    judgement: "changed", isChanged: true,
+  });
+  assert.equal(of({ judgement: 0 }).judgement, "unchanged (changes above 6 % would show)");
+  assert.equal(of({ judgement: 0, smallest_change: 0.138 }).judgement,
+    "unchanged (changes above 14 % would show)");
+  const hidden = of({ judgement: 2, change: -0.18, reason: "one direction only" });
+  assert.equal(hidden.judgement, "not judged (one direction only)");
+  assert.deepEqual([hidden.change, hidden.interval], ["", ""]);
+  assert.equal(of({ rivals: ["torque_per_ampere"] }).judgement,
+    "changed (not told apart from torque per ampere)");
+  assert.equal(of({ name: "load", unit: "N.m", change: -0.5 }).change, "−0.500 N.m");
+  assert.equal(of({ name: "viscous_friction" }).label,
+    "viscous friction (of all friction at the usual speed)");
+  assert.deepEqual(rowsOf(undefined), []);
 });
 
 test("faults of a linear actuator are in N and mm, too", () => {

@@ -16,6 +16,7 @@ import { Live } from "./live.tsx";
 import {
   Badge, Bar, Empty, Figure, Shape, Since, classOf, itemLevel, levelOf, silence,
 } from "./parts.tsx";
+import { Quantities } from "./quantities.tsx";
 import { Remaining } from "./remaining.tsx";
 import { PARTS, type Part, type Place, addressOf } from "./route.ts";
 import { Diagnostics } from "./system.tsx";
@@ -60,6 +61,7 @@ function contents(
   return {
     faults: () => (
       <>
+        <Quantities estimate={actuator.estimate} />
         <History actuator={actuator} columns={columns} />
         {health && <TrackedFaults actuator={actuator} health={health} />}
       </>
@@ -133,7 +135,9 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
             <Figure label="remove"><RemoveBefore health={health} /></Figure>
             <Figure label="health index" note={`severity ${health.severity} of 4`}>
               <span class="with-bar" data-figure="health_index">
-                <Bar share={health.health_index} level={level} />
+                {Number.isFinite(health.health_index) && (
+                  <Bar share={health.health_index} level={level} />
+                )}
                 {fixed(health.health_index, 2)}
               </span>
             </Figure>

@@ -44,6 +44,8 @@ const MARKS = ["ok", "warn", "error", "error", "error", "warn"] as const;
 
 function Trust({ estimate }: { estimate: FaultEstimate }) {
   const verdict = VERDICTS[estimate.verdict] ?? "refused";
+  // A record is compared with healthy ones: no model is fitted to it.
+  const isRecord = (estimate.quantities?.length ?? 0) > 0;
   const isGood = estimate.goodness_of_fit <= estimate.goodness_limit;
   return (
     <>
@@ -52,22 +54,28 @@ function Trust({ estimate }: { estimate: FaultEstimate }) {
         {estimate.reason && <>: {estimate.reason}</>}
       </p>
       <dl class="figures small">
-        <Figure label="goodness of fit"
-          note={`limit ${significant(estimate.goodness_limit, 3)}${isGood ? "" : ", exceeded"}`}>
-          {significant(estimate.goodness_of_fit, 3)}
-        </Figure>
-        <Figure label="unexplained share">{percent(estimate.unexplained_share)}</Figure>
-        <Figure label="travel of the command"
-          note={`at least ${significant(estimate.excitation_limit, 2)} rad`}>
-          {significant(estimate.excitation, 3)} rad
-        </Figure>
+        {!isRecord && (
+          <>
+            <Figure label="goodness of fit"
+              note={`limit ${significant(estimate.goodness_limit, 3)}${isGood ? "" : ", exceeded"}`}>
+              {significant(estimate.goodness_of_fit, 3)}
+            </Figure>
+            <Figure label="unexplained share">{percent(estimate.unexplained_share)}</Figure>
+            <Figure label="travel of the command"
+              note={`at least ${significant(estimate.excitation_limit, 2)} rad`}>
+              {significant(estimate.excitation, 3)} rad
+            </Figure>
+          </>
+        )}
         <Figure label="calibration"
-          note={`${estimate.calibration_windows} healthy windows`}>
+          note={`${estimate.calibration_windows} healthy ${isRecord ? "records" : "windows"}`}>
           {estimate.calibration_id || "none"}
         </Figure>
-        <Figure label="search" note={estimate.warm_start ? "warm start" : "cold start"}>
-          {String(estimate.evaluations)} evaluations
-        </Figure>
+        {!isRecord && (
+          <Figure label="search" note={estimate.warm_start ? "warm start" : "cold start"}>
+            {String(estimate.evaluations)} evaluations
+          </Figure>
+        )}
       </dl>
       <Causes title="Explained by what is no fault" causes={estimate.hidden_causes} />
       <Causes title="Measured, and taken for known" causes={estimate.measured_causes} />
