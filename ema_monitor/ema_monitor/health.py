@@ -265,6 +265,12 @@ def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits)
     )
 
 
+def warned(health: Health) -> Health:
+    """Return health with a warning at least, and an index and severity to match."""
+    level = WARN if health.level in (OK, STALE) else health.level
+    return _limited_by_warning(replace(health, level=level, severity=max(health.severity, 1)))
+
+
 def _limited_by_warning(health: Health) -> Health:
     """Return health whose index is at most 0.99 beside a warning."""
     if health.level in (WARN, ERROR) and health.health_index > BEST_INDEX_WITH_WARNING:

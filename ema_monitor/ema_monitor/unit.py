@@ -6,15 +6,18 @@ from bisect import bisect
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ema_core.faults import ECCENTRICITY_PHASE
-from ema_core.levels import ERROR, STALE, WARN
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
+from ema_monitor.health import warned
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
+from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
@@ -428,7 +431,7 @@ class Unit:
         requirements = "requirements cannot be monitored without a calibration of a known drive"
         if parameters is not None:
             requirements = requirements_of(parameters, self._settings.requirements)
-        outlook = outlook_of(self.growth, self._settings, requirements)
+        outlook = self._confirmed(outlook_of(self.growth, self._settings, requirements))
         entries = self.history.entries
         # The probability that a test gives no valid estimate is that of Laplace's rule.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
@@ -439,6 +442,22 @@ class Unit:
             last_level=self._last_level(outlook),
             missing_share=(missing + 1) / (missing + len(entries) + 2),
         )
+
+    def _confirmed(self, outlook: Outlook) -> Outlook:
+        """Return the outlook with the warning of a departure that no later records have ended.
+
+        A record ends it together with those before it: ``level_confirmations`` in a row.
+        """
+        newest = self.history.entries[-1].estimate
+        if newest.comparison is None or outlook.health.level != OK:
+            return outlook
+        judged = filter(_is_judged, (one.estimate for one in reversed(self.history.entries)))
+        latest = islice(judged, self._settings.level_confirmations)
+        departure = next((one.departure for one in latest if one.departure), "")
+        if not departure:
+            return outlook
+        words = f"{departure}, in an earlier record: the next record must confirm that it has ended"
+        return replace(outlook, health=warned(outlook.health), departure=words)
 
     def _last_level(self, outlook: Outlook) -> int:
         """Return the level before a test that leaves it open; STALE for any other test."""
@@ -504,6 +523,12 @@ class Unit:
             text = f"{counted(missed, 'test')} without a valid estimate before this one"
             findings.append(Finding(GAP, text))
         return Entry(estimate, hours, cycles, newest, flown), findings
+
+
+def _is_judged(estimate: Estimate) -> bool:
+    """Return whether a record shows that the unit has departed, or shows its friction."""
+    compared = estimate.comparison
+    return compared is not None and (compared.has_departed or compared[FRICTION].is_judged)
 
 
 def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -124,3 +125,40 @@ def test_assessment_without_an_index_survives_the_file(tmp_path: Path):
     newest = history.assessments[history.entries[-1].stamp_ns]
     assert newest.level == STALE
     assert math.isnan(newest.health_index)
+
+
+def levels_of(*of: Comparison, confirmations: int = 2) -> list[int]:
+    settings = replace(TEN_HOURS, level_confirmations=confirmations)
+    unit = Unit(History(*UNIT), settings)
+    outlooks = [unit.update(record(n, one), None, settings) for n, one in enumerate(of)]
+    return [one.health.level for one in outlooks if one is not None]
+
+
+def test_warning_of_a_departure_rises_at_once_and_ends_with_the_second_healthy_record():
+    of = (HEALTHY, FRICTION_UP, HEALTHY, HEALTHY, FRICTION_UP)
+    assert levels_of(*of) == [OK, WARN, WARN, OK, WARN]
+    assert levels_of(*of, confirmations=1) == [OK, WARN, OK, OK, WARN]
+    assert levels_of(*of, confirmations=3) == [OK, WARN, WARN, WARN, WARN]
+
+
+def test_record_that_does_not_show_friction_confirms_nothing():
+    of = (FRICTION_UP, HEALTHY, NO_FRICTION, HEALTHY)
+    assert levels_of(*of) == [WARN, WARN, STALE, OK]
+    assert levels_of(FRICTION_UP, NO_FRICTION, HEALTHY, HEALTHY) == [WARN, STALE, WARN, OK]
+
+
+def test_warning_that_is_held_says_what_the_next_record_has_to_show():
+    last = followed([HEALTHY, FRICTION_UP, HEALTHY])[1][-1]
+    assert cause_of_level(last) == (
+        "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %), in an earlier record: the "
+        "next record must confirm that it has ended"
+    )
+    assert last.health.health_index <= 0.99
+
+
+def test_level_after_a_restart_is_that_before_it(tmp_path: Path):
+    unit, outlooks = followed([FRICTION_UP, HEALTHY], tmp_path / "unit.db")
+    unit.history.close()
+    again = Unit(History(*UNIT, tmp_path / "unit.db"), TEN_HOURS).resume(None, TEN_HOURS)
+    assert again is not None
+    assert again.health.level == outlooks[-1].health.level == WARN

@@ -282,6 +282,8 @@ class Actuators(dict[str, Actuator]):
         try:
             with self.lock:
                 confirmations = node.operation.value.level_confirmations
+                if estimate.comparison is not None:
+                    confirmations = 1  # the unit confirms the level for all outputs
                 if unit := self.get(actuator_id):
                     outlook = self._claimed(unit, outlook) if outlook else None
                     change = unit.record(found, outlook, self.now_ns(), confirmations)

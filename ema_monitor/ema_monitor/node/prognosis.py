@@ -101,6 +101,7 @@ class MonitorPrognosis:
             self._fleet,
             self._damage.value,
             good_for_s=self._node.operation.value.good_for_s,
+            level_confirmations=self._node.operation.value.level_confirmations,
         )
 
     def begin(self, history_folder: str, fleet: Fleet | None) -> None:

@@ -62,7 +62,7 @@ class Operation(Checked):
         "-",
         1,
         100,
-        "estimates in a row that lower a level in the status; the topic health follows each",
+        "estimates in a row that lower a level in the status; of records, in health, too",
     )
     measured_max_age_s: float = quantity(
         MAX_AGE_S,

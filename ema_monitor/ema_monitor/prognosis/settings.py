@@ -33,6 +33,8 @@ class PrognosisSettings:
         Future duty; as in the past by default.
     good_for_s
         How long a level holds after its test [s]; 0 of a record, whose level is that at its end.
+    level_confirmations
+        Records in a row without a departure that end the warning of a departure.
     """
 
     limits: HealthLimits = field(default_factory=HealthLimits)
@@ -43,3 +45,4 @@ class PrognosisSettings:
     damage: DamageSettings = field(default_factory=DamageSettings)
     scenario: Scenario = AS_FLOWN
     good_for_s: float = 0.0
+    level_confirmations: int = 2
