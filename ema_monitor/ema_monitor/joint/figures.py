@@ -1,15 +1,16 @@
 """Figures of a record that need no model: scatter and roughness by direction, lag, lost motion."""
 
 import math
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from ema_core.arrays import Array, Flags
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.signals import Fine, Preparation, Signals, user_speed
+from ema_monitor.joint.smoothing import smoothed
 
 WAYS: Final = ("forward", "backward")
 
@@ -71,7 +72,7 @@ def figures_of(
         How the record was prepared.
     """
     found: dict[str, float] = {}
-    speed = np.gradient(gaussian_filter1d(telemetry.position, 2.0), telemetry.sample_period)
+    speed = np.gradient(smoothed(telemetry.position, 2.0), telemetry.sample_period)
     fast = _SETTLE_SHARE * preparation.usual_speed
     moving = {"forward": speed > fast, "backward": speed < -fast}
     sign = {"forward": 1.0, "backward": -1.0}
@@ -109,7 +110,7 @@ def tracking_lag(fine: Fine) -> tuple[float, float]:
     """
     if fine.command is None:
         return math.nan, math.nan
-    rate = np.gradient(gaussian_filter1d(fine.command, 2.0), fine.step_s)
+    rate = np.gradient(smoothed(fine.command, 2.0), fine.step_s)
     moving = np.abs(rate) > 0.05 * np.max(np.abs(rate), initial=0.0)
     if np.sum(moving) < _FEWEST:
         return math.nan, math.nan
@@ -138,14 +139,14 @@ def lost_motion(
     h = telemetry.sample_period
     turned = np.concatenate([[0.0], np.cumsum(0.5 * h * (speed[1:] + speed[:-1]))])
     usual = preparation.usual_speed
-    smooth = gaussian_filter1d(speed, max(1.0, 0.005 / h))
+    smooth = smoothed(speed, max(1.0, 0.005 / h))
     way = np.sign(smooth) * (np.abs(smooth) > 0.25 * usual)
     begins = np.flatnonzero(np.diff(np.concatenate([[0.0], way])) != 0.0)
     ends = np.append(begins[1:], len(way))
     strokes = [(b, e, way[b]) for b, e in zip(begins, ends, strict=True) if way[b] and e - b >= 5]
     gap = turned - telemetry.position
     differences = []
-    for (b0, e0, w0), (b1, e1, w1) in zip(strokes, strokes[1:], strict=False):
+    for (b0, e0, w0), (b1, e1, w1) in pairwise(strokes):
         if w0 == w1 or (b1 - e0) * h > 1.0:
             continue
         before, after = np.median(gap[b0:e0]), np.median(gap[b1:e1])

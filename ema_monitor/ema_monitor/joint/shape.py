@@ -32,9 +32,10 @@ _TINY: Final = 1e-12
 class Shape:
     """Terms of the effort that all records of a unit share.
 
-    ``effort = dry · D + inertia · a + viscous · v + load + gravity · G`` with the dry friction
+    ``effort = dry · D + inertia · a + viscous · v + load + gravity · G``, with the dry friction
     ``D = coulomb · s + dip · s exp(-(v / v_s)^2) + share · s |inertia a + G|`` for the filtered
-    sign s of the speed, and gravity ``G = sine · sin(q - centre) + cosine · (cos(q - centre) - 1)``.
+    sign s of the speed, and gravity ``G = sine · sin(q - c) + cosine · (cos(q - c) - 1)`` for the
+    angle c at the centre of the motion.
 
     Attributes
     ----------

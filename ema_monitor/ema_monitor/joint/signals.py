@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from ema_core.arrays import Array, Flags
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_monitor.joint.smoothing import smoothed
 
 SLOWEST_CUTOFF_HZ: Final = 1.5
 HIGHEST_SHARE: Final = 0.2
@@ -185,11 +185,11 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     step = fine.step_s
     sigma = _SIGMA_CUTOFF / preparation.cutoff_hz / step
     time = step * np.arange(len(fine.position))
-    rough = gaussian_filter1d(fine.position, sigma / 3.0)
+    rough = smoothed(fine.position, sigma / 3.0)
     if fine.speed is None:
         fine_speed = np.gradient(rough, step)
     else:
-        fine_speed = gaussian_filter1d(fine.speed, sigma / 3.0)
+        fine_speed = smoothed(fine.speed, sigma / 3.0)
     usual = preparation.usual_speed
     sign = np.clip(fine_speed / (_SOFT_SIGN * usual), -1.0, 1.0)
     effort = fine.effort if preparation.is_signed else np.abs(fine.effort) * sign
@@ -199,7 +199,7 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     columns = [effort, fine.position, sign, *(sign[:, None] * dips).T]
     if fine.speed is not None:
         columns.append(fine.speed)
-    smooth = gaussian_filter1d(np.array(columns), sigma, axis=1)
+    smooth = smoothed(np.array(columns), sigma)
     speed = smooth[-1] if fine.speed is not None else np.gradient(smooth[1], step)
     acceleration = np.gradient(speed, step)
     direction = smooth[2]
@@ -228,9 +228,9 @@ def usual_speed(fine: Fine, cutoff_hz: float) -> float:
     """Return the 95 % quantile of the speed of a record while it moves [rad/s]."""
     sigma = _SIGMA_CUTOFF / cutoff_hz / fine.step_s
     if fine.speed is None:
-        speed = np.gradient(gaussian_filter1d(fine.position, sigma), fine.step_s)
+        speed = np.gradient(smoothed(fine.position, sigma), fine.step_s)
     else:
-        speed = gaussian_filter1d(fine.speed, sigma)
+        speed = smoothed(fine.speed, sigma)
     speed = np.abs(speed)
     fastest = float(np.max(speed, initial=0.0))
     moving = speed[speed > _SLOW * fastest]
@@ -250,5 +250,5 @@ def _strokes(way: Array, step_s: float) -> Array:
 
 def at_rest(fine: Fine, usual: float) -> Flags:
     """Return where the joint rests, ``(n,)``."""
-    speed = np.gradient(gaussian_filter1d(fine.position, 2.0), fine.step_s)
+    speed = np.gradient(smoothed(fine.position, 2.0), fine.step_s)
     return np.abs(speed) < _RESTING * usual

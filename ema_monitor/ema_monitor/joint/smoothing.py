@@ -1,0 +1,29 @@
+"""Zero-phase smoothing of columns by a Gaussian."""
+
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+
+_REACH: Final = 4.0
+
+
+def smoothed(columns: Array, sigma: float) -> Array:
+    """Return columns smoothed by a Gaussian that is cut off at four standard deviations.
+
+    Parameters
+    ----------
+    columns
+        ``(n,)``, or several as rows, ``(k, n)``. Beyond its ends a column keeps its last value.
+    sigma
+        Standard deviation of the Gaussian [samples].
+    """
+    reach = max(1, int(_REACH * sigma + 0.5))
+    places = np.arange(-reach, reach + 1)
+    kernel = np.exp(-0.5 * (places / max(sigma, 1e-9)) ** 2)
+    kernel /= np.sum(kernel)
+    if columns.ndim == 1:
+        return np.convolve(np.pad(columns, reach, mode="edge"), kernel, mode="valid")
+    padded = np.pad(columns, ((0, 0), (reach, reach)), mode="edge")
+    return np.stack([np.convolve(row, kernel, mode="valid") for row in padded])
