@@ -8,6 +8,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ema_core.quantity import Checked, quantity
@@ -130,6 +131,12 @@ def unit_of(name: str) -> str:
     """Return the unit of a parameter; empty where there is no such parameter."""
     units = {item.name: item.metadata["unit"] for item in fields(ActuatorParameters)}
     return units.get(name, "")
+
+
+NEUTRAL: Mapping[str, float] = MappingProxyType(
+    {"tau": 1.0, "k_t": 1.0, "k_e": 1.0, "BLK": 0.0, "theta_stop": 1e6, "omega_max": 5e3}
+)
+"""Parameters of a machine of which only the data are known: nothing is converted or limited."""
 
 
 class FieldOrientedParameters(ActuatorParameters):

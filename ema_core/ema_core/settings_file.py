@@ -17,8 +17,11 @@ def load_settings(
     what: str,
     kind: type[_Settings],
     prepare: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
+    complete: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
 ) -> _Settings:
-    """Read a dataclass from a YAML file; ``what`` names the file, ``prepare`` changes sections.
+    """Read a dataclass from a YAML file; ``what`` names the file.
+
+    ``complete`` adds to the content of the file. After that, ``prepare`` changes sections of it.
 
     Raises
     ------
@@ -32,6 +35,8 @@ def load_settings(
         why = getattr(error, "strerror", None) or error
         raise ValueError(f"{what} {path} cannot be read: {why}") from error
     try:
+        if complete is not None and isinstance(content, dict):
+            content = complete(content)
         for section, change in (prepare or {}).items():
             if isinstance(content, dict) and isinstance(content.get(section), dict):
                 content[section] = change(content[section])

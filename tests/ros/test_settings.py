@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import Checked, quantity, text
 from ema_ros.actuator_file import load_description
+from ema_ros.messages import description_from_message, description_to_message
 from ema_ros.settings import LiveSettings, declare, read
 
 
@@ -203,3 +204,31 @@ def test_file_that_describes_no_actuator_is_refused_by_its_name(
     with pytest.raises(ValueError, match=r"wrong\.yaml") as refused:
         load_description(file)
     assert text in str(refused.value)
+
+
+@pytest.mark.parametrize("parameters", ["", "parameters: {}\n", "parameters:\n"])
+def test_unknown_drive_needs_names_alone(tmp_path, parameters):
+    """Torques of the joint are then used as they are, and angles are angles of the joint."""
+    file = tmp_path / "wheel.yaml"
+    file.write_text(f"actuator_id: wheel\nserial_number: W-1\ndrive: unknown\n{parameters}")
+    description = load_description(file)
+    p = description.parameters
+    assert (description.model, p.tau, p.k_t, p.k_e, p.BLK) == ("", 1.0, 1.0, 1.0, 0.0)
+    assert description_from_message(description_to_message(description)) == description
+
+
+def test_given_parameters_of_an_unknown_drive_are_kept(tmp_path):
+    file = tmp_path / "wheel.yaml"
+    file.write_text(
+        "actuator_id: w\nserial_number: W-1\nmodel: m\ndrive: unknown\nparameters: {tau: 0.01}\n"
+    )
+    description = load_description(file)
+    assert (description.model, description.parameters.tau, description.parameters.k_t) == (
+        *("m", 0.01, 1.0),
+    )
+
+
+def test_modelled_drive_keeps_the_values_of_the_built_in_actuator(tmp_path):
+    file = tmp_path / "flap.yaml"
+    file.write_text("actuator_id: flap\nserial_number: W-1\n")
+    assert load_description(file).parameters == ActuatorDescription().parameters

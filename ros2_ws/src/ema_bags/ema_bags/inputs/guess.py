@@ -253,7 +253,12 @@ def refine(
         remarks.append(f"{change.quantity}.{change.entry} {change.value}: {change.reason}")
     motion = moving(mapping)
     if mapping.current is not None and motion is not None:
-        found = motion.current_against_torque(description.parameters)
+        if description.drive == "unknown":
+            # Inertia and friction of such a drive are not known: only the sign can be found.
+            dissipation = motion.dissipation
+            found = None if dissipation is None else (1.0, dissipation)
+        else:
+            found = motion.current_against_torque(description.parameters)
         current = _refined(mapping.current, found, description, remarks)
         mapping = replace(mapping, current=current)
     return Guess(mapping, remarks)
