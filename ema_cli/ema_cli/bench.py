@@ -92,7 +92,7 @@ class Bench:
         """Return what options and parameters say; what the description contradicts is printed."""
         run = parameters.over(RunSettings())
         file = parameters.path("actuator_file")
-        description = load_description(file) if file else ActuatorDescription()
+        description = load_description(file, is_simulated=True) if file else ActuatorDescription()
         own = {name: getattr(run, name) for name in ("actuator_id", "serial_number")}
         description = replace(description, **{k: value for k, value in own.items() if value})
         for remark in description.remarks:

@@ -54,7 +54,9 @@ class ActuatorNode(ManagedNode):
         declare(self, RunSettings)
         run_settings = read(self, RunSettings)
         file = run_settings.actuator_file
-        description = load_description(Path(file)) if file else ActuatorDescription()
+        description = (
+            load_description(Path(file), is_simulated=True) if file else ActuatorDescription()
+        )
         own = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
         given = {name: value for name, value in own.items() if value}
         self._description = replace(description, **given)

@@ -217,6 +217,13 @@ def test_unknown_drive_needs_names_alone(tmp_path, parameters):
     assert description_from_message(description_to_message(description)) == description
 
 
+def test_simulator_of_an_unknown_drive_has_the_plant_of_the_built_in_actuator(tmp_path):
+    file = tmp_path / "wheel.yaml"
+    file.write_text("actuator_id: wheel\nserial_number: W-1\ndrive: unknown\n")
+    description = load_description(file, is_simulated=True)
+    assert description.parameters == ActuatorDescription().parameters
+
+
 def test_given_parameters_of_an_unknown_drive_are_kept(tmp_path):
     file = tmp_path / "wheel.yaml"
     file.write_text(

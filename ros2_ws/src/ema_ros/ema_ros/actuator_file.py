@@ -9,7 +9,7 @@ from ema_core.parameters import NEUTRAL
 from ema_core.settings_file import load_settings
 
 
-def load_description(path: Path) -> ActuatorDescription:
+def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescription:
     """Read a description from a YAML file; a ValueError names the file and what is wrong.
 
     It has ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
@@ -18,9 +18,19 @@ def load_description(path: Path) -> ActuatorDescription:
     Missing entries have the values of the built-in actuator. With ``drive: unknown``, parameters
     that are missing have the values of ``ema_core.parameters.NEUTRAL``: a file then needs
     ``actuator_id``, ``serial_number`` and ``drive`` alone.
+
+    Parameters
+    ----------
+    is_simulated
+        Whether a simulator reads it: a plant needs physical values, so that missing parameters
+        have those of the built-in actuator for every drive.
     """
     return load_settings(
-        path, "actuator file", ActuatorDescription, {"parameters": in_si}, _completed
+        path,
+        "actuator file",
+        ActuatorDescription,
+        {"parameters": in_si},
+        None if is_simulated else _completed,
     )
 
 
