@@ -139,6 +139,8 @@ def guess_columns(columns: TableColumns, *, needs_command: bool = True) -> Guess
         raise ValueError(
             f"{columns.path}: no column seems to be the {' or the '.join(missing)}; columns: "
             f"{', '.join(columns.values)}: write a mapping by hand"
+            + "; with drive: unknown in the actuator file, no command is needed"
+            * ("position" in taken)
         )
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
