@@ -285,26 +285,22 @@ class _Test:
             test = self._along(_best_weights(np.column_stack(columns), self._tolerant)[0])
         change, (low, high) = test.change, test.interval
         extra = _Z90 * _RATIO_TOLERANCE * abs(change)
-        figures = (
-            change,
-            change - math.hypot(change - low, extra),
-            change + math.hypot(high - change, extra),
-            smallest,
-        )
+        low = change - math.hypot(change - low, extra)
+        high = change + math.hypot(high - change, extra)
         unit = "-"
         if name == LOAD:
-            unit = self._comparer.effort_unit
-            figures = tuple(self._comparer.effort_scale * one for one in figures)
+            unit, scale = self._comparer.effort_unit, self._comparer.effort_scale
+            change, low, high, smallest = (scale * one for one in (change, low, high, smallest))
         if name == TORQUE:  # the columns are linear in the effort, the quantity is its inverse
-            change, low, high = map(_inverse, figures[:3])
-            figures = change, *sorted((low, high)), smallest
+            change, low, high = map(_inverse, (change, low, high))
+        judgement, reason, others = Judgement.UNCHANGED, "", ()
         if name in named:
-            return QuantityChange(name, Judgement.CHANGED, *figures, unit, "", rivals)
-        if name in rivals:
+            judgement, others = Judgement.CHANGED, rivals
+        elif name in rivals:
+            judgement, others = Judgement.NOT_JUDGED, named
             labels = " and ".join(QUANTITIES[one].label for one in named)
             reason = f"this motion cannot tell it apart from {labels}"
-            return QuantityChange(name, Judgement.NOT_JUDGED, *figures, unit, reason, named)
-        return QuantityChange(name, Judgement.UNCHANGED, *figures, unit)
+        return QuantityChange(name, judgement, change, low, high, smallest, unit, reason, others)
 
     def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:
         """Return the change of friction over inertia: that of the coefficient of friction.
@@ -359,9 +355,14 @@ class _Test:
             return QuantityChange(PLAY, Judgement.NOT_JUDGED, reason="a load closes the play"), 1.0
         is_changed = rest.change > 0.0 and rest.is_significant
         low, high = test.interval
-        figures = (test.change, low - _WIND_UP * wind_up, high, test.smallest_change)
-        judgement = Judgement.CHANGED if is_changed else Judgement.UNCHANGED
-        change = QuantityChange(PLAY, judgement, *(one / mean for one in figures))
+        change = QuantityChange(
+            PLAY,
+            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
+            test.change / mean,
+            (low - _WIND_UP * wind_up) / mean,
+            high / mean,
+            test.smallest_change / mean,
+        )
         return change, test.probability if is_changed else 1.0
 
     def _tracking(self) -> QuantityChange:
@@ -381,9 +382,16 @@ class _Test:
         observed = Observation(own.lag_s, own.lag_sigma, own.day)
         test = SingleTest.of(observed, healthy, between)
         is_changed = test.is_significant and abs(test.change) > floor
-        figures = (test.change, *test.interval, max(test.smallest_change, floor))
-        judgement = Judgement.CHANGED if is_changed else Judgement.UNCHANGED
-        return QuantityChange(TRACKING, judgement, *(one / max(mean, floor) for one in figures))
+        low, high = test.interval
+        healthy_lag = max(mean, floor)
+        return QuantityChange(
+            TRACKING,
+            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
+            test.change / healthy_lag,
+            low / healthy_lag,
+            high / healthy_lag,
+            max(test.smallest_change, floor) / healthy_lag,
+        )
 
     def _figures(self, friction: QuantityChange) -> tuple[tuple[FigureChange, ...], float]:
         """Return the model-free figures that depart, and the smallest probability of any.
@@ -420,7 +428,8 @@ class _Test:
 def _best_weights(columns: Array, covariance: Array) -> Array:
     """Return the weights of generalised least squares for each column, ``(k, 5)``."""
     inverse = np.linalg.pinv(covariance, hermitian=True, rcond=1e-14)
-    return np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
+    weights = np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
+    return np.asarray(weights, dtype=np.float64)
 
 
 def _inverse(change: float) -> float:

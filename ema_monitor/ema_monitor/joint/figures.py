@@ -91,9 +91,9 @@ def figures_of(
                 found[f"error_scatter_{way}"] = _log_rms(chosen - np.mean(chosen))
                 found[f"error_roughness_{way}"] = _log_rms(_steps(error, moving[way]))
     for name in FIGURES:
-        both = [found.get(f"{name}_{way}") for way in WAYS]
-        if None not in both:
-            found[name] = 0.5 * (both[0] + both[1])
+        both = [found[key] for way in WAYS if (key := f"{name}_{way}") in found]
+        if len(both) == len(WAYS):
+            found[name] = float(np.mean(both))
     rest = np.abs(speed) < 0.02 * preparation.usual_speed
     if np.sum(rest) >= _FEWEST and not preparation.is_signed:
         found["rest_effort"] = math.log(

@@ -1,6 +1,6 @@
 """Changes of a joint that may explain a record, as directions in the space of its coefficients."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
 from ema_monitor.joint.shape import COEFFICIENTS
 
-OF_COEFFICIENTS = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
+OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
 """Quantity that each coefficient stands for."""
 
 
@@ -26,7 +26,7 @@ class Hypothesis(NamedTuple):
 
 def hypotheses(baseline: Baseline) -> list[Hypothesis]:
     """Return the changes that are considered: single quantities first, then pairs."""
-    columns = dict(zip(OF_COEFFICIENTS, np.diag(_steps(baseline)), strict=True))
+    columns: dict[str, Array] = dict(zip(OF_COEFFICIENTS, np.diag(_steps(baseline)), strict=True))
     # The effort that the same motion takes is inverse to the torque per ampere.
     columns[TORQUE] = -baseline.healthy
     pairs = [(FRICTION, TORQUE)]

@@ -3,6 +3,7 @@
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_core.arrays import Array
 
@@ -10,6 +11,21 @@ _HUBER: Final = 2.5
 _PASSES: Final = 4
 _TINY: Final = 1e-12
 _NORMAL: Final = 1.4826
+
+
+class Prior(NamedTuple):
+    """Weak normal prior of coefficients, ``(p,)`` each: it decides what the rows leave open."""
+
+    values: Array
+    sigmas: Array
+
+
+class Robust(NamedTuple):
+    """Coefficients, ``(p,)``, weights and residuals of the rows, ``(n,)``."""
+
+    values: Array
+    weights: Array
+    residuals: Array
 
 
 class Regression(NamedTuple):
@@ -20,19 +36,34 @@ class Regression(NamedTuple):
     residuals: Array
 
 
-def regress(
-    design: Array, target: Array, clusters: Array, prior: Array, prior_sigma: Array
-) -> Regression:
-    """Fit ``target`` by the columns of ``design``, insensitive to outliers.
+def robust_fit(design: Array, target: Array, prior: Prior) -> Robust:
+    """Fit ``target``, ``(n,)``, by the columns of ``design``, ``(n, p)``, with Huber's weights."""
+    precision = np.diag(prior.sigmas**-2.0)
+    weights, noise = np.ones(len(target)), float(np.var(target))
+    values = prior.values
+    for step in range(_PASSES):
+        if step:
+            left = target - design @ values
+            scale = _NORMAL * float(np.median(np.abs(left))) + _TINY
+            weights = 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale))
+            noise = max(_TINY, float(weights @ left**2) / len(left))
+        matrix = design.T @ (weights[:, None] * design) + noise * precision
+        moment = design.T @ (weights * target) + noise * (precision @ prior.values)
+        values = np.asarray(np.linalg.solve(matrix, moment), dtype=np.float64)
+    return Robust(values, weights, target - design @ values)
+
+
+def regress(design: Array, target: Array, clusters: NDArray[np.intp], prior: Prior) -> Regression:
+    """Fit ``target`` by the columns of ``design``, with the covariance of the coefficients.
 
     Parameters
     ----------
     design, target
         ``(n, p)`` and ``(n,)``.
     clusters
-        Number of the stroke of each row; errors are independent between strokes only.
-    prior, prior_sigma
-        Weak normal prior of the coefficients, ``(p,)``: it decides what the rows leave open.
+        Number of the stroke of each row: errors are independent between strokes only.
+    prior
+        What decides where the rows leave a coefficient open.
 
     Notes
     -----
@@ -40,40 +71,27 @@ def regress(
     clusters, scaled by G / (G - p) and never below that of independent errors (Liang and Zeger,
     1986).
     """
+    values, weights, residuals = robust_fit(design, target, prior)
     n, p = design.shape
-    weights = np.ones(n)
-    precision = np.diag(prior_sigma**-2.0)
-    values = prior
-    for _ in range(_PASSES):
-        residuals = target - design @ values if _ else target
-        if _:
-            scale = _NORMAL * float(np.median(np.abs(residuals))) + _TINY
-            weights = 1.0 / np.maximum(1.0, np.abs(residuals) / (_HUBER * scale))
-        normal = design.T @ (weights[:, None] * design)
-        noise = max(_TINY, float(weights @ residuals**2) / n) if _ else float(np.var(target))
-        matrix = normal + noise * precision
-        values = np.linalg.solve(
-            matrix, design.T @ (weights * target) + noise * (precision @ prior)
-        )
-    residuals = target - design @ values
-    noise = float(weights @ residuals**2) / max(1, n - p)
-    bread = np.linalg.inv(normal + noise * precision)
+    precision = np.diag(prior.sigmas**-2.0)
+    noise = float(weights @ residuals**2) / max(1, n - p) + _TINY**2
+    information = design.T @ (weights[:, None] * design) + noise * precision
+    bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    _, groups = np.unique(clusters, return_inverse=True)
+    count = int(groups.max()) + 1
     scores = design * (weights * residuals)[:, None]
-    groups, index = np.unique(clusters, return_inverse=True)
-    sums = np.zeros((len(groups), p))
-    np.add.at(sums, index, scores)
-    count = len(groups)
-    sandwich = bread @ (sums.T @ sums * (count / max(1, count - p)) + noise**2 * precision) @ bread
-    white = noise * bread
-    return Regression(values, _at_least(sandwich, white), residuals)
+    sums = np.stack([np.bincount(groups, column, count) for column in scores.T], axis=1)
+    inner = sums.T @ sums * (count / max(1, count - p)) + noise**2 * precision
+    return Regression(values, _at_least(bread @ inner @ bread, noise * bread), residuals)
 
 
 def _at_least(covariance: Array, floor: Array) -> Array:
     """Return a covariance that is in no direction smaller than another."""
     scale = np.sqrt(np.diag(floor))
-    relative = np.linalg.cholesky(floor / np.outer(scale, scale) + _TINY * np.eye(len(scale)))
-    inverse = np.linalg.inv(relative)
-    inner = inverse @ (covariance / np.outer(scale, scale)) @ inverse.T
+    units = np.outer(scale, scale)
+    root = np.linalg.cholesky(floor / units + _TINY * np.eye(len(scale)))
+    inverse = np.linalg.inv(root)
+    inner = inverse @ (covariance / units) @ inverse.T
     values, vectors = np.linalg.eigh((inner + inner.T) / 2.0)
     lifted = vectors @ np.diag(np.maximum(values, 1.0)) @ vectors.T
-    return np.outer(scale, scale) * (relative @ lifted @ relative.T)
+    return units * (root @ lifted @ root.T)

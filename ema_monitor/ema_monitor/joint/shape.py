@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_monitor.joint.regression import Regression, regress
+from ema_monitor.joint.regression import Prior, regress, robust_fit
 from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
 
 COEFFICIENTS: Final = ("friction", "inertia", "viscous_friction", "load", "gravity")
@@ -25,6 +25,7 @@ _MOST_DIP: Final = 2.0
 _MOST_LOAD: Final = 0.6
 _FEWEST_ROWS: Final = 30
 _FREE: Final = 10.0
+_OPEN: Final = 1e3
 _TINY: Final = 1e-12
 
 
@@ -118,9 +119,8 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
         healthy = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
     used = np.ones(len(COEFFICIENTS), dtype=bool)
     used[GRAVITY] = shape.has_gravity
-    found = regress(
-        design[:, used], signals.effort, signals.stroke, healthy[used], _FREE * scales[used]
-    )
+    prior = Prior(healthy[used], _FREE * scales[used])
+    found = regress(design[:, used], signals.effort, signals.stroke, prior)
     values, covariance = np.array(healthy), np.zeros((len(used), len(used)))
     values[used] = found.values
     covariance[np.ix_(used, used)] = found.covariance
@@ -247,11 +247,8 @@ def _pooled(
         targets.append(projected[:, -1])
         inertias.append((free, np.column_stack(common), one.effort))
     design, target = np.concatenate(designs), np.concatenate(targets)
-    clusters = np.arange(len(target))
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
-    fit: Regression = regress(
-        design, target, clusters, np.zeros(design.shape[1]), 1e3 * scales + _TINY
-    )
+    fit = robust_fit(design, target, Prior(np.zeros(len(scales)), _OPEN * scales + _TINY))
     values = fit.values.tolist()
     coulomb = values.pop(0)
     dip = values.pop(0) if terms.stribeck is not None else 0.0

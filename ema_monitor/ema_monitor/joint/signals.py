@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ema_core.arrays import Array, Flags
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.smoothing import smoothed
@@ -31,7 +32,7 @@ _ENDS: Final = 3.0
 _ROW: Final = 1.5
 _LONGEST_STROKE_S: Final = 2.0
 _USUAL_SPEED: Final = 95.0
-_RESTING: Final = 0.02
+_UNSIGNED: Final = 0.02
 
 
 class Preparation(NamedTuple):
@@ -88,7 +89,7 @@ class Signals:
     acceleration: Array
     direction: Array
     stribeck: Array
-    stroke: Array
+    stroke: NDArray[np.intp]
     usual_speed: float
     rate: float
 
@@ -117,7 +118,7 @@ def known_lag(description: ActuatorDescription) -> float:
 
 def is_signed(effort: Array) -> bool:
     """Return whether an effort has a sign, rather than being a magnitude."""
-    return bool(np.min(effort) < -_RESTING * np.max(np.abs(effort)))
+    return bool(np.min(effort) < -_UNSIGNED * np.max(np.abs(effort)))
 
 
 def motion_band(telemetry: Telemetry) -> float:
@@ -237,7 +238,7 @@ def usual_speed(fine: Fine, cutoff_hz: float) -> float:
     return float(np.percentile(moving, _USUAL_SPEED)) if len(moving) else 0.0
 
 
-def _strokes(way: Array, step_s: float) -> Array:
+def _strokes(way: Array, step_s: float) -> NDArray[np.intp]:
     """Return the number of the stroke of each sample; long strokes are cut every 2 s."""
     begins = np.concatenate([[True], way[1:] != way[:-1]])
     number = np.cumsum(begins)
@@ -246,9 +247,3 @@ def _strokes(way: Array, step_s: float) -> Array:
     piece = (within * step_s / _LONGEST_STROKE_S).astype(int)
     _, labels = np.unique(np.stack([number, piece]), axis=1, return_inverse=True)
     return labels.reshape(-1)
-
-
-def at_rest(fine: Fine, usual: float) -> Flags:
-    """Return where the joint rests, ``(n,)``."""
-    speed = np.gradient(smoothed(fine.position, 2.0), fine.step_s)
-    return np.abs(speed) < _RESTING * usual

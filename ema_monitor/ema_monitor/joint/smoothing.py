@@ -21,9 +21,9 @@ def smoothed(columns: Array, sigma: float) -> Array:
     """
     reach = max(1, int(_REACH * sigma + 0.5))
     places = np.arange(-reach, reach + 1)
-    kernel = np.exp(-0.5 * (places / max(sigma, 1e-9)) ** 2)
+    kernel: Array = np.exp(-0.5 * (places / max(sigma, 1e-9)) ** 2)
     kernel /= np.sum(kernel)
-    if columns.ndim == 1:
-        return np.convolve(np.pad(columns, reach, mode="edge"), kernel, mode="valid")
-    padded = np.pad(columns, ((0, 0), (reach, reach)), mode="edge")
-    return np.stack([np.convolve(row, kernel, mode="valid") for row in padded])
+    rows = np.atleast_2d(columns)
+    padded = np.pad(rows, ((0, 0), (reach, reach)), mode="edge")
+    found: Array = np.array([np.convolve(row, kernel, mode="valid") for row in padded])
+    return found.reshape(columns.shape)
