@@ -90,7 +90,7 @@ def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Pat
     assert any("the sample index went back" in remark for remark in found.remarks)
 
 
-def test_pieces_that_are_passed_over_are_told(path: Path):
+def test_bag_reports_the_pieces_that_are_passed_over(path: Path):
     short = np.concatenate([motion(1.0), np.zeros(700)])
     found = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
     # The first bin, of 0.03 s, and the last one do not count.

@@ -99,7 +99,7 @@ class Actuators(dict[str, Actuator]):
                 unit.publish_if_stale(unit.good_for_s(operation), now_ns) for unit in self.values()
             ]
             for unit in self.values():
-                # Nothing follows a record when the telemetry ends.
+                # The position does not show that the telemetry has ended.
                 if unit.is_silent and unit.finder.finds_records:
                     self._handle(unit, unit.finder.finish())
         stale = [health for health in published if health is not None]
@@ -375,7 +375,7 @@ class Actuators(dict[str, Actuator]):
 
 
 def _cut_off(segment: Segment) -> Segment:
-    """Return the refusal of a record that ends because the monitor does."""
+    """Return the refusal of a window, or of a record that the monitor stops within."""
     window = segment.window
     if isinstance(window, Refusal):
         return segment

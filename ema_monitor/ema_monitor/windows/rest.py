@@ -12,7 +12,7 @@ BINS_AT_ONCE: Final = 12
 
 _BIN_S: Final = 0.04
 _SMALLEST_THRESHOLD: Final = 2e-5
-# The travel of the means of two bins is not a multiple of the resolution: no rest is a tie.
+# Positions differ by multiples of the resolution, or of a part of it: rounding decides nothing.
 _STEPS: Final = 4.29
 _SIGMAS: Final = 8.0
 _FOURTH_DIFFERENCE_GAIN: Final = 70.0**0.5
