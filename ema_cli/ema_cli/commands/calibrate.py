@@ -13,7 +13,9 @@ from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor import calibrations
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.joint.wording import baseline_sentences
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.windows.trigger import Refusal
 
@@ -62,14 +64,16 @@ def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Pa
     used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
     if known := taken_for_known(used):
         click.echo(f"taken for known: {known}")
-    windows = counted(calibration.windows, "window")
-    if calibration.windows < _ENOUGH_WINDOWS:
+    click.echo(f"{output}: {calibration}")
+    if isinstance(calibration, JointCalibration):
+        click.echo("\n".join(baseline_sentences(calibration.comparer)))
+    elif calibration.windows < _ENOUGH_WINDOWS:
+        windows = counted(calibration.windows, "window")
         click.echo(
             f"warning: {windows} cannot average out much of the current's ripple, "
             f"{_ENOUGH_WINDOWS} or more are better",
             err=True,
         )
-    click.echo(f"{output}: {calibration}")
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:

@@ -15,7 +15,6 @@ from ema_core.wording import counted
 from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.record import JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, Shape
@@ -98,13 +97,11 @@ class JointCalibration(StoredCalibration):
     def __str__(self) -> str:
         baseline = self.baseline
         days = counted(len(set(baseline.days)), "day")
-        friction = self.comparer.smallest_changes[FRICTION]
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (controller not modelled) "
             f"from {counted(self.windows, 'record')} on {days}: "
             f"friction {self.effort_shown.text(baseline.friction)}, "
-            f"inertia {baseline.healthy[1]:.4g} A.s^2/rad, changes of Coulomb friction above "
-            f"{100.0 * friction:.2g} % would show"
+            f"inertia {baseline.healthy[1]:.4g} A.s^2/rad"
         )
 
     def with_labels_of(self, other: "JointCalibration") -> Self:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from functools import cached_property
 from typing import Final
 
@@ -24,7 +25,17 @@ BETWEEN_DAYS: Final = {
 the load only as a share of the dry friction at the usual speed [-]."""
 
 _SAME_MOTION: Final = 0.05
+_ENOUGH_RECORDS: Final = 5
+_ONE_SPEED: Final = 0.98
 _FLOOR: Final = 1e-9
+
+
+class Gap(Enum):
+    """What the healthy records of a baseline lack."""
+
+    ONE_DAY = auto()
+    FEW_RECORDS = auto()
+    ONE_SPEED = auto()
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,18 @@ class Baseline:
         slack = 1.0 + _SAME_MOTION
         is_within = (own >= motions.min(axis=0) / slack) & (own <= motions.max(axis=0) * slack)
         return bool(np.all(is_within))
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """What the healthy records lack."""
+        mean = np.mean(self.covariances, axis=0)
+        sigmas = np.sqrt(mean[DRY, DRY] * mean[VISCOUS, VISCOUS])
+        is_missing = {
+            Gap.ONE_DAY: len(set(self.days)) < 2,
+            Gap.FEW_RECORDS: len(self.records) < _ENOUGH_RECORDS,
+            Gap.ONE_SPEED: abs(mean[DRY, VISCOUS]) > _ONE_SPEED * sigmas,
+        }
+        return tuple(gap for gap, missing in is_missing.items() if missing)
 
     def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
         """Return the baseline with these labelled records and no others."""

@@ -60,6 +60,10 @@ _MORE_DAYS: Final = 2
 _MORE_RECORDS: Final = 6
 _WORTH_IT: Final = 0.9
 _TINY: Final = 1e-12
+_DOUBT: Final = (
+    "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
+    "records of further days"
+)
 
 
 @dataclass(frozen=True)
@@ -274,7 +278,7 @@ class _Test:
         self, name: str, test: SingleTest, named: tuple[str, ...], rivals: tuple[str, ...]
     ) -> QuantityChange:
         """Return the change of a quantity, beside those that are named."""
-        smallest = test.smallest_change
+        smallest, is_doubtful = test.smallest_change, test.is_doubtful
         if named:
             columns = [
                 one.columns[:, 0]
@@ -300,6 +304,8 @@ class _Test:
             judgement, others = Judgement.NOT_JUDGED, named
             labels = " and ".join(QUANTITIES[one].label for one in named)
             reason = f"this motion cannot tell it apart from {labels}"
+        elif is_doubtful and not named:
+            judgement, reason = Judgement.NOT_JUDGED, _DOUBT
         return QuantityChange(name, judgement, change, low, high, smallest, unit, reason, others)
 
     def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:

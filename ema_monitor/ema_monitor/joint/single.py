@@ -14,6 +14,9 @@ BETWEEN_RECORDS: Final = 0.6
 SIGNIFICANCE: Final = 1e-3
 """Probability below which a healthy record differs in one quantity or figure."""
 
+DOUBT: Final = 2.7e-3
+"""Probability below which a record is not called healthy: that of three standard deviations."""
+
 POWER: Final = 0.9
 """Probability with which the smallest detectable change is found."""
 
@@ -66,6 +69,11 @@ class SingleTest(NamedTuple):
     def is_significant(self) -> bool:
         """Whether the figure has changed."""
         return self.probability < SIGNIFICANCE
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the change is beyond usual variation, but not certain."""
+        return not self.is_significant and self.probability < DOUBT
 
     @property
     def smallest_change(self) -> float:

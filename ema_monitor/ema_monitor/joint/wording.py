@@ -5,6 +5,8 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from ema_core.wording import text_table
+from ema_monitor.joint.baseline import Gap
+from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
     FRICTION,
     FRICTION_OVER_INERTIA,
@@ -19,6 +21,18 @@ from ema_monitor.joint.comparison import (
 
 HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
 """Headings of ``rows``."""
+
+_GAPS: Final = {
+    Gap.ONE_DAY: (
+        "all healthy records are of one day: how much the joint changes between days is assumed; "
+        "add healthy records of two further days"
+    ),
+    Gap.FEW_RECORDS: "there are fewer than 5 healthy records: add healthy records",
+    Gap.ONE_SPEED: (
+        "the healthy records have nearly one speed, so that Coulomb and viscous friction are not "
+        "told apart: add moves at half the speed"
+    ),
+}
 
 _EFFORT: Final = frozenset({FRICTION, TORQUE})
 _WHOLE_PERCENT: Final = 10.0
@@ -38,7 +52,7 @@ def finding(comparison: Comparison) -> str:
     if not comparison.judged and not comparison.figures:
         reasons = dict.fromkeys(one.reason for one in comparison.quantities if one.reason)
         return "No quantity could be judged" + (f": {'; '.join(reasons)}" if reasons else "")
-    departed = [*_changes(comparison), *map(_figure_sentence, comparison.figures)]
+    departed = [*_changes(comparison), *_figures(comparison.figures)]
     parts = departed or [f"no quantity has changed{_friction_that_would_show(comparison)}"]
     return ". ".join(map(_capital, [*parts, *_state(comparison)]))
 
@@ -212,8 +226,14 @@ def _moved(change: float, low: float, high: float, share: str = "") -> str:
     return f"{words} (90 % interval {_decimals(ends[0])} to {_decimals(ends[1])} %)"
 
 
-def _figure_sentence(one: FigureChange) -> str:
-    return f"{label_of(one.name)} is {one.ratio:.3g} times that of the healthy records"
+def _figures(figures: Sequence[FigureChange]) -> list[str]:
+    """Return the departed figures as one sentence, if there are any."""
+    if not figures:
+        return []
+    ratios = [f"{label_of(one.name)} {one.ratio:.3g} times" for one in figures]
+    first, *others = ratios
+    first = first.replace(label_of(figures[0].name), f"{label_of(figures[0].name)} is", 1)
+    return [f"{_joined([first, *others], 'and')} that of the healthy records"]
 
 
 def _state(comparison: Comparison) -> list[str]:
@@ -250,13 +270,19 @@ def _capital(sentence: str) -> str:
 
 
 def _signed(value: float, quantity: QuantityChange) -> str:
-    if quantity.unit != "-":
-        return f"{value:+.3g}"
-    return f"{'+' if value >= 0.0 else '-'}{_decimals(abs(100.0 * value))}"
+    if quantity.unit == "-":
+        text = _decimals(100.0 * value)
+    else:
+        smallest = quantity.smallest_change
+        is_known = math.isfinite(smallest) and smallest > 0.0
+        # Two digits of the smallest change.
+        decimals = max(0, 1 - math.floor(math.log10(smallest))) if is_known else 3
+        text = f"{value:z.{decimals}f}"
+    return text if text.startswith("-") else f"+{text}"
 
 
 def _decimals(percent: float) -> str:
-    return f"{percent:.1f}" if abs(percent) < _WHOLE_SIGNED_PERCENT else f"{percent:.0f}"
+    return f"{percent:z.{0 if abs(percent) >= _WHOLE_SIGNED_PERCENT else 1}f}"
 
 
 def _plain(value: float, quantity: QuantityChange) -> str:
@@ -273,3 +299,26 @@ def _count(number: int, noun: str) -> str:
 def _joined(words: Iterable[str], conjunction: str) -> str:
     *first, last = words
     return f"{', '.join(first)} {conjunction} {last}" if first else last
+
+
+def baseline_sentences(comparer: Comparer) -> list[str]:
+    """Return what a baseline can show, and which healthy records would make it show more."""
+    another_day, same_day = (
+        _percent(smallest[FRICTION])
+        for smallest in (comparer.smallest_changes, comparer.smallest_changes_of_a_day)
+    )
+    sentences = [
+        f"{label_of(FRICTION)}: changes above {same_day} would show on a day that has healthy "
+        f"records, above {another_day} on another day"
+    ]
+    for one in comparer.improvements:
+        days = f" on {_count(one.days, 'further day')}" if one.days else ""
+        sentences.append(
+            f"{_count(one.records, 'further healthy record')}{days} would lower this to "
+            f"{_percent(one.smallest_change)}"
+        )
+    return sentences + [_GAPS[gap] for gap in comparer.baseline.gaps]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < _WHOLE_PERCENT / 100.0 else f"{100.0 * share:.0f} %"
