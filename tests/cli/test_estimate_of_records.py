@@ -80,7 +80,7 @@ def test_several_records_have_a_line_each_and_a_summary(estimate: Shown):
     ]  # fmt: skip
     assert "5 records: 1 valid, 1 refused, 3 departed" in lines
     assert (
-        "largest: Coulomb friction +30.0 % (record 2), constant load +0.5 N.m (record 3)" in lines
+        "largest: Coulomb friction +30.0 % (record 2), constant load +0.50 N.m (record 3)" in lines
     )
 
 

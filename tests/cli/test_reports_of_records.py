@@ -56,7 +56,7 @@ def run(ema, monkeypatch: pytest.MonkeyPatch, bag: Path) -> Run:
 @pytest.fixture
 def report(run: Run, tmp_path: Path) -> Callable[..., tuple[Any, Page]]:
     def made(*of: Comparison) -> tuple[Any, Page]:
-        result = run("report", of, "-o", tmp_path / "a.html")
+        result = run("report", of, "-o", tmp_path / "a.html", "--replace")
         return result, Page(tmp_path / "a.html")
 
     return made
@@ -88,6 +88,17 @@ def test_unit_whose_records_judge_nothing_is_never_well(report):
     assert first.startswith("Unknown: No quantity could be judged: the joint did not move")
     assert "Repeat the record of" in " ".join(page.said["li"])
     assert "1.00" not in result.stdout
+
+
+def test_second_line_names_what_wears_or_why_that_is_unknown(report):
+    lines = [report(HEALTHY, of)[0].stdout.splitlines()[1] for of in (HEALTHY, NO_FRICTION)]
+    assert lines == [
+        "No fault differs from healthy by more than its uncertainty.",
+        "Whether friction has grown is unknown: one direction only.",
+    ]
+    worn = report(*[FRICTION_UP] * 3)[0].stdout.splitlines()[1]
+    assert worn.startswith("Friction 0.0")
+    assert "dry friction 1.1" in worn
 
 
 def test_index_of_an_earlier_record_is_not_shown_beside_an_unknown_level(report):

@@ -9,6 +9,7 @@ from ema_monitor.joint.comparison import (
     FRICTION_OVER_INERTIA,
     GRAVITY,
     INERTIA,
+    LOAD,
     TORQUE,
     VISCOUS,
     Comparison,
@@ -118,8 +119,10 @@ def test_viscous_friction_is_a_share_of_all_friction():
 
 
 def test_absolute_change_has_its_unit():
-    assert "Constant load changed by +0.5 N.m (90 % interval +0.4 to +0.6 N.m)" in summary(LOADED)
-    assert row(LOADED, "constant load")[0] == "+0.5 N.m"
+    assert "Constant load changed by +0.50 N.m (90 % interval +0.40 to +0.60 N.m)" in summary(
+        LOADED
+    )
+    assert row(LOADED, "constant load")[0] == "+0.50 N.m"
 
 
 def test_record_that_shows_nothing_gives_the_reason_once():
@@ -132,6 +135,22 @@ def test_departed_figure_is_stated_though_no_quantity_has_changed():
     assert summary(of).startswith("Tracking error is 3.1 times that of the healthy records.")
     assert "No quantity has changed" not in summary(of)
     assert row(of, "tracking error") == ("× 3.1", "", "changed")
+
+
+def test_departed_figures_share_a_sentence():
+    figures = (FigureChange("effort_scatter", 3.07, 1e-9), FigureChange("error_scatter", 1.3, 1e-4))
+    told = "Effort scatter is 3.07 times and error scatter 1.3 times that of the healthy records"
+    assert summary(replace(HEALTHY, figures=figures)).startswith(told)
+
+
+def test_change_that_rounds_to_nothing_has_no_minus_sign():
+    of = comparison(replace(unchanged(FRICTION), change=-2e-4, low=-4e-4, high=0.01))
+    assert row(of, "Coulomb friction")[:2] == ("+0.0 %", "+0.0 to +1.0 %")
+
+
+def test_absolute_change_has_the_digits_of_its_smallest_change():
+    load = replace(unchanged(LOAD, 0.086), change=-0.00573, low=-0.0228, high=0.0113)
+    assert row(comparison(load), "constant load")[:2] == ("-0.006 N.m", "-0.023 to +0.011 N.m")
 
 
 def test_improvement_states_both_smallest_changes():

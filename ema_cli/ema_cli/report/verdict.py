@@ -19,7 +19,7 @@ from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
-from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.comparison import FRICTION, Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
@@ -249,10 +249,9 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     named = [items[last.dominant]] if last.dominant in items else []
     if worst is not None and worst not in named:
         named.append(worst)
-    if valid.comparison is not None:
-        what = finding(valid.comparison)
-        parts = [_item_in_words(item, last, course.record.description) for item in named]
-        return ". ".join([what, *map(_capital, parts)]) + "."
+    if not named and valid.comparison is not None and not valid.comparison[FRICTION].is_judged:
+        why = valid.comparison[FRICTION].reason or "the record does not show it"
+        return f"Whether friction has grown is unknown: {why}."
     if not named:
         return "No fault differs from healthy by more than its uncertainty."
     description = course.record.description
@@ -323,8 +322,4 @@ def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
 
 
 def _sentence(words: str) -> str:
-    return f"{_capital(words)}."
-
-
-def _capital(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}"
+    return f"{words[:1].upper()}{words[1:]}."
