@@ -58,10 +58,14 @@ function unitOf(one: QuantityChange): string {
 }
 
 function signed(one: QuantityChange, value: number): string {
-  const scaled = one.unit === "-" ? 100 * value : value;
-  const decimals = Math.abs(scaled) < 100 ? 1 : 0;
-  const text = one.unit === "-" ? fixed(scaled, decimals) : significant(scaled, 3);
+  const text = one.unit === "-"
+    ? fixed(100 * value, Math.abs(value) < 1 ? 1 : 0) : fixed(value, decimals(one.smallest_change));
   return text.startsWith("−") ? text : `+${text}`;
+}
+
+/** Decimals that show two digits of the smallest change. */
+function decimals(smallest: number): number {
+  return smallest > 0 && smallest < Infinity ? Math.max(0, 1 - Math.floor(Math.log10(smallest))) : 3;
 }
 
 function smallest(one: QuantityChange): string {
