@@ -40,7 +40,7 @@ test("a record is a row for each quantity, in the words of the commands", () => 
   assert.deepEqual([hidden.change, hidden.interval], ["", ""]);
   assert.equal(of({ rivals: ["torque_per_ampere"] }).judgement,
     "changed (not told apart from torque per ampere)");
-  assert.equal(of({ name: "load", unit: "N.m", change: -0.5 }).change, "−0.50 N.m");
+  assert.equal(of({ name: "load", unit: "N.m", change: -0.5, smallest_change: 0.1 }).change, "−0.50 N.m");
   assert.equal(of({ name: "viscous_friction" }).label,
     "viscous friction (of all friction at the usual speed)");
   assert.deepEqual(rowsOf(undefined), []);
