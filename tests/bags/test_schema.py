@@ -225,3 +225,12 @@ def test_only_fields_with_a_default_may_be_missing():
     renamed = older_text().replace("float64 gear_ratio", "float64 ratio")
     with pytest.raises(ValueError, match=r"is not the installed one.*float64 ratio"):
         to_installed(DESCRIPTION_TYPE, renamed, other_hash)
+
+
+def test_definition_with_line_ends_of_windows_is_read(tmp_path: Path):
+    text = schema_text("sensor_msgs/msg/JointState").replace("\n", "\r\n")
+    message = JointState(name=["a"], position=[0.5], velocity=[0.25])
+    decoded = decoder("sensor_msgs/msg/JointState", text)(serialize_message(message))
+    assert (decoded.name, decoded.position.tolist()) == (["a"], [0.5])
+    same = schema_text(DESCRIPTION_TYPE).replace("\n", "\r\n")
+    assert to_installed(DESCRIPTION_TYPE, same, type_hash(DESCRIPTION_TYPE)) is None

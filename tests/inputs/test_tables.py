@@ -1,5 +1,7 @@
 """Tables as test engineers write them, and the mapping that is guessed from them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -315,3 +317,92 @@ def test_time_that_is_no_clock_is_named(telemetry, tmp_path, change, words):
     found = InputFile(tmp_path / "a.csv").guess(FLAP)
     assert found.mapping.clock.source == ""
     assert any(words in item for item in found.remarks), found.remarks
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("in_heading", [False, True])
+def test_separator_at_the_end_of_each_line_keeps_the_names(tmp_path, separator, in_heading):
+    lines = [f"{row}{separator}" for row in rows(separator).splitlines()]
+    head = separator.join(["t", "pos", "cur"]) + separator * in_heading
+    found = read_columns(written(tmp_path / "a.csv", "\n".join([head, *lines, ""])))
+    assert list(found.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+
+
+def frame_of(telemetry, start="2026-10-20T08:00"):
+    stamps = pd.Timestamp(start, tz="UTC") + pd.to_timedelta(telemetry.stamps_ns, unit="ns")
+    columns = {"command": telemetry.command, "position": telemetry.position}
+    columns |= {"speed": telemetry.speed, "current": telemetry.current}
+    return stamps, pd.DataFrame(columns)
+
+
+def test_index_of_a_parquet_frame_is_its_time(telemetry, tmp_path):
+    stamps, frame = frame_of(telemetry)
+    frame = frame.set_index(stamps).drop(index=stamps[700:709])
+    path = tmp_path / "a.parquet"
+    frame.to_parquet(path)
+    source = InputFile(path)
+    mapping = source.guess(described(1000)).mapping
+    assert mapping.clock.source == "time"
+    series = source.series(mapping)[""]
+    start_ns = pd.Timestamp("2026-10-20T08:00", tz="UTC").value
+    expected = np.delete(start_ns + telemetry.stamps_ns, slice(700, 709))
+    assert np.array_equal(series.stamps_ns, expected)
+
+
+def test_time_since_the_start_is_read_in_seconds(telemetry, tmp_path):
+    _, frame = frame_of(telemetry)
+    index = pd.to_timedelta(telemetry.stamps_ns, unit="ns")
+    frame.set_index(pd.TimedeltaIndex(index, name="elapsed")).to_parquet(tmp_path / "a.parquet")
+    found = read_columns(tmp_path / "a.parquet")
+    assert found.units["elapsed"] == "s"
+    np.testing.assert_allclose(found.values["elapsed"], 1e-9 * telemetry.stamps_ns, rtol=1e-12)
+
+
+def test_two_levels_of_headings_are_one_name(tmp_path):
+    first = pd.DataFrame(
+        [[0.0, 1.0, 2.0]] * 3,
+        columns=pd.MultiIndex.from_tuples([("drive", "t [ms]"), ("drive", "a"), ("drive", "b")]),
+    )
+    first.to_parquet(tmp_path / "one.parquet")
+    assert list(read_columns(tmp_path / "one.parquet").values) == ["t [ms]", "a", "b"]
+    second = first.set_axis(
+        pd.MultiIndex.from_tuples([("", "t"), ("left", "pos"), ("right", "pos")]), axis=1
+    )
+    second.to_parquet(tmp_path / "two.parquet")
+    names = list(read_columns(tmp_path / "two.parquet").values)
+    assert names == ["t", "left pos", "right pos"]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_rows_with_the_newest_first_are_reversed(telemetry, tmp_path, kind):
+    stamps, frame = frame_of(telemetry)
+    frame.insert(0, "Time", stamps.strftime("%Y-%m-%dT%H:%M:%S.%f"))
+    path = tmp_path / f"a.{kind}"
+    newest_first = frame.iloc[::-1]
+    if kind == "csv":
+        newest_first.to_csv(path, index=False)
+    else:
+        newest_first.to_parquet(path, index=False)
+    source = InputFile(path)
+    guess = source.guess(described(1000))
+    assert guess.mapping.clock.source == "Time"
+    assert guess.mapping.speed is not None
+    assert guess.mapping.speed.sign == 1
+    series = source.series(guess.mapping)[""]
+    assert np.all(np.diff(series.stamps_ns) == 1_000_000)
+    np.testing.assert_allclose(series.values["position"], telemetry.position, atol=1e-15)
+    assert source.remarks == ["'Time' goes back from row to row: the rows are reversed"]
+
+
+def test_table_without_a_command_is_guessed_for_an_unknown_drive(telemetry, tmp_path):
+    _, frame = frame_of(telemetry)
+    frame.insert(0, "t", 1e-9 * telemetry.stamps_ns)
+    path = tmp_path / "a.csv"
+    frame.drop(columns="command").to_csv(path, index=False)
+    source = InputFile(path)
+    guess = source.guess(replace(described(1000), drive="unknown"))
+    assert not guess.mapping.has_command
+    assert "no command seems to be there: tracking is then not judged" in guess.remarks
+    with pytest.raises(ValueError, match=r"with drive: unknown in the actuator file, no command"):
+        source.guess(described(1000))

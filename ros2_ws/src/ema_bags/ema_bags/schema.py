@@ -184,7 +184,8 @@ def typestore(type_name: str, schema: str) -> Typestore:
     # One for each: two recordings may have different versions of a type.
     store = Typestore()
     try:
-        store.register(get_types_from_msg(schema, type_name))
+        # Definitions that were written on Windows end their lines by CR LF.
+        store.register(get_types_from_msg(schema.replace("\r\n", "\n"), type_name))
         store.get_msgdef(type_name)
     except (TypesysError, SerdeError, LookupError) as error:
         raise ValueError(f"the definition of {type_name} cannot be read: {error}") from error

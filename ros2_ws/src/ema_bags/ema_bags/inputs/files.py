@@ -64,6 +64,9 @@ class InputFile:
         """
         if isinstance(self._held, TableColumns):
             if mapping.is_table:
+                clock = mapping.clock.source
+                if self._held.is_newest_first(clock):
+                    self._problem = f"{clock!r} goes back from row to row: the rows are reversed"
                 return {"": table_series(self._held, mapping)}
             raise ValueError(
                 f"{self.path} is a table, but position has topic {mapping.position.topic!r}: "

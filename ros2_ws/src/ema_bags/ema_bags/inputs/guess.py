@@ -314,6 +314,7 @@ def _clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]
     names = list(columns.values)
     named = [name for name in names if name in columns.dates or "time" in _kinds_of(name)]
     growing = [name for name in (named or names) if _grows(columns.values[name])]
+    growing += [name for name in named if not growing and _falls(columns.values[name])]
     if not growing:
         why = "no column seems to be the time"
         if named:
@@ -335,6 +336,11 @@ def _grows(values: NDArray[Any]) -> bool:
     return len(finite) > 1 and float(np.mean(np.diff(finite) > 0)) > 0.9
 
 
+def _falls(values: NDArray[Any]) -> bool:
+    """Return whether times go back from row to row: the newest row is the first."""
+    return _grows(values[::-1])
+
+
 def _disorder(values: NDArray[Any]) -> str:
     """Return why times that do not grow are no clock."""
     finite = values[np.isfinite(values)]
@@ -349,7 +355,7 @@ def _disorder(values: NDArray[Any]) -> str:
 
 def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
-    step = float(np.median(np.diff(finite)))
+    step = abs(float(np.median(np.diff(finite))))
     for least, unit in _EPOCHS:
         # Since 1970, and at a rate that somebody samples with.
         if abs(finite[-1]) > least and 1e4 < step * TIMES_NS[unit] < 1e9:

@@ -21,6 +21,7 @@ PARQUET: Final = (".parquet", ".pq")
 """Ends of the names of Parquet files; any other file is read as CSV."""
 
 _PAUSE_NS: Final = 2_000_000_000
+_MOST: Final = 0.9
 _SAMPLE_LINES: Final = 400
 _SEPARATORS: Final = (";", "\t", ",", "|", " ")
 _COMMENT: Final = re.compile(r"^\s*[#%]+\s*")
@@ -94,6 +95,22 @@ class TableColumns:
             shown = [str((self.values | self.texts)[name][start]) for name in names]
             yield shown, replace(self, values=values, texts=texts)
 
+    def is_newest_first(self, clock: str) -> bool:
+        """Return whether the times of a column go back from row to row."""
+        if clock not in self.values:
+            return False
+        times = self.values[clock]
+        steps = np.diff(times[np.isfinite(times)])
+        return len(steps) > 0 and float(np.mean(steps < 0)) > _MOST
+
+    def reversed(self) -> Self:
+        """Return the table with its last row first."""
+        values, texts = (
+            {name: column[::-1] for name, column in some.items()}
+            for some in (self.values, self.texts)
+        )
+        return replace(self, values=values, texts=texts)
+
     def bounds(self, names: Sequence[str]) -> list[int]:
         """Return the rows at which one of some columns changes, with the first and the end.
 
@@ -136,6 +153,9 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
         if (stamps := _dates(column)) is not None:
             dates.append(name)
             values[name] = stamps
+        elif pd.api.types.is_timedelta64_dtype(column.dtype):
+            values[name] = column.dt.total_seconds().to_numpy(float)
+            units[name] = "s"
         elif pd.api.types.is_numeric_dtype(column.dtype):
             # A missing whole number has no place in an array of these.
             missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
@@ -162,6 +182,8 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     ValueError
         When a column is not there.
     """
+    if columns.is_newest_first(mapping.clock.source):
+        columns = columns.reversed()
     values = {key: columns.column(text).astype(float) for key, text, _ in mapping.wanted()}
     clock = mapping.clock
     rows = np.arange(len(columns), dtype=np.int64)
@@ -212,9 +234,29 @@ def _read_parquet(path: Path) -> pd.DataFrame:
     from pyarrow import parquet
 
     try:
-        return parquet.read_table(path).to_pandas()
+        frame = parquet.read_table(path).to_pandas()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is not a Parquet file: {error}") from error
+    frame.columns = _flat(frame.columns)
+    index = frame.index
+    is_time = pd.api.types.is_datetime64_any_dtype(index) or isinstance(index, pd.TimedeltaIndex)
+    name = str(index.name or ("time" if is_time else ""))
+    if name and name not in frame.columns and not isinstance(index, pd.MultiIndex):
+        frame.insert(0, name, index)
+    return frame
+
+
+def _flat(names: "pd.Index[Any]") -> list[str]:
+    """Return the names of columns; of several levels of headings those that differ, in one text."""
+    if not isinstance(names, pd.MultiIndex):
+        return [str(name) for name in names]
+    levels = [
+        level for level in range(names.nlevels) if len(set(names.get_level_values(level))) > 1
+    ]
+    parts = [[str(name[level]) for level in levels or [names.nlevels - 1]] for name in names]
+    return [
+        " ".join(part for part in one if part and not part.startswith("Unnamed")) for one in parts
+    ]
 
 
 def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], Table]:
@@ -238,6 +280,10 @@ def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], T
         )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         raise ValueError(f"{path} is not a table: {error}") from error
+    # A separator at the end of each line makes a last column of nothing.
+    last = names[-1]
+    if last == _unnamed(len(names)) and len(names) > 1 and frame[last].isna().all():
+        frame = frame.drop(columns=last)
     return frame, units, Table(separator, decimal)
 
 
@@ -300,16 +346,25 @@ def _head(
     if first is None:
         raise ValueError(f"none of its first {len(lines)} lines is a row of numbers")
     heads = [i for i in range(first) if len(rows[i]) == width]
+    if not heads and not any(row[-1] for row in rows[first:] if len(row) == width):
+        # Each row of numbers ends with a separator, and the heading does not.
+        heads = [i for i in range(first) if len(rows[i]) == width - 1]
+        for i in heads:
+            rows[i] = [*rows[i], ""]
     units: list[str] = []
     if len(heads) > 1 and all(_UNIT.match(cell) for cell in rows[heads[-1]]):
         units = [cell.strip("[]() ") for cell in rows[heads.pop()]]
-    names = rows[heads[-1]] if heads else [f"column {i + 1}" for i in range(width)]
+    names = rows[heads[-1]] if heads else [_unnamed(i + 1) for i in range(width)]
     unique: list[str] = []
     for number, name in enumerate(names):
-        name = name.strip() or f"column {number + 1}"
+        name = name.strip() or _unnamed(number + 1)
         unique.append(f"{name} ({number + 1})" if name in unique else name)
     given = {n: u for n, u in zip(unique, units, strict=False) if u.strip("-")}
     return unique, given, first
+
+
+def _unnamed(number: int) -> str:
+    return f"column {number}"
 
 
 def _cells(line: str, separator: str) -> list[str]:
