@@ -13,10 +13,12 @@ import pytest
 from ema_archive.tables import PARTITIONED
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
+from ema_cli.commands.verify import Verified
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, diagnose
+from ema_monitor.joint.comparison import INERTIA
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.prognosis.history import History, history_path
@@ -25,6 +27,7 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
 
+from ..monitor.comparisons import CASES, changed, compared, comparison
 from .conftest import repeated
 
 FLAP = ActuatorDescription()
@@ -165,3 +168,16 @@ def test_history_is_made_again_and_tells_where_it_was_altered(ema, bag_of, recor
     assert (found[0]["state"], found[0]["window"]) == ("altered", None)
     assert "test 2 is damaged: its checksum is wrong" in found[0]["reason"]
     assert len(found) == 3
+
+
+def test_quantities_of_a_record_are_compared_to_the_bit():
+    recorded = compared(comparison(changed(INERTIA, 0.3)))
+    told = Verified("elbow", 0)
+    assert told.compared(recorded, compared(comparison(changed(INERTIA, 0.3)))).state == (
+        "same to the bit"
+    )
+    # The faults are the same: inertia is none of them.
+    other = told.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
+    assert (other.state, other.difference) == ("different", pytest.approx(0.01))
+    hidden = told.compared(compared(CASES["healthy"]), compared(CASES["healthy"], comparison=None))
+    assert hidden.reason == "other quantities are compared"

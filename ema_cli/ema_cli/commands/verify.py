@@ -19,9 +19,11 @@ from ema_archive.tables import estimate_from
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry
 from ema_bags.windows import RecordedWindow, find_recorded_windows
+from ema_cli.bags.diagnoses import quantity_of
 from ema_cli.bags.identifying import Identifying
 from ema_cli.options import REFUSED
 from ema_cli.show.progress import progress_bar
+from ema_core.arrays import Array
 from ema_core.causes import CauseEstimate
 from ema_core.faults import N_FAULTS, FaultVector
 from ema_monitor.calibration.calibration import Calibration
@@ -29,6 +31,7 @@ from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.prognosis.history import read_intact_history
 from ema_ros.messages import faults_from_message
 from ema_ros.stamps import stamp_from_message
@@ -44,7 +47,7 @@ _ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True)
 class Verified:
-    """What became of a recorded estimate: ``state``, and the largest difference of a fault [-].
+    """What became of a recorded estimate: ``state``, and the largest difference of a fault or change [-].
 
     ``bag`` is its bag in an archive; of the file of a history as a whole, ``window`` is None.
     """
@@ -69,13 +72,26 @@ class Verified:
         if (again.verdict, again.valid) != (recorded.verdict, recorded.valid):
             words = f"the verdict was {recorded.verdict} and is {again.verdict}"
             return replace(self, state=DIFFERENT, reason=words)
-        if np.array_equal(recorded.faults, again.faults, equal_nan=True):
+        before, after = _figures(recorded), _figures(again)
+        if np.array_equal(before, after, equal_nan=True):
             return replace(self, state=SAME)
-        if np.any(np.isnan(recorded.faults) != np.isnan(again.faults)):
-            return replace(self, state=DIFFERENT, reason="other faults are unobservable")
-        difference = float(np.nanmax(np.abs(np.subtract(recorded.faults, again.faults))))
+        if len(before) != len(after):
+            return replace(self, state=DIFFERENT, reason="other quantities are compared")
+        if np.any(np.isnan(before) != np.isnan(after)):
+            what = (
+                "faults are unobservable" if again.comparison is None else "quantities are unknown"
+            )
+            return replace(self, state=DIFFERENT, reason=f"other {what}")
+        difference = float(np.nanmax(np.abs(before - after)))
         state = ROUNDED if difference <= _ROUNDING else DIFFERENT
         return replace(self, state=state, reason=by, difference=difference)
+
+
+def _figures(estimate: Estimate) -> Array:
+    """Return the faults, and the changes of the quantities of a record."""
+    compared = estimate.comparison
+    changes = [one.change for one in compared.quantities] if compared else []
+    return np.array([*estimate.faults, *changes])
 
 
 class _Recorded(NamedTuple):
@@ -87,6 +103,8 @@ class _Recorded(NamedTuple):
     @classmethod
     def of_message(cls, message: Any) -> "_Recorded":
         covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
+        # Bags of earlier versions have no quantities.
+        quantities = tuple(map(quantity_of, getattr(message, "quantities", ())))
         causes = [CauseEstimate(one.name, one.value, one.sigma) for one in message.hidden_causes]
         estimate = Estimate(
             stamp_from_message(message.window_start),
@@ -104,6 +122,7 @@ class _Recorded(NamedTuple):
             causes=tuple(causes),
             alternatives=tuple((words, "") for words in message.confusions),
             stretches=int(message.stretches),
+            comparison=Comparison(quantities) if quantities else None,
         )
         return cls(int(message.window), estimate)
 
