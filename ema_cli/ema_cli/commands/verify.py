@@ -47,7 +47,7 @@ _ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True)
 class Verified:
-    """What became of a recorded estimate: ``state``, and the largest difference of a fault or change [-].
+    """What became of a recorded estimate: ``state``, and the largest difference of a figure [-].
 
     ``bag`` is its bag in an archive; of the file of a history as a whole, ``window`` is None.
     """
