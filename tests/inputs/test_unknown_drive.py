@@ -215,5 +215,16 @@ def test_modelled_drive_takes_no_torque_for_its_current(mapped):
         convert(columns, mapping, ActuatorDescription())
 
 
+def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
+    """The command stands still from the first sample on: with more motion it is another joint's."""
+    mapping = mapped()
+    short = found(mapping, {"command": 0.0}, seconds=0.6)
+    assert [item.name for item in refused(short, mapping)] == ["command_frozen"]
+    assert withholding(short, mapping) == []
+    [long] = withholding(found(mapping, {"command": 0.0}), mapping)
+    assert long.name == "command_frozen"
+    assert "or leave command out" in long.remedy
+
+
 def test_start_of_the_motion_is_that_of_the_stamps():
     assert moves()[1][0] == START_NS + 5_000_000

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.input_defect import InputDefect
 
 _LEAST_SAMPLES: Final = 100
+_MOST_SAMPLES: Final = 3000
 _LONGEST_LAG: Final = 3
 _EQUAL: Final = 1e-9
 _MOST: Final = 0.99
@@ -30,7 +31,12 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
     if "command" not in given:
         return
     finite = np.all([np.isfinite(values) for values in given.values()], axis=0)
-    given = {name: values[finite] for name, values in given.items()}
+    moving = np.flatnonzero(finite[1:] & (np.diff(given["command"]) != 0.0))
+    if not len(moving):
+        return
+    first = max(0, int(moving[len(moving) // 2]) - _MOST_SAMPLES // 2)
+    part = slice(first, first + _MOST_SAMPLES)
+    given = {name: values[part][finite[part]] for name, values in given.items()}
     command, position = given["command"], given["position"]
     if len(command) < _LEAST_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         return

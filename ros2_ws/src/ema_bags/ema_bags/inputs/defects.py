@@ -57,7 +57,7 @@ def find_defects(
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
-    found += _frozen(columns, motion)
+    found += _frozen(columns, motion, is_unknown=description.drive == "unknown")
     if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in found}:
         found += _wrong_factors(motion, mapping, description)
         found += find_commanded(columns, description.parameters.tau)
@@ -211,8 +211,10 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
 
 
 def _frozen(
-    columns: dict[str, NDArray[np.float64]], motion: ThinnedMotion
+    columns: dict[str, NDArray[np.float64]], motion: ThinnedMotion, *, is_unknown: bool
 ) -> Iterator[InputDefect]:
+    # A joint may settle after its command has ended.
+    is_certain = not is_unknown or motion.is_ample
     moves = {name: motion.travel(name) > _LEAST_TRAVEL for name in ("command", "position")}
     moves["command"] &= len(columns["command"]) > 0
     moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
@@ -229,12 +231,13 @@ def _frozen(
         if name == "current" and finite[0] == 0.0:
             text = f"current is 0 {text}: the drive does not publish it"
             remedy = "current: {sampling: none, ...}, or leave current out"
-            yield InputDefect("current_zero", text, remedy)
+            yield InputDefect("current_zero", text, remedy, is_certain=is_certain)
         else:
             remedy = f"{name}: choose another source"
-            if name in ("current", "speed"):
+            if name in ("current", "speed") or (name == "command" and is_unknown):
                 remedy += f", or leave {name} out"
-            yield InputDefect(f"{name}_frozen", f"{name} is {finite[0]:g} {text}", remedy)
+            text = f"{name} is {finite[0]:g} {text}"
+            yield InputDefect(f"{name}_frozen", text, remedy, is_certain=is_certain)
 
 
 def _wrong_factors(
@@ -274,6 +277,8 @@ def _wrong_factors(
 
 def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
     """Yield how columns of an unknown drive differ by what no unit explains."""
+    if not motion.is_ample:
+        return
     strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain
     over = f"over {counted(strokes, 'stroke')}"
     if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:

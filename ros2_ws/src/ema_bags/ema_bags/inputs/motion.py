@@ -1,6 +1,7 @@
 """Relations between the columns of telemetry in motion."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -151,7 +152,7 @@ class ThinnedMotion:
         steps = self.position[:, 1] - self.position[:, 0]
         return float(np.median(steps[chosen] / self.angle[chosen]))
 
-    @property
+    @cached_property
     def strokes(self) -> NDArray[np.float64]:
         """Travel of each stroke by the position, and by the speed, ``(k, 2)`` [rad].
 
@@ -167,7 +168,7 @@ class ThinnedMotion:
         size = np.abs(travels[:, 0])
         return travels[size > _SHORT * np.max(size, initial=0.0)]
 
-    @property
+    @cached_property
     def stroke_ratio(self) -> float | None:
         """Travel by the position over travel by the speed, of all strokes; 1 if all is right.
 

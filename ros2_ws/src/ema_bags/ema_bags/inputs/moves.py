@@ -11,7 +11,7 @@ from ema_bags.inputs.tables import read_columns, stamps_of
 from ema_core.quantity import Checked, text, texts
 from ema_core.settings_file import load_settings
 from ema_core.wording import unknown_name
-from ema_monitor.normal.moves import Move
+from ema_monitor.joint.moves import Move
 
 
 @dataclass(frozen=True)
