@@ -38,6 +38,7 @@ from ema_core import __version__
 from ema_core.faults import FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.joint import wording
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.plot.style import BLUE, INK, stacked_panels, tidy
@@ -77,9 +78,11 @@ def report_page(
     faults, requirements, unknown = [], [], ""
     if outlooks:
         faults, requirements, unknown = limited(outlooks[-1], unit)
+    tests, shown = tests_of(course), range(len(FAULTS))
     latest = latest_comparison(course)
     if latest is not None:
         # A record shows two of the faults at most.
+        shown = [i for i in shown if any(math.isfinite(one["faults"][i][0]) for one in tests)]
         faults = [item for item in faults if math.isfinite(item["value"])]
     calibration = course.calibration
     missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
@@ -89,8 +92,8 @@ def report_page(
         unit=unit,
         verdict=verdict,
         last=outlooks[-1] if outlooks else None,
-        tests=tests_of(course),
-        components=[fault.label for fault in FAULTS],
+        tests=[one | {"faults": [one["faults"][i] for i in shown]} for one in tests],
+        components=[FAULTS[i].label for i in shown],
         faults=faults,
         requirements=requirements,
         compared=_compared(*latest) if latest else None,
@@ -194,9 +197,8 @@ def _survival_in_words(fleet: FleetSummary) -> str:
 def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
     """Yield pictures with captions: the fit of the last valid window, the course of all tests."""
     estimate = next((one for one in reversed(course.estimates) if one.valid), None)
-    # Where the drive is unknown there is no model of a window to be drawn.
     has_model = estimate is not None and not estimate.is_of_record
-    if estimate is not None and has_model:
+    if estimate is not None and has_model and isinstance(course.calibration, Calibration):
         last = next(one for one in course.record.windows if one.end_ns == estimate.end_ns)
         what = "Last stretch of the estimate" if estimate.stretches else "Window"
         caption = (
