@@ -145,3 +145,22 @@ def test_times_before_zero_are_shifted(ema, table, tmp_path):
     output = tmp_path / "out.mcap"
     assert ema("import", path, "--mapping", mapping, "-o", output).exit_code == 0
     assert next(iter(read_telemetry(output))).stamp_ns == 500_100_000
+
+
+@pytest.mark.parametrize(("stretch", "is_refused"), [(1.025, False), (2.0, True)])
+def test_file_of_a_similar_rate_is_resampled_to_the_rate_of_the_first(
+    ema, table, tmp_path, stretch, is_refused
+):
+    """The clock of the second logger is slow, so that motor and speed seem to contradict."""
+    mapping, _ = previewed(ema, table())
+    files = table("a.csv"), table("b.csv", time=lambda x: x * stretch, speed=lambda x: x / stretch)
+    output = tmp_path / "two.mcap"
+    result = ema("import", *files, "--mapping", mapping, "--accept-defects", "-o", output)
+    if is_refused:
+        assert result.exit_code == 1
+        assert "expected one rate" in result.stderr
+        return
+    assert result.exit_code == 0, result.output
+    assert "b.csv: resampled from 9756 to 10000 Hz, the rate of" in result.stderr
+    # 1.7 s of the one and 1.7 s times the stretch of the other.
+    assert f"at 10000 Hz, {1.7 * (1.0 + stretch):.2f}" in result.stdout

@@ -1,9 +1,10 @@
 """Motion of a joint whose controller is unknown: moves to and fro with rests, in SI columns."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 
@@ -11,14 +12,13 @@ TAU = 0.01
 START_NS = 1_700_000_000_000_000_000
 
 
-def joint(rate_hz: float = 200.0, **acquisition: bool) -> ActuatorDescription:
+def joint(rate_hz: float = 200.0) -> ActuatorDescription:
     return ActuatorDescription(
         "joint",
         "J-1",
         sample_period=1.0 / rate_hz,
         parameters=ActuatorParameters(tau=TAU, k_t=0.05),
         drive="unknown",
-        acquisition=Acquisition(**acquisition),
     )
 
 
@@ -28,10 +28,10 @@ def moves(
     """Return columns and stamps: a position that lags 30 ms behind, friction, inertia, gravity."""
     h = 1.0 / rate_hz
     n = round(seconds * rate_hz)
-    times = h * np.arange(1, n + 1)
+    times: NDArray[np.float64] = h * np.arange(1.0, n + 1.0)
     rng = np.random.default_rng(seed)
 
-    def angle(at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def angle(at: NDArray[Any]) -> NDArray[np.float64]:
         # 1.2 s a cycle: half a cycle of motion each way, between rests at both ends.
         phase = (np.maximum(at, 0.0) / 1.2) % 1.0
         ramp = np.clip(np.minimum(phase, 1.0 - phase) * 3.0 - 0.25, 0.0, 1.0)

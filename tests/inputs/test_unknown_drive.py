@@ -1,6 +1,7 @@
 """Checks of a drive whose controller is unknown: what forbids estimates, and what is a note."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from .joint_motion import START_NS, TAU, joint, moves
 RPM = 60.0 / (2.0 * np.pi)
 
 
-def found(mapping, changes, *, seconds=12.0, rate_hz=200.0):
+def found(mapping, changes: dict[str, Any], *, seconds=12.0, rate_hz=200.0):
     columns, stamps = moves(seconds, rate_hz)
     for name, change in changes.items():
         columns[name] = change(columns[name]) if callable(change) else columns[name] * change

@@ -18,6 +18,7 @@ from ema_core.description import ActuatorDescription
 from ema_ros.actuator_file import load_description
 
 _PAUSE_NS: Final = 1_000_000_000
+_SIMILAR_RATE: Final = 0.1
 
 
 def tables_as_bags(
@@ -99,10 +100,41 @@ def read_record(
     return found
 
 
-def imported_by(source: InputFile, mapping: Mapping, description: ActuatorDescription) -> Imported:
-    """Return the telemetry of a file; an error names it."""
+def read_records(
+    sources: Sequence[InputFile],
+    mapping: Mapping,
+    description: ActuatorDescription,
+    *,
+    accepts: bool,
+) -> list[Imported]:
+    """Return the telemetry of files, at the rate of the first one if their rates are similar.
+
+    Arguments are those of ``read_record``. The clocks of loggers differ by a few per cent.
+    """
+    found = [read_record(source, mapping, description, accepts=accepts) for source in sources]
+    period = found[0].description.sample_period
+    for number, one in enumerate(found):
+        own = one.description.sample_period
+        if own != period and abs(own / period - 1.0) < _SIMILAR_RATE:
+            source = sources[number]
+            found[number] = imported_by(source, mapping, description, period)
+            click.echo(
+                f"{source.path}: resampled from {1.0 / own:.5g} to {1.0 / period:.5g} Hz, the rate "
+                f"of {sources[0].path}",
+                err=True,
+            )
+    return found
+
+
+def imported_by(
+    source: InputFile,
+    mapping: Mapping,
+    description: ActuatorDescription,
+    period: float | None = None,
+) -> Imported:
+    """Return the telemetry of a file, resampled to a period if given; an error names the file."""
     try:
-        return import_series(source.series(mapping), mapping, description)
+        return import_series(source.series(mapping), mapping, description, period)
     except ValueError as error:
         words = str(error)
         if str(source.path) in words:

@@ -9,7 +9,7 @@ from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_cli.bags.guide import mapping_of
-from ema_cli.bags.records import actuators_of, described, imported_by, read_record, write_records
+from ema_cli.bags.records import actuators_of, described, imported_by, read_records, write_records
 from ema_cli.bags.source import Source, read_windows
 from ema_cli.output import BAG_TO_WRITE, output_option, require_free
 from ema_core.wording import counted
@@ -101,7 +101,7 @@ def import_(
         click.echo(f"{written}: the mapping")
     sources = [InputFile(file, mapping) for file in files]
     actuators = [
-        [read_record(source, *one, accepts=accept_defects) for source in sources]
+        read_records(sources, *one, accepts=accept_defects)
         for one in actuators_of(mapping, actuator_file)
     ]
     for file, one in zip(files, actuators[0], strict=True):

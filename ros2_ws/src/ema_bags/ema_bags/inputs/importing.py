@@ -144,7 +144,10 @@ class Imported:
 
 
 def import_series(
-    by_topic: ByName[str, Series], mapping: Mapping, description: ActuatorDescription
+    by_topic: ByName[str, Series],
+    mapping: Mapping,
+    description: ActuatorDescription,
+    period: float | None = None,
 ) -> Imported:
     """Return the telemetry in the series of a file or bag.
 
@@ -154,6 +157,8 @@ def import_series(
         Series by topic; of a table that of the topic ``""``.
     description
         Description of the actuator; its sample period and acquisition are replaced by those found.
+    period
+        Sample period of the telemetry [s]; None: the period of the samples.
 
     Raises
     ------
@@ -174,6 +179,8 @@ def import_series(
         rate, published = _renewed_rate(stamps[rows], rate, mapping), rate
         raw, stamps = {name: values[rows] for name, values in raw.items()}, stamps[rows]
         notes = [renewed_slowly(rate, published)]
+    if period is not None:
+        rate, notes = replace(rate, period=period), []
     stream = SampleStream(mapping, description, rate)
     columns, runs = stream.push_joined(raw, stamps, is_last=True)
     if not runs:
