@@ -14,16 +14,19 @@ from typing import Final
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_monitor.joint import shape as at
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import (
     FRICTION,
     FRICTION_OVER_INERTIA,
     GRAVITY,
+    INERTIA,
     LOAD,
     PLAY,
     QUANTITIES,
     TORQUE,
     TRACKING,
+    VISCOUS,
     Comparison,
     FigureChange,
     Improvement,
@@ -34,8 +37,7 @@ from ema_monitor.joint.figures import FIGURES, OF_EFFORT
 from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.scatter import Prediction, Scatter
-from ema_monitor.joint.shape import COEFFICIENTS, DRY, INERTIA, VISCOUS
-from ema_monitor.joint.shape import LOAD as LOAD_AT
+from ema_monitor.joint.shape import COEFFICIENTS
 from ema_monitor.joint.single import BETWEEN_RECORDS, Observation, SingleTest, is_known
 from ema_monitor.joint.states import state_probabilities
 
@@ -60,6 +62,15 @@ _MORE_DAYS: Final = 2
 _MORE_RECORDS: Final = 6
 _WORTH_IT: Final = 0.9
 _TINY: Final = 1e-12
+_NO_INERTIA: Final = "the healthy records accelerate too little"
+_UNSEEN: Final = {
+    GRAVITY: "the healthy records show no gravity",
+    INERTIA: _NO_INERTIA,
+    FRICTION_OVER_INERTIA: _NO_INERTIA,
+    VISCOUS: "the healthy records have nearly one speed: it is part of Coulomb friction",
+    TORQUE: "only friction is visible in the healthy records, and it looks the same",
+}
+"""Why a quantity is not judged that the healthy records do not show."""
 _DOUBT: Final = (
     "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
     "records of further days"
@@ -210,10 +221,11 @@ class _Test:
             named, rivals = self._explanation()
         quantities = {name: self._judged(name, test, named, rivals) for name, test in tests.items()}
         quantities[PLAY], quantities[TRACKING] = play, self._tracking()
-        quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
-        if GRAVITY not in quantities:
-            reason = "the healthy records show no gravity"
-            quantities[GRAVITY] = QuantityChange(GRAVITY, Judgement.NOT_JUDGED, reason=reason)
+        if self._baseline.shape.has_inertia:
+            quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
+        for name, reason in _UNSEEN.items():
+            if name not in quantities:
+                quantities[name] = QuantityChange(name, Judgement.NOT_JUDGED, reason=reason)
         figures, figure_probability = self._figures(quantities[FRICTION])
         count = len(tests) + len(FIGURES) + 1
         probability = min(1.0, count * min(least, figure_probability, play_probability))
@@ -248,11 +260,13 @@ class _Test:
     def _tolerant(self) -> Array:
         """Covariance with what the model may miss beside changed friction, ``(5, 5)``."""
         baseline = self._baseline
-        change = abs(self._departure[DRY] / baseline.healthy[DRY])
+        change = abs(self._departure[at.DRY] / baseline.healthy[at.DRY])
         scales = np.abs(baseline.healthy)
-        scales[VISCOUS] = _VISCOUS_TOLERANCE * baseline.friction / baseline.preparation.usual_speed
-        scales[LOAD_AT] = baseline.friction
-        scales[DRY] = 0.0
+        scales[at.VISCOUS] = (
+            _VISCOUS_TOLERANCE * baseline.friction / baseline.preparation.usual_speed
+        )
+        scales[at.LOAD] = baseline.friction
+        scales[at.DRY] = 0.0
         return self._total + np.diag((_MODEL_TOLERANCE * change * scales) ** 2)
 
     def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -266,9 +280,9 @@ class _Test:
         order = np.argsort(costs)
         best = self._comparer.hypotheses[int(order[0])]
         rivals: list[str] = []
-        for at in order[1:]:
-            other = self._comparer.hypotheses[int(at)]
-            if costs[at] - costs[order[0]] >= _TOLD_APART:
+        for number in order[1:]:
+            other = self._comparer.hypotheses[int(number)]
+            if costs[number] - costs[order[0]] >= _TOLD_APART:
                 break
             if not set(best.quantities) < set(other.quantities):
                 rivals += [name for name in other.quantities if name not in best.quantities]
@@ -315,10 +329,10 @@ class _Test:
         """
         healthy = self._baseline.healthy
         weights = np.zeros(len(healthy))
-        weights[DRY], weights[INERTIA] = 1.0 / healthy[DRY], -1.0 / healthy[INERTIA]
+        weights[at.DRY], weights[at.INERTIA] = 1.0 / healthy[at.DRY], -1.0 / healthy[at.INERTIA]
         test = self._along(weights)
         relative = self._record.values / healthy
-        ratio = float(relative[DRY] / max(relative[INERTIA], _LEAST_RATIO))
+        ratio = float(relative[at.DRY] / max(relative[at.INERTIA], _LEAST_RATIO))
         sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
         low, high = (ratio * math.exp(way * _Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
         is_changed = bool(named) and test.is_significant
@@ -354,7 +368,7 @@ class _Test:
             return QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason), 1.0
         observed = Observation(own.lost_motion, own.lost_motion_sigma, own.day)
         test = SingleTest.of(observed, healthy, _PLAY_BETWEEN * mean)
-        friction = own.values[DRY] / self._baseline.healthy[DRY]
+        friction = own.values[at.DRY] / self._baseline.healthy[at.DRY]
         wind_up = mean * max(friction - 1.0, 0.0)
         rest = test.less(wind_up)
         if test.change < 0.0 and test.is_significant:

@@ -7,10 +7,12 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
-from ema_monitor.joint.shape import COEFFICIENTS
 
 OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
 """Quantity that each coefficient stands for."""
+
+
+_TOO_FEW: Final = 2
 
 
 class Hypothesis(NamedTuple):
@@ -27,16 +29,21 @@ class Hypothesis(NamedTuple):
 def hypotheses(baseline: Baseline) -> list[Hypothesis]:
     """Return the changes that are considered: single quantities first, then pairs."""
     columns: dict[str, Array] = dict(zip(OF_COEFFICIENTS, np.diag(_steps(baseline)), strict=True))
+    shape = baseline.shape
     # The effort that the same motion takes is inverse to the torque per ampere.
-    columns[TORQUE] = -baseline.healthy
-    pairs = [(FRICTION, TORQUE)]
-    if baseline.shape.has_gravity:
-        pairs.append((GRAVITY, INERTIA))
-    else:
-        del columns[GRAVITY]
-        columns[TORQUE] = np.where(np.arange(len(COEFFICIENTS)) == 4, 0.0, columns[TORQUE])
-    return [Hypothesis((name,), column[:, None]) for name, column in columns.items()] + [
-        Hypothesis(pair, np.column_stack([columns[name] for name in pair])) for pair in pairs
+    columns[TORQUE] = -baseline.healthy * shape.used
+    pairs = [(FRICTION, TORQUE), (GRAVITY, INERTIA)]
+    unseen = [one for one, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
+    for name in unseen:
+        del columns[name]
+    if shape.used.sum() <= _TOO_FEW:
+        # With friction and load alone the torque per ampere has no witness.
+        del columns[TORQUE]
+    singles = [Hypothesis((name,), column[:, None]) for name, column in columns.items()]
+    return singles + [
+        Hypothesis(pair, np.column_stack([columns[name] for name in pair]))
+        for pair in pairs
+        if all(name in columns for name in pair)
     ]
 
 

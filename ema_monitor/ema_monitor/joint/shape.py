@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ema_core.arrays import Array
+from ema_core.arrays import Array, Flags
 from ema_monitor.joint.regression import Prior, regress, robust_fit
 from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
 
@@ -26,6 +26,8 @@ _MOST_LOAD: Final = 0.6
 _FEWEST_ROWS: Final = 30
 _FREE: Final = 10.0
 _OPEN: Final = 1e3
+_SEEN: Final = 0.3
+_ONE_SPEED: Final = 0.98
 _TINY: Final = 1e-12
 
 
@@ -48,8 +50,9 @@ class Shape:
         Share of the load torque that is friction [-], and the inertia in it [A.s^2/rad].
     sine, cosine, centre
         Gravity [A], and the angle that it counts from [rad].
-    has_gravity
-        Whether gravity is part of the model.
+    has_gravity, has_inertia, has_viscous
+        Whether these are part of the model. Viscous friction that the motion does not tell apart
+        from Coulomb friction is part of it.
     """
 
     coulomb: float
@@ -61,6 +64,13 @@ class Shape:
     cosine: float = 0.0
     centre: float = 0.0
     has_gravity: bool = False
+    has_inertia: bool = True
+    has_viscous: bool = True
+
+    @property
+    def used(self) -> Flags:
+        """Which of ``COEFFICIENTS`` are fitted, ``(5,)``."""
+        return np.array([True, self.has_inertia, self.has_viscous, True, self.has_gravity])
 
     def gravity(self, signals: Signals) -> Array:
         """Return the healthy gravity in a record, ``(n,)`` [A]."""
@@ -117,8 +127,7 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     if healthy is None:
         healthy = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-    used = np.ones(len(COEFFICIENTS), dtype=bool)
-    used[GRAVITY] = shape.has_gravity
+    used = shape.used
     prior = Prior(healthy[used], _FREE * scales[used])
     found = regress(design[:, used], signals.effort, signals.stroke, prior)
     values, covariance = np.array(healthy), np.zeros((len(used), len(used)))
@@ -177,7 +186,25 @@ def choose_shape(records: Sequence[Signals], *, is_linear: bool) -> Shape:
             "the healthy records show no dry friction: the effort does not follow the direction of "
             "the motion; does the effort have the sign of the motion?"
         )
-    return shape
+    return _observable(shape, records)
+
+
+def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
+    """Return the model without the coefficients that the motion of the records does not show."""
+    fits = [fit_record(shape, one) for one in records]
+    covariance = np.median([one.covariance for one in fits], axis=0)
+    sigmas = np.sqrt(np.diag(covariance))
+    correlation = covariance[DRY, VISCOUS] / max(sigmas[DRY] * sigmas[VISCOUS], _TINY)
+    inertia = float(np.median([one.values[INERTIA] for one in fits]))
+    seen = replace(shape, has_inertia=bool(sigmas[INERTIA] < _SEEN * inertia))
+    if correlation > -_ONE_SPEED:
+        return seen
+    # The friction at the speed of the motion takes the place of both.
+    dry = np.concatenate([shape.dry_friction(one) * one.direction for one in records])
+    viscous = float(np.median([one.values[VISCOUS] for one in fits]))
+    speeds = np.concatenate([one.speed * one.direction for one in records])
+    both = float(np.mean(dry) + viscous * np.mean(speeds))
+    return replace(seen, has_viscous=False, coulomb=both, dip=0.0, load_share=0.0)
 
 
 def _better(
