@@ -20,7 +20,7 @@ RPM = 60.0 / (2.0 * np.pi)
 def found(mapping, changes: dict[str, Any], *, seconds=12.0, rate_hz=200.0):
     columns, stamps = moves(seconds, rate_hz)
     for name, change in changes.items():
-        columns[name] = change(columns[name]) if callable(change) else columns[name] * change
+        columns[name] = columns[name] * change
     return find_defects(columns, stamps, mapping, joint(rate_hz))
 
 
