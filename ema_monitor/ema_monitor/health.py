@@ -10,7 +10,7 @@ import numpy as np
 from ema_core.faults import FAULT_NAMES, FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
-from ema_monitor.identification.estimate import CURRENT_DRIVEN, DEPARTED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.identification.settings import MOST_UNEXPLAINED
 from ema_monitor.joint.comparison import TORQUE, Comparison
 from ema_monitor.joint.wording import why_no_level
@@ -303,7 +303,7 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
     As many turns of all phases may be lost as of one. Hot magnets are weaker too: what they lose
     is no fault, and part of the sigma unless it was measured.
     """
-    change, sigma = _torque_change(estimate)
+    change, sigma = _torque_change(estimate.comparison)
     if math.isnan(change):
         return ()
     is_measured = any(one.name == "torque_constant" for one in estimate.measured)
@@ -319,21 +319,17 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
     return (FaultHealth(TORQUE_PER_AMPERE, level, 1.0 - loss, sigma, *ends, True, share),)
 
 
-def _torque_change(estimate: Estimate) -> tuple[float, float]:
+def _torque_change(comparison: Comparison | None) -> tuple[float, float]:
     """Return relative change of the torque per ampere and its sigma; NaN if it is not known.
 
     A change that is not told apart from another quantity is not known.
     """
-    if estimate.comparison is not None:
-        one = estimate.comparison[TORQUE]
-        if not one.is_judged or one.rivals:
-            return math.nan, math.nan
-        return one.change, (one.high - one.low) / (2.0 * ONE_SIDED_95)
-    if estimate.algorithm == CURRENT_DRIVEN:
-        for one in estimate.causes:
-            if one.name == "torque_constant":
-                return one.value, one.sigma
-    return math.nan, math.nan
+    if comparison is None:
+        return math.nan, math.nan
+    one = comparison[TORQUE]
+    if not one.is_judged or one.rivals:
+        return math.nan, math.nan
+    return one.change, (one.high - one.low) / (2.0 * ONE_SIDED_95)
 
 
 def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
