@@ -1,4 +1,4 @@
-"""A drive whose controller is unknown, as other nodes see it: estimate and health by current."""
+"""A drive whose controller is unknown, as other nodes see it: records, quantities and health."""
 
 import math
 from dataclasses import replace
@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import FaultEstimate, Health
+from ema_interfaces.msg import FaultEstimate, Health, QuantityChange
 from ema_monitor.calibrations import calibrate
 from ema_monitor.health import TORQUE_PER_AMPERE
 from ema_monitor.prognosis.history_entry import DEPARTURE
@@ -23,65 +22,86 @@ from ema_sim.actuator import SimulatedActuator
 from .monitor_session import START_NS, monitor
 
 UNKNOWN = ActuatorDescription(sample_period=1e-3, drive="unknown")
+RECORDS = 6
 
 
-def cycle(
-    number: int = 0, torque_constant: float = 0.0, noise_a: float = 0.05, **faults: float
-) -> Telemetry:
-    actuator = SimulatedActuator(sample_period=1e-3, stamp_ns=START_NS + number * 10**10)
+def motion(number: int = 0, noise_a: float = 0.05, **faults: float) -> Telemetry:
+    """10 s of motion between rests; the rest after it is long enough to end a record."""
+    actuator = SimulatedActuator(sample_period=1e-3, stamp_ns=START_NS + number * 20 * 10**9)
     actuator.faults = fault_vector(faults)
-    actuator.causes = {"torque_constant": torque_constant}
-    whole = actuator.advance(build_cycle(THESIS_CHIRP, 1e-3).samples)
+    time = np.arange(0.0, 10.0, 1e-3)
+    moves = 0.03 * np.sin(2 * np.pi * 0.7 * time) + 0.015 * np.sin(2 * np.pi * 1.9 * time)
+    whole = actuator.advance(np.concatenate([np.zeros(1000), moves, np.full(6000, moves[-1])]))
     noise = noise_a * np.random.default_rng(number).standard_normal(len(whole))
     return replace(whole, current=whole.current + noise)
 
 
-def window_of(telemetry: Telemetry) -> Window:
+def record_of(telemetry: Telemetry) -> Window:
     finder = WindowFinder(TriggerSettings(), UNKNOWN)
     found = [one.window for one in finder.feed(telemetry) if isinstance(one, Segment)]
     return next(one for one in found if isinstance(one, Window))
 
 
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("unit") / "unit.yaml"
+    calibrate([record_of(motion(number)) for number in range(RECORDS)], UNKNOWN).save(path)
+    return path
+
+
 @pytest.mark.slow
-def test_faults_and_torque_of_an_unknown_drive_are_published(tmp_path: Path):
-    calibration = calibrate([window_of(cycle(n)) for n in range(4)], UNKNOWN)
-    calibration.save(tmp_path / "unit.yaml")
-    with monitor({"calibration_file": f"{tmp_path}/unit.yaml"}) as session:
+def test_quantities_and_health_of_an_unknown_drive_are_published(calibration: Path):
+    with monitor({"calibration_file": str(calibration)}) as session:
         session.describe(UNKNOWN)
-        session.feed([cycle(9, -0.15, friction=0.4)])
+        session.feed([motion(7)])
+        healthy = session.next_estimate()
+        assert healthy.verdict == FaultEstimate.VALID
+        health = session.until(session.healths)[-1]
+        assert (health.level, health.health_index) == (Health.OK, pytest.approx(1.0, abs=0.01))
+        session.feed([motion(8, friction=0.2)])
         estimate = session.next_estimate()
-        assert estimate.verdict == FaultEstimate.DEGRADED  # a loss of torque has other causes, too
-        assert estimate.faults.friction == pytest.approx(0.4, abs=0.02)
+        assert (estimate.verdict, estimate.algorithm) == (
+            FaultEstimate.DEPARTED,
+            "inverse_dynamics",
+        )
+        assert estimate.faults.friction == pytest.approx(0.2, abs=0.03)
         assert math.isnan(estimate.faults.short_circuit_a)
         assert estimate.unobservable & FaultEstimate.GAIN
-        torque = next(one for one in estimate.hidden_causes if one.name == "torque_constant")
-        assert torque.value == pytest.approx(-0.15, abs=0.02)
-        assert "drive unknown" in estimate.reason
-        health = session.until(session.healths)[-1]
+        changes = {one.name: one for one in estimate.quantities}
+        assert changes["friction"].judgement == QuantityChange.CHANGED
+        assert changes["friction"].change == pytest.approx(0.4, abs=0.06)
+        assert changes["inertia"].judgement == QuantityChange.UNCHANGED
+        assert changes["gravity"].judgement == QuantityChange.NOT_JUDGED
+        health = session.until(lambda: session.healths()[1:])[-1]
+        assert health.level == Health.WARN
+        assert health.health_index < 0.9
         item = next(one for one in health.requirements if one.name == TORQUE_PER_AMPERE)
-        assert (item.value, item.unit) == (pytest.approx(0.85, abs=0.02), "1")
+        assert (item.value, item.unit) == (pytest.approx(1.0, abs=0.02), "1")
 
 
 @pytest.mark.slow
-def test_departure_that_no_fault_explains_is_told_and_kept(tmp_path: Path):
-    calibration = calibrate([window_of(cycle(n)) for n in range(4)], UNKNOWN)
-    calibration.save(tmp_path / "unit.yaml")
-    given = {"calibration_file": f"{tmp_path}/unit.yaml", "history_folder": f"{tmp_path}/history"}
+def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp_path: Path):
+    given = {"calibration_file": str(calibration), "history_folder": f"{tmp_path}/history"}
     with monitor(given) as session:
         session.describe(UNKNOWN)
-        session.feed([cycle(8)])
-        assert session.next_estimate().verdict != FaultEstimate.DEPARTED
-        assert session.until(session.healths)[-1].level == Health.OK
-        session.feed([cycle(9, noise_a=0.5)])
+        session.feed([motion(8, noise_a=0.5)])
         estimate = session.next_estimate()
         assert estimate.verdict == FaultEstimate.DEPARTED
-        assert "the roughness of the current in the forward stroke" in estimate.reason
-        health = session.until(lambda: session.healths()[1:])[-1]
-        assert (health.level, health.cause) == (Health.WARN, estimate.reason)
-        assert [(one.kind, one.text) for one in health.events] == [(DEPARTURE, estimate.reason)]
+        assert estimate.reason.startswith("Effort roughness is ")
+        health = session.until(session.healths)[-1]
+        assert (health.level, health.health_index) == (Health.WARN, pytest.approx(0.99, abs=0.01))
+        assert estimate.reason.startswith(health.cause)
+        assert [(one.kind, one.text) for one in health.events] == [(DEPARTURE, health.cause)]
+        session.feed([motion(9)])
+        assert session.next_estimate().verdict == FaultEstimate.VALID
+        held = session.until(lambda: session.healths()[1:])[-1]
+        assert held.level == Health.WARN
+        assert "the next record must confirm that it has ended" in held.cause
+        session.feed([motion(10)])
+        assert session.next_estimate().verdict == FaultEstimate.VALID
+        assert session.until(lambda: session.healths()[2:])[-1].level == Health.OK
     with monitor(given) as session:
         session.mount(UNKNOWN)
         health = session.until(session.healths)[-1]
         # Its stamp is of another year.
-        assert (health.level, health.last_level) == (Health.STALE, Health.WARN)
-        assert estimate.reason in health.cause
+        assert (health.level, health.last_level) == (Health.STALE, Health.OK)
