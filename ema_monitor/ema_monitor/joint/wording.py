@@ -50,7 +50,7 @@ def finding(comparison: Comparison) -> str:
     If nothing has changed, it states the change of friction that would show.
     """
     if not comparison.judged and not comparison.figures:
-        reasons = dict.fromkeys(one.reason for one in comparison.quantities if one.reason)
+        reasons = dict.fromkeys(item.reason for item in comparison.quantities if item.reason)
         return "No quantity could be judged" + (f": {'; '.join(reasons)}" if reasons else "")
     departed = [*_changes(comparison), *_figures(comparison.figures)]
     parts = departed or [f"no quantity has changed{_friction_that_would_show(comparison)}"]
@@ -60,11 +60,11 @@ def finding(comparison: Comparison) -> str:
 def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
     """Return a row for each quantity and each departed figure, in the columns of ``HEADINGS``."""
     table = [
-        (_row_label(one.name), change_text(one), interval_text(one), judgement_text(one))
-        for one in comparison.quantities
+        (_row_label(item.name), change_text(item), interval_text(item), judgement_text(item))
+        for item in comparison.quantities
     ]
     return table + [
-        (label_of(one.name), f"× {one.ratio:.3g}", "", "changed") for one in comparison.figures
+        (label_of(item.name), f"× {item.ratio:.3g}", "", "changed") for item in comparison.figures
     ]
 
 
@@ -153,13 +153,13 @@ def brief(quantity: QuantityChange) -> str:
 def improvement_sentences(comparison: Comparison) -> list[str]:
     """Return which further healthy records would lower the smallest detectable changes."""
     sentences = []
-    for one in comparison.improvements:
-        quantity = comparison[one.name]
-        days = f" on {_count(one.days, 'further day')}" if one.days else ""
+    for item in comparison.improvements:
+        quantity = comparison[item.name]
+        days = f" on {_count(item.days, 'further day')}" if item.days else ""
         sentences.append(
-            f"{_count(one.records, 'further healthy record')}{days} would lower the smallest "
-            f"detectable change of {label_of(one.name)} from {smallest_text(quantity)} to "
-            f"{_plain(one.smallest_change, quantity)} {unit_of(quantity)}."
+            f"{_count(item.records, 'further healthy record')}{days} would lower the smallest "
+            f"detectable change of {label_of(item.name)} from {smallest_text(quantity)} to "
+            f"{_plain(item.smallest_change, quantity)} {unit_of(quantity)}."
         )
     return sentences
 
@@ -171,20 +171,20 @@ def unit_of(quantity: QuantityChange) -> str:
 
 def _changes(comparison: Comparison) -> list[str]:
     """Return a sentence for each change, and which quantities are not told apart."""
-    changed = {one.name: one for one in comparison.changed}
+    changed = {item.name: item for item in comparison.changed}
     if FRICTION in changed or INERTIA in changed:
         # Their ratio repeats what they say.
         changed.pop(FRICTION_OVER_INERTIA, None)
     sentences, described = [], set[str]()
-    for one in changed.values():
-        alike = [name for name, other in changed.items() if other.rivals == one.rivals]
-        group = (*alike, *one.rivals)
-        if one.rivals and _EFFORT.issuperset(group):
-            sentences += [] if one.name in described else [_effort_sentence(one)]
+    for item in changed.values():
+        alike = [name for name, other in changed.items() if other.rivals == item.rivals]
+        group = (*alike, *item.rivals)
+        if item.rivals and _EFFORT.issuperset(group):
+            sentences += [] if item.name in described else [_effort_sentence(item)]
         else:
-            sentences.append(_change_sentence(one))
-        if one.rivals and one.name not in described:
-            sentences.append(_rivalry_sentence(alike, one.rivals))
+            sentences.append(_change_sentence(item))
+        if item.rivals and item.name not in described:
+            sentences.append(_rivalry_sentence(alike, item.rivals))
             described.update(group)
     return sentences
 
@@ -197,21 +197,21 @@ def _rivalry_sentence(named: Sequence[str], rivals: Sequence[str]) -> str:
     return f"{what} in this motion"
 
 
-def _change_sentence(one: QuantityChange) -> str:
-    label = label_of(one.name)
-    if one.unit == "-":
-        quantity = QUANTITIES[one.name]
+def _change_sentence(item: QuantityChange) -> str:
+    label = label_of(item.name)
+    if item.unit == "-":
+        quantity = QUANTITIES[item.name]
         share = "" if quantity.reference == "healthy" else f" of {quantity.reference}"
-        return f"{label} {_moved(one.change, one.low, one.high, share)}"
-    interval = interval_text(one)
+        return f"{label} {_moved(item.change, item.low, item.high, share)}"
+    interval = interval_text(item)
     within = f" (90 % interval {interval})" if interval else ""
-    return f"{label} changed by {change_text(one)}{within}"
+    return f"{label} changed by {change_text(item)}{within}"
 
 
-def _effort_sentence(one: QuantityChange) -> str:
+def _effort_sentence(item: QuantityChange) -> str:
     """Return the change of the effort: that of friction, or the inverse of torque per ampere."""
-    figures = one.change, one.low, one.high
-    if one.name == TORQUE:
+    figures = item.change, item.low, item.high
+    if item.name == TORQUE:
         change, high, low = (1.0 / (1.0 + figure) - 1.0 for figure in figures)
         figures = change, low, high
     return f"effort at the same motion {_moved(*figures)}"
@@ -230,7 +230,7 @@ def _figures(figures: Sequence[FigureChange]) -> list[str]:
     """Return the departed figures as one sentence, if there are any."""
     if not figures:
         return []
-    ratios = [f"{label_of(one.name)} {one.ratio:.3g} times" for one in figures]
+    ratios = [f"{label_of(item.name)} {item.ratio:.3g} times" for item in figures]
     first, *others = ratios
     first = first.replace(label_of(figures[0].name), f"{label_of(figures[0].name)} is", 1)
     return [f"{_joined([first, *others], 'and')} that of the healthy records"]
@@ -256,9 +256,9 @@ def _not_judged(comparison: Comparison) -> list[str]:
     Rivals of a change are named with it.
     """
     by_reason: dict[str, list[str]] = {}
-    for one in comparison.quantities:
-        if not one.is_judged and not one.rivals:
-            by_reason.setdefault(one.reason, []).append(label_of(one.name))
+    for item in comparison.quantities:
+        if not item.is_judged and not item.rivals:
+            by_reason.setdefault(item.reason, []).append(label_of(item.name))
     if not by_reason or not comparison.judged:
         return []
     groups = [(reason, _joined(labels, "and")) for reason, labels in by_reason.items()]
@@ -311,11 +311,11 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
         f"{label_of(FRICTION)}: changes above {same_day} would show on a day that has healthy "
         f"records, above {another_day} on another day"
     ]
-    for one in comparer.improvements:
-        days = f" on {_count(one.days, 'further day')}" if one.days else ""
+    for item in comparer.improvements:
+        days = f" on {_count(item.days, 'further day')}" if item.days else ""
         sentences.append(
-            f"{_count(one.records, 'further healthy record')}{days} would lower this to "
-            f"{_percent(one.smallest_change)}"
+            f"{_count(item.records, 'further healthy record')}{days} would lower this to "
+            f"{_percent(item.smallest_change)}"
         )
     return sentences + [_GAPS[gap] for gap in comparer.baseline.gaps]
 
