@@ -223,7 +223,7 @@ def test_joint_without_a_command_is_published_without_a_command(graph, mapping_f
         BridgeNode, mapping_file=str(mapping), actuator_file=str(actuator), learn_s=0.1
     )
     session = Session(graph, mapping, bridge)
-    session.publish_until(lambda: session.blocks, "a block")
+    session.publish_until(lambda: session.blocks and session.descriptions, "both")
     description = description_from_message(session.descriptions[0])
     assert not description.acquisition.command
     assert len(session.blocks[0].command) == 0
