@@ -14,7 +14,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.calibration.stored import is_calibration_file
-from ema_monitor.normal.unit_normal import UnitNormal
+from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | JointCalibration
@@ -72,7 +72,7 @@ def calibrate(
     if description.drive == "unknown":
         return calibrate_joint(windows, description)
     made = calibrate_model(windows, description, form)
-    return replace(made, normal=UnitNormal.of(one.telemetry for one in windows))
+    return replace(made, baseline=WindowBaseline.of(one.telemetry for one in windows))
 
 
 def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> AnyCalibration:
@@ -83,7 +83,7 @@ def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> Any
     if isinstance(calibration, JointCalibration) and isinstance(replaced, JointCalibration):
         return calibration.with_labels_of(replaced)
     if isinstance(calibration, Calibration) and isinstance(replaced, Calibration):
-        return replace(calibration, normal=calibration.normal.with_labels_of(replaced.normal))
+        return replace(calibration, baseline=calibration.baseline.with_labels_of(replaced.baseline))
     return calibration
 
 

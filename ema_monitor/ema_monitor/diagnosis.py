@@ -19,9 +19,9 @@ from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
+from ema_monitor.joint.departure import Departure
+from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.model.measured import measured_causes
-from ema_monitor.normal.features import Part, figures_of
-from ema_monitor.normal.normal import Departure
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -50,19 +50,19 @@ def _identified(
     return _judged(result.estimate, _figures(window, calibration), calibration, description)
 
 
-def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[Part]:
-    """Return the figures of a window, if there is a normal to compare them with.
+def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[WindowFigures]:
+    """Return the figures of a window, if there is a baseline to compare them with.
 
-    There are none where a cause was measured: they may be those of another load.
+    There are none if a cause was measured: the load may be another one.
     """
     if isinstance(window, Refusal) or not isinstance(calibration, Calibration) or window.measured:
         return []
-    return figures_of(window.telemetry) if calibration.normal.windows else []
+    return figures_of(window.telemetry) if calibration.baseline.windows else []
 
 
 def _judged(
     estimate: Estimate,
-    parts: Sequence[Part],
+    parts: Sequence[WindowFigures],
     calibration: AnyCalibration | str,
     description: ActuatorDescription,
 ) -> Estimate:
@@ -73,7 +73,7 @@ def _judged(
     if not isinstance(calibration, Calibration) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
     estimate = replace(estimate, parts=tuple(parts))
-    departure = calibration.normal.departure(estimate.start_ns, parts)
+    departure = calibration.baseline.departure(estimate.start_ns, parts)
     is_foreign = not estimate.valid and calibration.unit_mismatch(description)
     if departure is None or is_foreign:
         return estimate
@@ -232,7 +232,7 @@ class _Motion:
     description: ActuatorDescription
     calibration: AnyCalibration | str
     search: SearchSettings
-    since: dict[int, tuple[int, int, list[Part]]] = field(default_factory=dict)
+    since: dict[int, tuple[int, int, list[WindowFigures]]] = field(default_factory=dict)
     fruitless: int = 0
 
     def judged(self, estimate: Estimate) -> Estimate:

@@ -10,7 +10,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector, healthy_faults
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
-from ema_monitor.normal.features import Motion, Part
+from ema_monitor.joint.window_figures import Motion, WindowFigures
 from ema_monitor.windows.band import rms
 
 from .comparisons import CASES as COMPARISONS
@@ -20,7 +20,7 @@ from .windows import refused
 
 RNG = np.random.default_rng(3)
 ROOT = RNG.standard_normal((8, 8))
-PART = Part(Motion(0.04, 3.0, 1.0), {"rest_current": 0.3, "current_forward": 0.7}, 750)
+PART = WindowFigures(Motion(0.04, 3.0, 1.0), {"rest_current": 0.3, "current_forward": 0.7}, 750)
 ESTIMATE = Estimate(
     2**62 + 1,
     2**62 + 500_000_001,

@@ -86,9 +86,9 @@ def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
         click.echo(f"warning: if it had labels, they are lost: {error}", err=True)
         return calibration
     kept = calibrations.with_labels_of(calibration, replaced)
-    if lost := replaced.normal.tests().keys() - kept.normal.tests().keys():
+    if lost := replaced.baseline.states().keys() - kept.baseline.states().keys():
         words = "labels dropped, of another unit or a motion that no healthy window has"
         click.echo(f"warning: {words}: {', '.join(sorted(lost))}", err=True)
-    if labels := kept.normal.tests().keys() - calibration.normal.tests().keys():
+    if labels := kept.baseline.states().keys() - calibration.baseline.states().keys():
         click.echo(f"labelled states kept: {', '.join(sorted(labels))}")
     return kept

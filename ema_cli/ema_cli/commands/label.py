@@ -1,10 +1,10 @@
 """``ema label``: the state of a unit in tests, by its owner."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
-from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -12,13 +12,19 @@ from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.source import Source, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
-from ema_monitor.normal.features import Part, figures_of
-from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
-from ema_monitor.normal.unit_normal import UnitNormal
+from ema_monitor.identification.joint_estimate import comparable_record
+from ema_monitor.joint.departure import HEALTHY, NONE_OF_THESE
+from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.prognosis.history import read_history
+from ema_monitor.windows.trigger import Refusal
 
 _HEALTHY = (HEALTHY, "normal", "nan", "none", "")
+
+_Test = tuple[int, tuple[WindowFigures, ...]]
+"""Stamp of a test [ns], and the figures of its windows."""
 
 
 @click.command()
@@ -56,41 +62,45 @@ def label(
     chosen: tuple[str, ...],
     remove: str | None,
 ) -> None:
-    """Add tests of a unit whose state is known, one in each of BAGS, to its CALIBRATION.
+    """Add tests of a unit in a known state, one in each of BAGS, to its CALIBRATION.
 
-    A later test is then said to look like a state or like healthy ones, with probabilities, or
-    like none of them. A state needs three tests. A test that was labelled before takes the new
-    state. Without BAGS the states are listed. A history of the unit, ACTUATOR+SERIAL.sqlite, takes
-    the place of the bags of its tests.
+    Later tests then have a probability of each labelled state, of healthy, and of none of these. A
+    state needs three tests. A test that is already labelled takes the new state. Without BAGS the
+    states are listed. For an unknown drive a test is a record. For other drives a history of the
+    unit, ACTUATOR+SERIAL.sqlite, can replace the bags of its tests.
     """
     if bool(bags) != ((state is None) != (state_column is None)):
         raise click.UsageError("give BAGS with either --state or --state-column")
     calibration = load_calibration(calibration_file)
-    normal = calibration.normal
+    labelled = calibration
     if remove is not None:
-        normal = normal.without(remove)
+        labelled = _with_baseline(labelled, labelled.baseline.without(remove))
     for bag in bags:
         tests = [(state or "", bag)]
         if state_column is not None:
             tests = _tests_of(bag, [state_column, *test_columns], given)
         for name, part in tests:
-            if part.suffix == ".sqlite":
-                stretches = _of_history(part, chosen, calibration)
-            elif chosen:
-                raise click.UsageError("--test goes with a history, ACTUATOR+SERIAL.sqlite")
-            else:
-                own = given if part == bag else replace(given, actuator_file=None)
-                stretches = [_of_bag(bag, part, own, calibration)]
-            for test in stretches:
-                normal = _with_test(normal, name, bag, *test)
-    if normal is not calibration.normal:
-        replace(calibration, normal=normal).save(calibration_file)
-    tests = [f"{counted(count, 'test')} {name}" for name, count in normal.tests().items()]
-    click.echo(f"{calibration_file}: {', '.join(tests) or 'no healthy windows to compare with'}")
+            name = _checked(name)
+            try:
+                if part.suffix == ".sqlite":
+                    labelled = _with_history(labelled, name, part, chosen)
+                elif chosen:
+                    raise click.UsageError("--test needs a history, ACTUATOR+SERIAL.sqlite")
+                else:
+                    own = given if part == bag else replace(given, actuator_file=None)
+                    labelled = _with_bag(labelled, name, part, own)
+            except ValueError as error:
+                raise ValueError(f"{bag}: {error}") from error
+    if labelled is not calibration:
+        labelled.save(calibration_file)
+    noun = "record" if isinstance(labelled, JointCalibration) else "test"
+    states = labelled.baseline.states().items()
+    counts = [f"{counted(count, noun)} {name}" for name, count in states]
+    click.echo(f"{calibration_file}: {', '.join(counts) or 'no healthy windows to compare with'}")
 
 
 def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[str, Path]]:
-    """Yield the state of each test in a table, and its bag; healthy ones are left out."""
+    """Yield the state and the bag of each test in a table, without the healthy tests."""
     from ema_cli.bags.records import tables_as_bags  # pandas only where there is a table
 
     for (state, *_), bag in tables_as_bags(table, given.actuator_file, columns):
@@ -98,24 +108,65 @@ def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[
             yield state, bag
 
 
-def _of_bag(
-    path: Path, bag: Path, given: Source, calibration: AnyCalibration
-) -> tuple[int, list[Part]]:
-    """Return stamp [ns] and stretches of the test in a bag, which is of a path."""
+def _checked(state: str) -> str:
+    """Return the name of a state without spaces around it; ValueError for a healthy state."""
+    name = state.strip()
+    if name.lower() in (*_HEALTHY, NONE_OF_THESE):
+        raise ValueError(
+            f"state {name!r}: expected the name of a fault; give healthy bags to `ema calibrate`"
+        )
+    return name
+
+
+def _with_bag(calibration: AnyCalibration, state: str, bag: Path, given: Source) -> AnyCalibration:
+    """Return the calibration with the test, or the records, of a bag in a state."""
     found = identifiable_windows(bag, given)
     if mismatch := calibration.unit_mismatch(found.description):
-        raise ValueError(f"{path}: {mismatch}")
-    stretches = (figures_of(one.telemetry) for one in WindowsOnDemand(found.windows))
-    return found.first_ns, list(chain.from_iterable(stretches))
+        raise ValueError(mismatch)
+    windows = WindowsOnDemand(found.windows)
+    if not isinstance(calibration, JointCalibration):
+        figures = [one for window in windows for one in figures_of(window.telemetry)]
+        baseline = calibration.baseline.with_test(state, found.first_ns, figures)
+        return _with_baseline(calibration, baseline)
+    baseline, reasons = calibration.baseline, list[str]()
+    for window in windows:
+        record = comparable_record(window, found.description, calibration)
+        if isinstance(record, JointRecord):
+            baseline = baseline.with_record(state, record)
+        else:
+            reasons.append(record)
+    if baseline is calibration.baseline:
+        why = reasons or [
+            one.place.reason for one in found.windows if isinstance(one.place, Refusal)
+        ]
+        raise ValueError(f"no record can be labelled: {'; '.join(dict.fromkeys(why))}")
+    for reason in reasons:
+        click.echo(f"{bag}: a record is left out: {reason}", err=True)
+    return _with_baseline(calibration, baseline)
+
+
+def _with_history(
+    calibration: AnyCalibration, state: str, path: Path, chosen: tuple[str, ...]
+) -> AnyCalibration:
+    """Return the calibration with tests of a history in a state."""
+    if isinstance(calibration, JointCalibration):
+        raise ValueError("a history does not hold the figures of records; label the bags instead")
+    baseline = calibration.baseline
+    for test in _of_history(path, chosen, calibration):
+        baseline = baseline.with_test(state, *test)
+    return _with_baseline(calibration, baseline)
 
 
 def _of_history(
     path: Path, chosen: tuple[str, ...], calibration: AnyCalibration
-) -> Iterator[tuple[int, Sequence[Part]]]:
-    """Yield stamps [ns] and stretches of tests in a history."""
+) -> Iterator[_Test]:
+    """Yield the chosen tests in a history, or all of them."""
     history = read_history(path)
     if history.unit != (calibration.actuator_id, calibration.serial_number):
-        raise ValueError(f"{path} is of {history.unit}, another unit than the calibration's")
+        raise ValueError(
+            f"the history is of {history.unit}, the calibration of "
+            f"{calibration.actuator_id} ({calibration.serial_number})"
+        )
     tests = history.tests
     dates = [f"{datetime.fromtimestamp(1e-9 * one.stamp_ns, UTC):%FT%T}" for one in tests]
     for one in chosen or [""]:
@@ -126,19 +177,9 @@ def _of_history(
         ]
         if not found:
             last = f"its last, {len(tests)}, is of {dates[-1]}" if tests else "it has none"
-            raise ValueError(f"{path}: --test {one!r}: expected number or date of a test; {last}")
+            raise ValueError(f"--test {one!r}: expected number or date of a test; {last}")
         yield from ((test.stamp_ns, test.parts) for test in found)
 
 
-def _with_test(
-    normal: UnitNormal, state: str, path: Path, stamp_ns: int, parts: Sequence[Part]
-) -> UnitNormal:
-    """Return a normal with a test, which is of a path."""
-    state = state.strip()
-    if state.lower() in (*_HEALTHY, NONE_OF_THESE):
-        words = "expected what is wrong; `ema calibrate` takes all healthy bags together"
-        raise ValueError(f"state {state!r}: {words}")
-    try:
-        return normal.with_test(state, stamp_ns, parts)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+def _with_baseline(calibration: AnyCalibration, baseline: Any) -> AnyCalibration:
+    return replace(calibration, baseline=baseline)

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from ema_cli.options import REFUSED
 from ema_core.wording import counted
-from ema_monitor.normal.moves import MoveSeries, MoveVerdict
+from ema_monitor.joint.moves import MoveSeries, MoveVerdict
 
 
 @click.command()

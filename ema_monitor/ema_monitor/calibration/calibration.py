@@ -17,9 +17,9 @@ from ema_core.wording import counted
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.alignment import moved, shift_if_same
 from ema_monitor.calibration.stored import StoredCalibration, numbers
+from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
-from ema_monitor.normal.unit_normal import UnitNormal
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
@@ -28,6 +28,8 @@ LEAST_SCATTER: Final = 1e-6
 # Of the standard deviation that is expected before any window.
 _LEARNED = 0.7
 _SAME_SCALE = 0.015
+# Name of the baseline in the identity, and in files of format 4 by earlier versions.
+_IDENTIFIED_AS = "normal"
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
 _RANGES = {
@@ -104,8 +106,8 @@ class Calibration(StoredCalibration):
         is unknown.
     acquisition
         How the telemetry of the windows was acquired.
-    normal
-        Figures of the windows, which show what departs; empty when they were not taken.
+    baseline
+        Figures of the windows, from which later windows may depart; empty if none were taken.
     """
 
     FORMAT: ClassVar = 4
@@ -129,7 +131,7 @@ class Calibration(StoredCalibration):
     travel_ratio: float = math.nan
     law_offset: float = math.nan
     acquisition: Acquisition = USUAL
-    normal: UnitNormal = field(default=UnitNormal(), repr=False)
+    baseline: WindowBaseline = field(default=WindowBaseline(), repr=False)
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -323,16 +325,21 @@ class Calibration(StoredCalibration):
             raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
         content["unit"] = Deviations(**content["unit"])
         content["acquisition"] = Acquisition(**content.get("acquisition", {}))
-        if "normal" in content:
-            content["normal"] = UnitNormal.of_mapping(content["normal"])
+        if _IDENTIFIED_AS in content:
+            content["baseline"] = content.pop(_IDENTIFIED_AS)
+        if "baseline" in content:
+            content["baseline"] = WindowBaseline.of_mapping(content["baseline"])
         return cls(**content)
 
     def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
         content = {"format": self.FORMAT, **asdict(self)}
-        del content["normal"]
-        normal = self.normal if with_labels else replace(self.normal, windows=self.normal.healthy)
-        if normal.windows:
-            content["normal"] = normal.as_mapping()
+        del content["baseline"]
+        baseline = self.baseline
+        if with_labels and baseline.windows:
+            content["baseline"] = baseline.as_mapping()
+        elif baseline.healthy:
+            healthy = replace(baseline, windows=baseline.healthy)
+            content[_IDENTIFIED_AS] = healthy.as_mapping()
         for name in (*_ROWS, "unit_covariance"):
             content[name] = getattr(self, name).tolist()
         content["unit"] = self.unit._asdict()

@@ -14,8 +14,8 @@ from ema_core.wording import text_table
 from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.joint.wording import finding, table_text
-from ema_monitor.normal.features import Part, part_of, row_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -114,7 +114,7 @@ class Estimate:
     measured
         Hidden causes that were measured, as they were used; of stretches as ``causes``.
     parts
-        Figures of the window, or of each stretch, where the calibration has a normal.
+        Figures of the window, or of each stretch, if the calibration has a baseline of windows.
     comparison
         Comparison of the record with the baseline of its unit; None for a modelled drive, and for
         a record that could not be read.
@@ -148,7 +148,7 @@ class Estimate:
     alternatives: tuple[tuple[str, str], ...] = ()
     stretches: int = 0
     measured: tuple[CauseEstimate, ...] = ()
-    parts: tuple[Part, ...] = ()
+    parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
 
     def __post_init__(self) -> None:
@@ -315,7 +315,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     for name in _CAUSES:
         values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
     values["alternatives"] = tuple(tuple(pair) for pair in record["alternatives"])
-    values["parts"] = tuple(part_of(row) for row in record.get("parts", ()))
+    values["parts"] = tuple(figures_of_row(row) for row in record.get("parts", ()))
     compared = record.get("comparison")
     values["comparison"] = None if compared is None else Comparison.of_mapping(compared)
     return Estimate(**values)

@@ -21,7 +21,7 @@ from ema_monitor.identification.estimate import (
 )
 from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Comparison, QuantityChange
-from ema_monitor.joint.record import defect_of, read_record
+from ema_monitor.joint.record import JointRecord, defect_of, read_record
 from ema_monitor.joint.signals import block_means, filtered
 from ema_monitor.joint.wording import summary
 from ema_monitor.windows.trigger import Refusal
@@ -66,20 +66,9 @@ def identify_record(
         return _refused(window, calibration, reason)
     if reason := _standstill(window):
         return _refused(window, calibration, reason, FAILED)
-    baseline = calibration.baseline
-    fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
-    signals = filtered(fine, baseline.preparation)
-    if reason := defect_of(signals, baseline.preparation):
-        return _refused(window, calibration, reason, comparison=of.not_judged(reason))
-    record = read_record(
-        window.telemetry,
-        description,
-        baseline.preparation,
-        baseline.shape,
-        healthy=baseline.healthy,
-        temperature=winding_temperature(window),
-        prepared=(fine, signals),
-    )
+    record = comparable_record(window, description, calibration)
+    if isinstance(record, str):
+        return _refused(window, calibration, record, comparison=of.not_judged(record))
     comparison = calibration.comparer.compare(record)
     faults, covariance, insignificant = _faults(comparison)
     caveat = [f"forced although {mismatch}"] if mismatch else []
@@ -103,6 +92,28 @@ def identify_record(
         causes=tuple(_causes(comparison, calibration)),
         measured=window.measured,
         comparison=comparison,
+    )
+
+
+def comparable_record(
+    window: Window, description: ActuatorDescription, calibration: JointCalibration
+) -> JointRecord | str:
+    """Return what a record shows, or why it cannot be compared with the baseline."""
+    if reason := calibration.shape_mismatch(window) or _missing(window, description):
+        return reason
+    baseline = calibration.baseline
+    fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
+    signals = filtered(fine, baseline.preparation)
+    if reason := defect_of(signals, baseline.preparation):
+        return reason
+    return read_record(
+        window.telemetry,
+        description,
+        baseline.preparation,
+        baseline.shape,
+        healthy=baseline.healthy,
+        temperature=winding_temperature(window),
+        prepared=(fine, signals),
     )
 
 

@@ -1,5 +1,6 @@
 """Baseline of a joint: its healthy records, and what they predict for a further one."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
@@ -9,6 +10,8 @@ from typing import Final
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_core.wording import unknown_name
+from ema_monitor.joint.departure import HEALTHY
 from ema_monitor.joint.record import NS_A_DAY, JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, DRY, GRAVITY, INERTIA, LOAD, VISCOUS, Shape
 from ema_monitor.joint.signals import Preparation
@@ -115,6 +118,30 @@ class Baseline:
     def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
         """Return the baseline with these labelled records and no others."""
         return replace(self, labelled=tuple(labelled))
+
+    def with_record(self, state: str, record: JointRecord) -> "Baseline":
+        """Return the baseline with a record in a state, which replaces an earlier label of it.
+
+        Raises
+        ------
+        ValueError
+            When the record is one of the healthy records.
+        """
+        if any(one.is_same(record) for one in self.records):
+            raise ValueError("it is one of the healthy records of the calibration")
+        kept = (one for one in self.labelled if not one.record.is_same(record))
+        return self.with_labels((*kept, LabelledRecord(state, record)))
+
+    def without(self, state: str) -> "Baseline":
+        """Return the baseline without a labelled state; ValueError if it is not labelled."""
+        kept = [one for one in self.labelled if one.state != state]
+        if len(kept) == len(self.labelled):
+            raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
+        return self.with_labels(kept)
+
+    def states(self) -> dict[str, int]:
+        """Return the number of records of each state."""
+        return Counter([HEALTHY] * len(self.records) + [one.state for one in self.labelled])
 
     def extended(self, records: int, days: int) -> "Baseline":
         """Return the baseline with further records that scatter as those so far.

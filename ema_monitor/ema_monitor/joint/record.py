@@ -61,6 +61,10 @@ class JointRecord:
         """Day of the record, counted from 1970."""
         return self.stamp_ns // NS_A_DAY
 
+    def is_same(self, other: "JointRecord") -> bool:
+        """Return whether both are of the same telemetry, however it was fitted."""
+        return self.stamp_ns == other.stamp_ns and self.travel == other.travel
+
 
 @dataclass(frozen=True)
 class LabelledRecord:

@@ -1,51 +1,77 @@
-"""States that the owner has named: which of them a record looks like, or none."""
+"""States that the owner has labelled: which of them a test or record looks like, or none."""
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ema_core.arrays import Array
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.joint.figures import DIRECTED
+from ema_monitor.joint.departure import (
+    FEWEST,
+    HEALTHY,
+    NONE_OF_THESE,
+    DatedFigures,
+    JudgedFigure,
+    departure_of,
+)
+from ema_monitor.joint.figures import DIRECTED, FIGURES
 from ema_monitor.joint.record import JointRecord
-from ema_monitor.joint.single import Observation, SingleTest
-
-HEALTHY: Final = "healthy"
-"""State of the records of the baseline."""
-
-NONE_OF_THESE: Final = "none of these"
-"""State of a record that looks like no labelled one."""
-
-FEWEST_RECORDS: Final = 3
-"""Records below which a state is not named."""
 
 _STRANGE: Final = 1e-3
 _SHRINKAGE: Final = 0.05
 _BETWEEN: Final = 0.03
+_OF_RECORDS: Final = {
+    **{
+        name: JudgedFigure(
+            name.replace("_", " "),
+            _BETWEEN,
+            is_logarithm=name not in ("effort_forward", "effort_backward"),
+        )
+        for name in DIRECTED
+    },
+    "rest_effort": JudgedFigure(FIGURES["rest_effort"].label, _BETWEEN),
+}
 
 
-def known_states(baseline: Baseline) -> dict[str, list[JointRecord]]:
-    """Return the records of each state that has enough of them, the healthy ones first."""
-    found: dict[str, list[JointRecord]] = {HEALTHY: list(baseline.records)}
-    for one in baseline.labelled:
-        found.setdefault(one.state, []).append(one.record)
-    return {state: some for state, some in found.items() if len(some) >= FEWEST_RECORDS}
+class Example(NamedTuple):
+    """A test or record in a known state.
 
-
-def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str, float]:
-    """Return the probability of each state, the largest first; empty without labelled states.
-
-    States are told apart by linear discriminants with shrinkage (Ledoit and Wolf), with equal
-    priors. A record that departs from all of them is none of these.
+    Attributes
+    ----------
+    state
+        The state.
+    test
+        Its figures, and its day.
+    stretches
+        Figures of each of its stretches by name; of a record, the record itself.
     """
-    known = known_states(baseline)
-    records = [one for some in known.values() for one in some]
+
+    state: str
+    test: DatedFigures
+    stretches: Sequence[Mapping[str, float]]
+
+
+def known_states(examples: Iterable[Example]) -> dict[str, list[Example]]:
+    """Return the examples of each state that has enough of them."""
+    found: dict[str, list[Example]] = {}
+    for one in examples:
+        found.setdefault(one.state, []).append(one)
+    return {state: some for state, some in found.items() if len(some) >= FEWEST}
+
+
+def probabilities(
+    known: Mapping[str, Sequence[Example]], own: DatedFigures, figures: Mapping[str, JudgedFigure]
+) -> Mapping[str, float]:
+    """Return the probability of each known state, the largest first; empty if nothing is compared.
+
+    States are told apart by linear discriminants with shrinkage, with equal priors: how often a
+    state was labelled does not show how often it occurs. A test that departs from each of them is
+    none of these.
+    """
+    stretches = [row for some in known.values() for one in some for row in one.stretches]
     names = [
-        name
-        for name in (*DIRECTED, "rest_effort")
-        if name in record.figures and all(name in one.figures for one in records)
+        name for name in figures if name in own.values and all(name in row for row in stretches)
     ]
     if len(known) < 2 or not names:
         return {}
@@ -53,14 +79,17 @@ def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str,
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    labels = [state for state, some in known.items() for _ in some]
+    labels = [state for state, some in known.items() for one in some for _ in one.stretches]
     discriminants = LinearDiscriminantAnalysis(
         solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(known), 1.0 / len(known))
     )
     model = make_pipeline(StandardScaler(), discriminants)
-    model.fit(_values(records, names), labels)
-    shares = model.predict_proba(_values([record], names))[0]
-    nearest = max(_likeness(record, some, names) for some in known.values())
+    model.fit(_values(stretches, names), labels)
+    shares = model.predict_proba(_values([own.values], names))[0]
+    chosen = {name: figures[name] for name in names}
+    nearest = max(
+        departure_of(own, [one.test for one in some], chosen).probability for some in known.values()
+    )
     strange = _STRANGE / (_STRANGE + nearest)
     found = {
         str(state): float(share * (1.0 - strange))
@@ -69,18 +98,19 @@ def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str,
     return dict(sorted({**found, NONE_OF_THESE: strange}.items(), key=lambda one: -one[1]))
 
 
-def _values(records: Sequence[JointRecord], names: Sequence[str]) -> Array:
-    return np.array([[one.figures[name] for name in names] for one in records])
+def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str, float]:
+    """Return the probability of each state of a record; empty without labelled states."""
+    if not baseline.labelled:
+        return {}
+    healthy = (_example(HEALTHY, one) for one in baseline.records)
+    labelled = (_example(one.state, one.record) for one in baseline.labelled)
+    own = DatedFigures(record.day, record.figures)
+    return probabilities(known_states([*healthy, *labelled]), own, _OF_RECORDS)
 
 
-def _likeness(record: JointRecord, healthy: Sequence[JointRecord], names: Sequence[str]) -> float:
-    """Return how likely a record of a state differs as much as this one in any figure."""
-    least = 1.0
-    for name in names:
-        observed = [Observation(one.figures[name], 0.0, one.day) for one in healthy]
-        size = abs(float(np.mean([one.value for one in observed])))
-        between = _BETWEEN * (size if name in ("effort_forward", "effort_backward") else 1.0)
-        own = Observation(record.figures[name], 0.0, record.day)
-        test = SingleTest.of(own, observed, max(between, math.ulp(1.0)))
-        least = min(least, test.probability)
-    return min(1.0, len(names) * least)
+def _example(state: str, record: JointRecord) -> Example:
+    return Example(state, DatedFigures(record.day, record.figures), [record.figures])
+
+
+def _values(rows: Iterable[Mapping[str, float]], names: Sequence[str]) -> Array:
+    return np.array([[one[name] for name in names] for one in rows])

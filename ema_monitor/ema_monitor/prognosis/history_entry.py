@@ -11,7 +11,7 @@ import numpy as np
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain
 from ema_monitor.joint.comparison import Comparison
-from ema_monitor.normal.features import Part, part_of, row_of
+from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 
@@ -107,7 +107,7 @@ class Entry:
         return self.estimate.verdict
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[WindowFigures, ...]:
         """Figures of its estimate."""
         return self.estimate.parts
 
@@ -132,7 +132,7 @@ class UnusedCycle:
     verdict: str
     reason: str
     flown: FlownDuty = NOTHING_FLOWN
-    parts: tuple[Part, ...] = ()
+    parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
 
     @classmethod
@@ -241,7 +241,7 @@ def read_test(text: str) -> Test:
         hours, *classes = (record["duty"][name] for name in ("hours", "travel", "winding"))
         flown = FlownDuty(hours, *map(np.array, classes))
     if "estimate" not in record:
-        parts = tuple(part_of(row) for row in record.get("parts", ()))
+        parts = tuple(figures_of_row(row) for row in record.get("parts", ()))
         compared = record.get("comparison")
         return UnusedCycle(
             record["end_ns"],

@@ -1,4 +1,4 @@
-"""Figures of a test are those of its motion, and like is compared with like."""
+"""Figures of a window follow its motion, and only like motions are compared."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.normal.features import Motion, figures_of, mean_of
+from ema_monitor.joint.window_figures import Motion, figures_of, mean_of
 
 H = 0.04
 

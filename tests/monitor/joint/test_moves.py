@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_monitor.normal.moves import Move, MoveSeries
+from ema_monitor.joint.moves import Move, MoveSeries
 
 DAY_NS = 86_400_000_000_000
 
@@ -19,7 +19,7 @@ def followed(ratios, *, limit=1.5, seed=0, scatter=0.01):
     return told
 
 
-def test_constant_unit_stays_ok_and_is_told_no_life():
+def test_constant_unit_stays_ok_and_has_no_predicted_life():
     told = [one for seed in range(20) for one in followed(np.ones(30), seed=seed)[4:]]
     assert all(one.life_days is None for one in told)
     # 520 tests at 1 %: 5 are expected, more than 13 come once in 1,000 runs.

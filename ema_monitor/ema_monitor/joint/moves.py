@@ -10,13 +10,14 @@ from scipy.special import stdtr
 from scipy.stats import multivariate_t
 
 from ema_core.arrays import Array
-from ema_monitor.normal.features import FIGURE, Feature
-from ema_monitor.normal.normal import FEWEST_TESTS, Departure, HealthyTest, Normal
+from ema_monitor.joint.departure import FEWEST, DatedFigures, Departure, JudgedFigure, departure_of
+from ema_monitor.joint.record import NS_A_DAY
 
 INDEX: Final = "all figures together"
 """Name of the mean of all figures, by their logarithm."""
 
-_NS_A_DAY: Final = 86_400e9
+_BETWEEN_DAYS: Final = 0.02
+_SIGNIFICANCE: Final = 1e-2
 _LATEST: Final = 5
 _RISING: Final = 0.05
 _LEAST_SIGMA: Final = 0.03
@@ -39,13 +40,15 @@ class MoveVerdict:
     Attributes
     ----------
     ratio
-        Its figures over the healthy ones, geometric mean [-].
+        Figures over the healthy ones, geometric mean [-].
     level
-        OK, WARN where it departs, ERROR where the limit is passed, STALE while nothing is known.
+        OK; WARN if the move departs; ERROR beyond the limit; STALE during the reference.
     departure
-        How unlikely it is for the healthy unit; None while the reference is not complete.
+        How unlikely the move is for the healthy unit; None during the reference.
     life_days
-        Quantiles of 5, 50 and 95 % of the time to the limit [d]; None where none is predicted.
+        Quantiles of 5, 50 and 95 % of the time to the limit [d]; None if none is predicted.
+    reason
+        Why the move has this level.
     """
 
     ratio: float
@@ -61,40 +64,41 @@ class MoveVerdict:
 
 
 class MoveSeries:
-    """Follows the moves of a unit, one after the other; no fault is claimed.
+    """Judges the moves of a unit in order of time; it identifies no fault.
 
     Parameters
     ----------
     limit
         Ratio to the healthy figures at which the unit has to be removed, above 1.
     reference
-        How many of the first moves are taken for healthy, ``FEWEST_TESTS`` at least.
+        Number of the first moves, which are healthy; at least ``FEWEST``.
 
     Raises
     ------
     ValueError
-        When a figure is impossible.
+        When a parameter is out of range.
     """
 
     def __init__(self, *, limit: float, reference: int) -> None:
         if not limit > 1.0:
             raise ValueError(f"limit = {limit:g}: expected a ratio above 1")
-        if reference < FEWEST_TESTS:
-            raise ValueError(f"reference = {reference}: expected {FEWEST_TESTS} or more moves")
+        if reference < FEWEST:
+            raise ValueError(f"reference = {reference}: expected {FEWEST} or more moves")
         self._limit = limit
         self._reference = reference
-        self._healthy: list[HealthyTest] = []
+        self._healthy: list[DatedFigures] = []
         self._course: list[tuple[float, float]] = []
 
     def add(self, move: Move) -> MoveVerdict:
-        """Return what is told of the next move by those before it.
+        """Return the verdict on the next move by the moves before it.
 
         Raises
         ------
         ValueError
-            When it is earlier than the one before, or a figure is not positive.
+            When the move is earlier than the one before, a figure is not positive, or the move
+            has none of the figures of the reference.
         """
-        day = move.stamp_ns / _NS_A_DAY
+        day = move.stamp_ns / NS_A_DAY
         if self._course and day < self._course[-1][0]:
             raise ValueError(
                 f"the move at {move.stamp_ns} ns is earlier than the one before: sort them by time"
@@ -104,26 +108,25 @@ class MoveSeries:
                 raise ValueError(f"{name} = {value}: expected a positive number")
         logs = {name: math.log(value) for name, value in move.figures.items()}
         if len(self._healthy) < self._reference:
-            self._healthy.append(HealthyTest(move.stamp_ns, logs))
+            self._healthy.append(DatedFigures(move.stamp_ns // NS_A_DAY, logs))
             missing = self._reference - len(self._healthy)
             self._course.append((day, 1.0))
             reason = f"reference; {missing} more needed" if missing else "reference"
             return MoveVerdict(1.0, "STALE", None, None, reason)
-        names = [name for name in logs if all(name in one.features for one in self._healthy)]
+        names = [name for name in logs if all(name in one.values for one in self._healthy)]
         if not names:
             raise ValueError("the move has none of the figures of the reference")
         healthy = {
-            name: float(np.mean([one.features[name] for one in self._healthy])) for name in names
+            name: float(np.mean([one.values[name] for one in self._healthy])) for name in names
         }
         ratio = math.exp(float(np.mean([logs[name] - healthy[name] for name in names])))
         self._course.append((day, ratio))
-        tests = [
-            HealthyTest(one.stamp_ns, _with_index(one.features, names)) for one in self._healthy
-        ]
-        known = {name: Feature(FIGURE, name) for name in (*names, INDEX)}
-        departure = Normal(tests, known).departure(
-            HealthyTest(move.stamp_ns, _with_index(logs, names))
+        own, *tests = (
+            DatedFigures(day, _with_index(values, names))
+            for day, values in ((move.stamp_ns // NS_A_DAY, logs), *self._healthy)
         )
+        figures = {name: JudgedFigure(name, _BETWEEN_DAYS) for name in (*names, INDEX)}
+        departure = departure_of(own, tests, figures, _SIGNIFICANCE)
         if ratio >= self._limit:
             reason = f"{ratio:.2f} times healthy: the limit of {self._limit:g} is passed"
             return MoveVerdict(ratio, "ERROR", departure, None, reason)
@@ -133,10 +136,10 @@ class MoveSeries:
         return MoveVerdict(ratio, level, departure, life, reason)
 
     def _life(self) -> tuple[float, float, float] | None:
-        """Return the quantiles of the time to the limit; None where nothing rises for certain.
+        """Return the quantiles of the time to the limit; None if the moves do not surely rise.
 
         The latest moves rise by a straight line, or their distance from healthy grows by a constant
-        factor: both are open as long as the limit is far, and count alike.
+        factor. Both laws have the same weight.
         """
         days, ratios = np.array(self._course[-_LATEST:]).T
         days = days - days[-1]
@@ -154,8 +157,8 @@ class MoveSeries:
 def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
     """Return the probability that a regression line does not rise, and times to a limit [d].
 
-    They are drawn from what is known of the line, as far as it rises; none from less than three
-    points.
+    The times are drawn from the distribution of the rising lines; there are none from fewer than
+    three points.
     """
     freedom = len(days) - 2
     if freedom < 1 or not np.ptp(days) > 0.0:

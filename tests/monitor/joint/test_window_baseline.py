@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.normal.features import figures_of
-from ema_monitor.normal.normal import HEALTHY, NONE_OF_THESE
-from ema_monitor.normal.unit_normal import UnitNormal
+from ema_monitor.joint.departure import HEALTHY, NONE_OF_THESE
+from ema_monitor.joint.window_baseline import WindowBaseline
+from ema_monitor.joint.window_figures import figures_of
 
-from .test_features import slide
+from .test_window_figures import slide
 
 
 @pytest.fixture(scope="module")
 def healthy():
-    return UnitNormal.of(slide(noise=0.02, seed=seed) for seed in range(12))
+    return WindowBaseline.of(slide(noise=0.02, seed=seed) for seed in range(12))
 
 
 def test_window_departs_where_its_figures_do(healthy):
@@ -29,7 +29,7 @@ def test_window_departs_where_its_figures_do(healthy):
 def test_stretches_are_compared_with_means_of_as_many_healthy_windows():
     """A load that swings from window to window hides a change of one, not of the mean of three."""
     loads = 0.1 + 0.03 * np.tile([-1.0, 0.0, 1.0], 5)
-    healthy = UnitNormal.of(
+    healthy = WindowBaseline.of(
         slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
     )
     changed = [
@@ -51,7 +51,7 @@ def test_other_motion_is_not_judged(healthy):
         assert healthy.departure(0, parts) is None
     # Each of several motions is judged by its own healthy windows.
     scales = (1.0, 1.3, 1.6)
-    several = UnitNormal.of(
+    several = WindowBaseline.of(
         replace(one, command=scale * one.command)
         for scale in scales
         for one in (slide(noise=0.02, seed=seed) for seed in range(4))
@@ -62,22 +62,21 @@ def test_other_motion_is_not_judged(healthy):
         found = several.departure(0, parts)
         assert found
         assert found.is_significant == departs
-    assert UnitNormal.of([window] * 2).departure(0, figures_of(window)) is None
+    assert WindowBaseline.of([window] * 2).departure(0, figures_of(window)) is None
 
 
 def test_file_holds_all_of_it(healthy):
     both = labelled(healthy, "jammed", slide(noise=0.02, seed=20))
-    del both.windows[-1].part.features["rest_current"]
-    assert UnitNormal.of_mapping(both.as_mapping()) == both
+    del both.windows[-1].figures.values["rest_current"]
+    assert WindowBaseline.of_mapping(both.as_mapping()) == both
 
 
 def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
     """Without that, the loads would be the scatter, and a load would explain what departs."""
     loads = [0.1, 0.4] * 6
-    healthy = UnitNormal.of(
+    healthy = WindowBaseline.of(
         slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
     )
-    assert healthy.loads == pytest.approx((-0.15, 0.15), abs=0.02)
     for load in (0.1, 0.4, 0.8):
         same = healthy.departure(0, figures_of(slide(load=load, noise=0.02, seed=30)))
         dry = healthy.departure(0, figures_of(slide(load=load, friction=0.68, noise=0.02, seed=30)))
@@ -87,7 +86,9 @@ def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
         assert (same.is_significant, same.load_explains) == (not is_known, not is_known)
         assert (dry.is_significant, dry.load_explains) == (True, not is_known)
     # Of a load that one window alone had nothing is known.
-    once = UnitNormal((*healthy.windows, *UnitNormal.of([slide(load=0.8, noise=0.02)]).windows))
+    once = WindowBaseline(
+        (*healthy.windows, *WindowBaseline.of([slide(load=0.8, noise=0.02)]).windows)
+    )
     assert once.departure(0, figures_of(slide(load=0.8, noise=0.02, seed=30))) is None
 
 
@@ -100,7 +101,7 @@ def test_small_load_explains_levels_alone(healthy):
 
 def test_parts_of_a_test_are_judged_by_their_own_loads():
     windows = [slide(load=load, noise=0.02, seed=n) for n, load in enumerate([0.1, 0.4] * 6)]
-    known = UnitNormal.of(windows)
+    known = WindowBaseline.of(windows)
     for friction, departs in ((0.6, False), (0.68, True)):
         some = [slide(load=0.1, noise=0.02, seed=30), slide(load=0.1, noise=0.02, seed=31)]
         some.append(slide(load=0.4, friction=friction, noise=0.02, seed=32))
@@ -116,7 +117,8 @@ def test_day_that_may_be_what_differs_is_said(healthy):
     assert next_day
     assert (same.is_significant, same.remark) == (True, "")
     assert not next_day.is_significant
-    assert "10% of the current and 20% of a scatter are taken" in next_day.remark
+    words = "mean current of both strokes differs by +5 %; on a day without healthy tests, changes"
+    assert words in next_day.remark
 
 
 def later(stamp_ns: int, *, state: str = "", **changes):
@@ -125,11 +127,11 @@ def later(stamp_ns: int, *, state: str = "", **changes):
     return replace(slide(noise=0.02, seed=stamp_ns, **changed), stamp_ns=stamp_ns)
 
 
-def labelled(normal: UnitNormal, state: str, telemetry: Telemetry) -> UnitNormal:
+def labelled(normal: WindowBaseline, state: str, telemetry: Telemetry) -> WindowBaseline:
     return normal.with_test(state, telemetry.stamp_ns, figures_of(telemetry))
 
 
-def states_of(normal: UnitNormal, telemetry: Telemetry) -> Mapping[str, float]:
+def states_of(normal: WindowBaseline, telemetry: Telemetry) -> Mapping[str, float]:
     found = normal.departure(telemetry.stamp_ns, figures_of(telemetry))
     assert found
     return found.states
@@ -141,10 +143,10 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
     for number in range(1, 4):
         known = labelled(known, "dry 1", later(number, state="dry 1"))
         known = labelled(known, "dry 2", later(10 + number, state="dry 2"))
-    assert known.tests() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
+    assert known.states() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
     for state in ("dry 1", "dry 2"):
         assert next(iter(states_of(known, later(50, state=state)))) == state
-        assert f"looks like: {state} " in str(
+        assert f"the most probable labelled state is {state} (" in str(
             known.departure(50, figures_of(later(50, state=state)))
         )
     assert next(iter(states_of(known, later(50, friction=1.5)))) == NONE_OF_THESE
@@ -160,19 +162,19 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
         found = known.departure(50, figures_of(strange))
         assert found
         assert (found.states, words in found.likeness) == ({}, True)
-    assert list(known.without("dry 1").tests()) == [HEALTHY, "dry 2"]
+    assert list(known.without("dry 1").states()) == [HEALTHY, "dry 2"]
     assert healthy.with_labels_of(known) == known
     # A figure that the labelled tests have may be missing.
     lacking = figures_of(later(50, state="dry 1"))
-    del lacking[0].features["rest_current"]
+    del lacking[0].values["rest_current"]
     found = known.departure(50, lacking)
     assert found
     assert "dry 1" in found.states
     # Labelled anew, and of another load, no state is known by three tests.
     anew = labelled(known, "dry 2", later(3, state="dry 1"))
-    assert anew.tests() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
-    with_loads = UnitNormal(
-        (*known.windows, *UnitNormal.of(later(80 + n, load=0.5) for n in range(6)).windows)
+    assert anew.states() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
+    with_loads = WindowBaseline(
+        (*known.windows, *WindowBaseline.of(later(80 + n, load=0.5) for n in range(6)).windows)
     )
     assert states_of(with_loads, later(90, state="dry 1", load=0.5)) == {}
     assert "dry 1" in states_of(with_loads, later(90, state="dry 1"))
@@ -200,4 +202,4 @@ def test_windows_that_are_alike_by_chance_judge_nothing():
         replace(one, command=1.2 ** max(0, number - 3) * one.command)
         for number, one in enumerate(windows)
     ]
-    assert UnitNormal.of(varied).departure(0, figures_of(slide(noise=0.06, seed=90))) is None
+    assert WindowBaseline.of(varied).departure(0, figures_of(slide(noise=0.06, seed=90))) is None

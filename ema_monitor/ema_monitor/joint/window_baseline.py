@@ -1,0 +1,253 @@
+"""Windows in known states, and which later windows depart from the healthy windows (M47)."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
+from typing import Any, Final, NamedTuple, Self
+
+import numpy as np
+
+from ema_core.telemetry import Telemetry
+from ema_core.wording import unknown_name
+from ema_monitor.joint.departure import FEWEST, HEALTHY, DatedFigures, Departure, departure_of
+from ema_monitor.joint.record import NS_A_DAY
+from ema_monitor.joint.states import Example, known_states, probabilities
+from ema_monitor.joint.window_figures import (
+    WINDOW_FIGURES,
+    Motion,
+    WindowFigures,
+    figures_of,
+    figures_of_row,
+    mean_of,
+    row_of,
+)
+
+_REPEATED: Final = 0.5
+_SAME_LOAD: Final = 0.05
+_LARGE_LOAD: Final = 0.1
+_BOTH_WAYS: Final = ("current_forward", "current_backward")
+
+
+class KnownWindow(NamedTuple):
+    """Figures of a window in a known state, its stamp [ns], and the number of its test.
+
+    Each healthy window is a test of its own, with number 0.
+    """
+
+    state: str
+    stamp_ns: int
+    figures: WindowFigures
+    test: int = 0
+
+
+@dataclass(frozen=True)
+class WindowBaseline:
+    """Windows of a unit whose state is known: healthy and labelled."""
+
+    windows: tuple[KnownWindow, ...] = ()
+
+    @classmethod
+    def of(cls, windows: Iterable[Telemetry]) -> Self:
+        """Return the baseline of the healthy windows that have a stroke in each direction."""
+        found = ((one.stamp_ns, figures) for one in windows for figures in figures_of(one))
+        return cls(tuple(KnownWindow(HEALTHY, *one) for one in found))
+
+    def with_test(self, state: str, stamp_ns: int, windows: Sequence[WindowFigures]) -> Self:
+        """Return the baseline with the windows of a test in a state; it replaces earlier labels.
+
+        Raises
+        ------
+        ValueError
+            When there is no window, a window is healthy by the calibration, or no healthy window
+            has its motion and load.
+        """
+        if not windows:
+            raise ValueError("it has no stretch in each direction with a measured current")
+        self._require_comparable(windows)
+        if any(one.figures in windows for one in self.healthy):
+            raise ValueError("it is one of the healthy tests of the calibration")
+        kept = [one for one in self.windows if not one.test or one.figures not in windows]
+        number = 1 + max((one.test for one in self.windows), default=0)
+        return type(self)((*kept, *(KnownWindow(state, stamp_ns, one, number) for one in windows)))
+
+    def _require_comparable(self, windows: Sequence[WindowFigures]) -> None:
+        for one in windows:
+            if not (healthy := self._like(one.motion)):
+                raise ValueError(f"no healthy window has its motion, {one.motion}")
+            away = _distance(healthy, _load(one.values))
+            if away > _LARGE_LOAD * _running(healthy):
+                raise ValueError(
+                    f"its load is {away:.2g} A away from the healthy windows: `ema "
+                    "calibrate` needs healthy bags of that load, too"
+                )
+
+    def with_labels_of(self, other: Self) -> Self:
+        """Return the baseline with the labelled tests of another whose motion it has."""
+        mine = [one.figures for one in self.healthy]
+        labelled = [one for one in other.windows if one.test and one.figures not in mine]
+        kept = (one for one in labelled if self._like(one.figures.motion))
+        return type(self)((*self.healthy, *kept))
+
+    def without(self, state: str) -> Self:
+        """Return the baseline without a labelled state; ValueError if it is not labelled."""
+        kept = tuple(one for one in self.windows if not one.test or one.state != state)
+        if len(kept) == len(self.windows):
+            raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
+        return type(self)(kept)
+
+    def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
+        windows = (one for one in self.windows if bool(one.test) == labelled)
+        return [one for one in windows if one.figures.motion.is_like(motion)]
+
+    @cached_property
+    def _repeats_motions(self) -> bool:
+        """Whether half of the healthy windows repeat a motion; by chance, only a few are alike."""
+        alike = [len(self._like(one.figures.motion)) >= FEWEST for one in self.healthy]
+        return sum(alike) >= _REPEATED * len(alike)
+
+    @property
+    def healthy(self) -> tuple[KnownWindow, ...]:
+        """The healthy windows."""
+        return tuple(one for one in self.windows if not one.test)
+
+    def states(self) -> dict[str, int]:
+        """Return the number of tests of each state."""
+        return Counter(one.state for one in _tests(self.windows, 1))
+
+    def departure(self, stamp_ns: int, windows: Sequence[WindowFigures]) -> Departure | None:
+        """Return how unlikely a test is for the healthy unit.
+
+        Windows of each motion and load are compared with healthy windows of both, or of the
+        nearest load: with the means of as many in a row, so that like scatters are compared; of
+        fewer, if there would be fewer than ``FEWEST`` means. None if nothing can be compared and
+        no state is labelled: there is no window, no motion or load has ``FEWEST`` healthy windows,
+        or the healthy windows do not repeat motions.
+        """
+        if not self._repeats_motions:
+            return None
+        found: list[Departure | str] = []
+        for own in _by_motion(windows):
+            healthy = self._like(own[0].motion)
+            if len(healthy) < FEWEST:
+                found.append(f"no healthy window has the motion, {own[0].motion}")
+                continue
+            loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
+            under: dict[int, list[WindowFigures]] = {}
+            for one in own:
+                under.setdefault(_nearest(loads, _load(one.values)), []).append(one)
+            # A labelled test is not judged by itself.
+            labelled = [
+                one
+                for one in self._like(own[0].motion, labelled=True)
+                if one.figures not in windows
+            ]
+            for near, some in under.items():
+                beside = [
+                    one for one in labelled if _nearest(loads, _load(one.figures.values)) == near
+                ]
+                found.append(_judged(stamp_ns, some, loads[near], beside, _running(healthy)))
+        has_labels = len(self.healthy) < len(self.windows)
+        judged = [one for one in found if isinstance(one, Departure)]
+        if not judged:
+            reasons = [f"no state is named: {one}" for one in found if has_labels]
+            return Departure(1.0, unnamed=reasons[0]) if reasons else None
+        worst = min(judged, key=lambda one: one.probability)
+        if has_labels and not (worst.states or worst.unnamed):
+            words = f"no labelled state has {FEWEST} tests of this motion and load"
+            worst = replace(worst, unnamed=f"no state is named: {words}")
+        return replace(worst, probability=min(1.0, len(judged) * worst.probability))
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return plain values: names, and a row for each window; NaN for a missing figure."""
+        rows = [[one.state, one.test, one.stamp_ns, *row_of(one.figures)] for one in self.windows]
+        return {"figures": list(WINDOW_FIGURES), "windows": rows}
+
+    @classmethod
+    def of_mapping(cls, content: dict[str, Any]) -> Self:
+        """Return the baseline of ``as_mapping``."""
+        windows = (
+            KnownWindow(
+                str(state), int(stamp_ns), figures_of_row(row, content["figures"]), int(test)
+            )
+            for state, test, stamp_ns, *row in content["windows"]
+        )
+        return cls(tuple(windows))
+
+
+def _judged(
+    stamp_ns: int,
+    windows: Sequence[WindowFigures],
+    healthy: Sequence[KnownWindow],
+    labelled: Sequence[KnownWindow],
+    running: float,
+) -> Departure | str:
+    """Return how unlikely windows are beside healthy ones like them, or why that is unknown."""
+    if len(healthy) < FEWEST:
+        return f"the load has fewer than {FEWEST} healthy windows"
+    own = DatedFigures(stamp_ns // NS_A_DAY, mean_of(windows))
+    load = _load(own.values)
+    size = min(len(windows), len(healthy) // FEWEST)
+    tests = list(_tests(healthy, size))
+    found = departure_of(own, [one.test for one in tests], WINDOW_FIGURES)
+    is_of_levels = all(not one.figure.is_logarithm for one in found.changes)
+    enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
+    found = replace(found, load_explains=_distance(healthy, load) > enough)
+    known = known_states([*tests, *_tests(labelled, size)])
+    if len(known) < 2:
+        return found
+    if (away := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
+        words = f"the load is new, {away:.2g} A from the known windows"
+        return replace(found, unnamed=f"no state is named: {words}")
+    return replace(found, states=probabilities(known, own, WINDOW_FIGURES))
+
+
+def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[Example]:
+    """Yield tests: so many healthy windows in a row, and all windows of each labelled test."""
+    healthy = [one for one in windows if not one.test]
+    rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
+    others = groupby((one for one in windows if one.test), key=lambda one: one.test)
+    for row in (*rows, *(list(some) for _, some in others)):
+        figures = [one.figures for one in row]
+        test = DatedFigures(row[0].stamp_ns // NS_A_DAY, mean_of(figures))
+        yield Example(row[0].state, test, [one.values for one in figures])
+
+
+def _by_motion(windows: Iterable[WindowFigures]) -> list[list[WindowFigures]]:
+    """Return windows in groups of like motion."""
+    found: list[list[WindowFigures]] = []
+    for one in windows:
+        alike = next((some for some in found if some[0].motion.is_like(one.motion)), None)
+        if alike is None:
+            found.append(alike := [])
+        alike.append(one)
+    return found
+
+
+def _running(windows: Sequence[KnownWindow]) -> float:
+    """Return the larger mean current of both directions [A]."""
+    figures = mean_of([one.figures for one in windows])
+    return max(abs(figures[name]) for name in _BOTH_WAYS)
+
+
+def _load(figures: Mapping[str, float]) -> float:
+    """Return the current that does not follow the direction [A]."""
+    forward, backward = (figures[name] for name in _BOTH_WAYS)
+    return 0.5 * (forward - backward)
+
+
+def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindow]]:
+    """Return windows in groups between which the load [A] has a gap, each in their order."""
+    order = sorted(range(len(windows)), key=lambda at: _load(windows[at].figures.values))
+    steps = np.diff([_load(windows[at].figures.values) for at in order])
+    groups = np.split(order, np.flatnonzero(steps > gap) + 1)
+    return [[windows[at] for at in sorted(group)] for group in groups]
+
+
+def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
+    return int(np.argmin([_distance(one, load) for one in groups]))
+
+
+def _distance(group: Sequence[KnownWindow], load: float) -> float:
+    return min(abs(_load(one.figures.values) - load) for one in group)

@@ -1,0 +1,189 @@
+"""Model-free figures of a test window: levels, scatter and roughness by commanded stroke (M47)."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.arrays import Array, Flags
+from ema_core.telemetry import Telemetry
+from ema_monitor.joint.departure import JudgedFigure
+
+# Relative difference of travel, speed and sample period up to which motions are alike [-].
+_TOLERANCE: Final = 0.05
+_MOVING: Final = 0.5
+_RESTING: Final = 0.02
+_FASTEST: Final = 99.0
+_SETTLING: Final = 6
+_SHORTEST: Final = 4
+_TINY: Final = 1e-12
+
+
+def _level(label: str) -> JudgedFigure:
+    return JudgedFigure(label, 0.01, is_logarithm=False)
+
+
+def _ratio(label: str) -> JudgedFigure:
+    return JudgedFigure(label, 0.024)
+
+
+WINDOW_FIGURES: Final = {
+    "rest_current": _level("current at rest"),
+    **{
+        f"{name}_{way}": kind(f"{label} in the {way} stroke")
+        for way in ("forward", "backward")
+        for name, kind, label in (
+            ("current", _level, "current"),
+            ("current_scatter", _ratio, "scatter of the current"),
+            ("current_roughness", _ratio, "roughness of the current"),
+            ("error_scatter", _ratio, "scatter of the tracking error"),
+            ("error_roughness", _ratio, "roughness of the tracking error"),
+        )
+    },
+    "friction_current": _level("mean current of both strokes"),
+}
+"""Figures of a window, by name; scatter and roughness are logarithms."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion that a window commands; only windows of like motion are compared.
+
+    Attributes
+    ----------
+    sample_period
+        Period of the samples [s].
+    travel
+        Travel of the command at the user shaft [rad].
+    speed
+        99 % quantile of the commanded speed [rad/s].
+    """
+
+    sample_period: float
+    travel: float
+    speed: float
+
+    def __str__(self) -> str:
+        return f"{self.travel:.3g} rad at {self.speed:.3g} rad/s, {1.0 / self.sample_period:g} Hz"
+
+    def is_like(self, other: "Motion") -> bool:
+        """Return whether windows of both motions can be compared."""
+        ratios = np.divide(astuple(self), np.maximum(astuple(other), _TINY))
+        return bool(np.all(np.abs(np.log(np.maximum(ratios, _TINY))) <= math.log1p(_TOLERANCE)))
+
+
+class WindowFigures(NamedTuple):
+    """Motion of a window, its figures by name, and its number of samples."""
+
+    motion: Motion
+    values: dict[str, float]
+    samples: int
+
+
+def figures_of(window: Telemetry) -> list[WindowFigures]:
+    """Return the figures of a window; none without a current, or without a stroke each way.
+
+    They have six digits, as files and histories do. A current without sign is used as it is: its
+    magnitude is what friction and load need in each direction.
+    """
+    if not len(window.current) or len(window) < 2:
+        return []
+    speed, fastest = _speeds(window)
+    strokes = {
+        way: _strokes(sign * speed > _MOVING * fastest)
+        for way, sign in (("forward", 1.0), ("backward", -1.0))
+    }
+    if not (fastest > 0.0 and all(strokes.values())):
+        return []
+    figures = _figures(window, np.abs(speed) < _RESTING * fastest, strokes)
+    values = {name: _short(value) for name, value in figures.items()}
+    return [WindowFigures(_motion(window, fastest), values, len(window))]
+
+
+def row_of(window: WindowFigures) -> list[float]:
+    """Return a row: samples, motion and all ``WINDOW_FIGURES``; NaN for a missing figure."""
+    figures = (window.values.get(name, math.nan) for name in WINDOW_FIGURES)
+    return [window.samples, *astuple(window.motion), *figures]
+
+
+def figures_of_row(
+    row: Sequence[float | None], names: Iterable[str] = WINDOW_FIGURES
+) -> WindowFigures:
+    """Return the figures in a row of ``row_of``, by their names; None is NaN.
+
+    Raises
+    ------
+    ValueError
+        When the row has no motion, or another number of figures.
+    """
+    samples, period, travel, speed, *values = np.array(row, dtype=np.float64).tolist()
+    if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
+        raise ValueError("the figures of a window have no motion: calibrate or estimate again")
+    named = zip(names, values, strict=True)
+    figures = {name: value for name, value in named if math.isfinite(value)}
+    return WindowFigures(Motion(period, travel, speed), figures, int(samples))
+
+
+def mean_of(windows: Sequence[WindowFigures]) -> dict[str, float]:
+    """Return the means of the figures that all windows have, weighted by their samples."""
+    weights = [one.samples for one in windows]
+    return {
+        name: float(np.average([one.values[name] for one in windows], weights=weights))
+        for name in WINDOW_FIGURES
+        if all(name in one.values for one in windows)
+    }
+
+
+def _figures(
+    window: Telemetry, at_rest: Flags, strokes: dict[str, list[NDArray[np.intp]]]
+) -> dict[str, float]:
+    error = window.command - window.position
+    is_signed = bool(np.min(window.current) < -_RESTING * np.max(np.abs(window.current)))
+    values: dict[str, float] = {}
+    if np.any(at_rest):
+        values["rest_current"] = float(np.median(np.abs(window.current[at_rest])))
+    for way, sign in (("forward", 1.0), ("backward", -1.0)):
+        current = sign * window.current if is_signed else window.current
+        values[f"current_{way}"] = float(np.mean([np.mean(current[one]) for one in strokes[way]]))
+        for name, column in (("current", current), ("error", error)):
+            scatter = [_detrended(column[one]) for one in strokes[way]]
+            rough = [np.diff(column[one]) for one in strokes[way]]
+            values[f"{name}_scatter_{way}"] = _log_rms(scatter)
+            values[f"{name}_roughness_{way}"] = _log_rms(rough)
+    values["friction_current"] = 0.5 * (values["current_forward"] + values["current_backward"])
+    return values
+
+
+def _motion(window: Telemetry, fastest: float) -> Motion:
+    return Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+
+
+def _speeds(window: Telemetry) -> tuple[Array, float]:
+    """Return the commanded speed, ``(n,)``, and the 99 % quantile of its magnitude [rad/s]."""
+    speed = np.gradient(window.command) / window.sample_period
+    return speed, float(np.percentile(np.abs(speed), _FASTEST))
+
+
+def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
+    """Return the indices of each stroke, without the first sixth, in which it settles."""
+    places = np.flatnonzero(moving)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    settled = [run[len(run) // _SETTLING :] for run in runs]
+    return [run for run in settled if len(run) >= _SHORTEST]
+
+
+def _detrended(values: Array) -> Array:
+    steps = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    return values - np.mean(values) - steps * (steps @ values) / (steps @ steps)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _log_rms(pieces: list[Array]) -> float:
+    """Return the logarithm of the root mean square of all pieces."""
+    return 0.5 * math.log(max(float(np.mean(np.concatenate(pieces) ** 2)), _TINY**2))

@@ -1,1 +1,0 @@
-"""What is normal for one unit, learned from its own tests, and what departs from it."""
