@@ -162,13 +162,16 @@ def _rows_of_unit(
 
 
 def _without_window(found: BagWindows) -> str:
+    """Return why a bag has no window or record."""
+    name = found.description.actuator_id
+    if found.description.drive == "unknown":
+        return f"actuator {name!r} has no record to compare: {found.obstacle}"
     if not found.has_rested:
         why = "the command never rested"
     elif found.longest_motion_s:
         why = f"the command moved for at most {found.longest_motion_s:.3f} s, or one way only"
     else:
         why = "the command never left its rest"
-    name = found.description.actuator_id
     return f"actuator {name!r} has no window to diagnose (no excitation): {why}"
 
 

@@ -145,7 +145,7 @@ class Identifying(Source):
                         )
                 progress.advance(task)
         found += diagnosis.finish()
-        if self.any_motion and windows:
+        if self.any_motion and windows and isinstance(calibration, Calibration):
             click.echo(f"{windows[0].description.actuator_id}: {diagnosis.tally}", err=True)
         return [one.estimate for one in found]
 

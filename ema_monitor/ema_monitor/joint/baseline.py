@@ -29,7 +29,6 @@ the load only as a share of the dry friction at the usual speed [-]."""
 
 _SAME_MOTION: Final = 0.05
 _ENOUGH_RECORDS: Final = 5
-_ONE_SPEED: Final = 0.98
 _FLOOR: Final = 1e-9
 
 
@@ -95,23 +94,23 @@ class Baseline:
         least, most = np.min(motions, axis=0), np.max(motions, axis=0)
         return len(motions) > 1 and bool(np.all(most <= (1.0 + _SAME_MOTION) * least))
 
-    def is_like(self, record: JointRecord) -> bool:
-        """Return whether a record has the speed and travel of the healthy ones."""
-        motions = np.array([(one.usual_speed, one.travel) for one in self.records])
-        own = np.array([record.usual_speed, record.travel])
-        slack = 1.0 + _SAME_MOTION
-        is_within = (own >= motions.min(axis=0) / slack) & (own <= motions.max(axis=0) * slack)
-        return bool(np.all(is_within))
+    def distance(self, record: JointRecord) -> float:
+        """Return how far the speed and travel of a record are outside of the healthy ones.
+
+        It is the logarithm of their ratio to the nearest healthy record, the larger of both.
+        """
+        motions = np.log([(one.usual_speed, one.travel) for one in self.records])
+        own = np.log([record.usual_speed, record.travel])
+        outside = np.maximum(motions.min(axis=0) - own, own - motions.max(axis=0))
+        return float(np.max(outside, initial=0.0))
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
         """What the healthy records lack."""
-        mean = np.mean(self.covariances, axis=0)
-        sigmas = np.sqrt(mean[DRY, DRY] * mean[VISCOUS, VISCOUS])
         is_missing = {
             Gap.ONE_DAY: len(set(self.days)) < 2,
             Gap.FEW_RECORDS: len(self.records) < _ENOUGH_RECORDS,
-            Gap.ONE_SPEED: abs(mean[DRY, VISCOUS]) > _ONE_SPEED * sigmas,
+            Gap.ONE_SPEED: not self.shape.has_viscous,
         }
         return tuple(gap for gap, missing in is_missing.items() if missing)
 
@@ -168,6 +167,13 @@ class Baseline:
         """All friction at the usual speed over that speed [A.s/rad]."""
         usual = self.preparation.usual_speed
         return self.friction / usual + max(float(np.median(self.values[:, VISCOUS])), 0.0)
+
+    @property
+    def scales(self) -> Array:
+        """Size of each coefficient that changes are compared with, ``(5,)``, in their units."""
+        scales = np.abs(self.healthy)
+        scales[VISCOUS], scales[LOAD] = self.viscous_scale, self.friction
+        return scales
 
     @cached_property
     def prior_sigmas(self) -> Array:

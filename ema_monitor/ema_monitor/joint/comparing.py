@@ -42,6 +42,8 @@ from ema_monitor.joint.single import BETWEEN_RECORDS, Observation, SingleTest, i
 from ema_monitor.joint.states import state_probabilities
 
 _MODEL_TOLERANCE: Final = 0.1
+_MOTION_TOLERANCE: Final = 0.1
+_LIKE_MOTION: Final = 0.14
 _RATIO_TOLERANCE: Final = 0.02
 _VISCOUS_TOLERANCE: Final = 3.0
 _FOR_A_PARAMETER: Final = 6.0
@@ -71,6 +73,7 @@ _UNSEEN: Final = {
     TORQUE: "only friction is visible in the healthy records, and it looks the same",
 }
 """Why a quantity is not judged that the healthy records do not show."""
+_TOGETHER: Final = "it departs as well, and no single change explains all of the record"
 _DOUBT: Final = (
     "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
     "records of further days"
@@ -184,8 +187,8 @@ class Comparer:
     def _typical(self) -> JointRecord:
         """A healthy record of no day."""
         mean = np.mean(self.baseline.covariances, axis=0)
-        speed = self.baseline.preparation.usual_speed
-        return JointRecord(0, self.baseline.healthy, mean, speed, temperature=math.nan)
+        like = self.baseline.records[0]
+        return JointRecord(0, self.baseline.healthy, mean, like.usual_speed, like.travel)
 
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
@@ -204,7 +207,8 @@ class _Test:
     def __init__(self, comparer: Comparer, record: JointRecord) -> None:
         self._comparer, self._record = comparer, record
         self._baseline = comparer.baseline
-        self._error = comparer.error(record.covariance)
+        moved = _MOTION_TOLERANCE * comparer.baseline.distance(record) * comparer.baseline.scales
+        self._error = comparer.error(record.covariance) + np.diag(moved**2)
         self._departure = record.values - self._baseline.healthy
         self._total = comparer.spread + self._error
 
@@ -226,7 +230,7 @@ class _Test:
         for name, reason in _UNSEEN.items():
             if name not in quantities:
                 quantities[name] = QuantityChange(name, Judgement.NOT_JUDGED, reason=reason)
-        figures, figure_probability = self._figures(quantities[FRICTION])
+        figures, figure_probability = self._figures(_growth(quantities))
         count = len(tests) + len(FIGURES) + 1
         probability = min(1.0, count * min(least, figure_probability, play_probability))
         states = state_probabilities(self._baseline, self._record)
@@ -261,11 +265,8 @@ class _Test:
         """Covariance with what the model may miss beside changed friction, ``(5, 5)``."""
         baseline = self._baseline
         change = abs(self._departure[at.DRY] / baseline.healthy[at.DRY])
-        scales = np.abs(baseline.healthy)
-        scales[at.VISCOUS] = (
-            _VISCOUS_TOLERANCE * baseline.friction / baseline.preparation.usual_speed
-        )
-        scales[at.LOAD] = baseline.friction
+        scales = baseline.scales
+        scales[at.VISCOUS] *= _VISCOUS_TOLERANCE
         scales[at.DRY] = 0.0
         return self._total + np.diag((_MODEL_TOLERANCE * change * scales) ** 2)
 
@@ -318,6 +319,8 @@ class _Test:
             judgement, others = Judgement.NOT_JUDGED, named
             labels = " and ".join(QUANTITIES[one].label for one in named)
             reason = f"this motion cannot tell it apart from {labels}"
+        elif test.is_significant:
+            judgement, reason = Judgement.NOT_JUDGED, _TOGETHER
         elif is_doubtful and not named:
             judgement, reason = Judgement.NOT_JUDGED, _DOUBT
         return QuantityChange(name, judgement, change, low, high, smallest, unit, reason, others)
@@ -331,8 +334,9 @@ class _Test:
         weights = np.zeros(len(healthy))
         weights[at.DRY], weights[at.INERTIA] = 1.0 / healthy[at.DRY], -1.0 / healthy[at.INERTIA]
         test = self._along(weights)
-        relative = self._record.values / healthy
-        ratio = float(relative[at.DRY] / max(relative[at.INERTIA], _LEAST_RATIO))
+        both = [at.DRY, at.INERTIA]
+        friction, inertia = (self._record.values[both] / healthy[both]).tolist()
+        ratio = friction / max(inertia, _LEAST_RATIO)
         sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
         low, high = (ratio * math.exp(way * _Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
         is_changed = bool(named) and test.is_significant
@@ -413,18 +417,16 @@ class _Test:
             max(test.smallest_change, floor) / healthy_lag,
         )
 
-    def _figures(self, friction: QuantityChange) -> tuple[tuple[FigureChange, ...], float]:
+    def _figures(self, grown: float) -> tuple[tuple[FigureChange, ...], float]:
         """Return the model-free figures that depart, and the smallest probability of any.
 
         They depend on the motion: a record of another motion is not compared, and records whose
-        motion does not repeat scatter more. An effort that has grown scatters more in proportion.
+        motion does not repeat scatter more. An effort that has grown, by this logarithm, scatters
+        more in proportion.
         """
         baseline, own = self._baseline, self._record
-        if not baseline.is_like(own):
+        if baseline.distance(own) > _LIKE_MOTION:
             return (), 1.0
-        grown = 0.0
-        if friction.judgement is Judgement.CHANGED:
-            grown = math.log1p(max(friction.change, 0.0))
         found: list[FigureChange] = []
         least = 1.0
         for name, figure in FIGURES.items():
@@ -436,6 +438,8 @@ class _Test:
             if name not in own.figures or not healthy:
                 continue
             between = figure.repeated if baseline.repeats else figure.varied
+            if between is None:
+                continue
             test = SingleTest.of(Observation(own.figures[name], 0.0, own.day), healthy, between)
             if name in OF_EFFORT:
                 test = test.less(min(grown, max(test.change, 0.0)))
@@ -443,6 +447,16 @@ class _Test:
             if test.is_significant:
                 found.append(FigureChange(name, math.exp(test.change), test.probability))
         return tuple(sorted(found, key=lambda one: one.probability)), least
+
+
+def _growth(quantities: Mapping[str, QuantityChange]) -> float:
+    """Return the logarithm of how much the effort has grown by changes that are named."""
+    logs = [0.0]
+    for name, sign in ((FRICTION, 1.0), (TORQUE, -1.0)):
+        one = quantities.get(name)
+        if one is not None and one.judgement is Judgement.CHANGED:
+            logs.append(sign * math.log1p(one.change))
+    return max(logs)
 
 
 def _best_weights(columns: Array, covariance: Array) -> Array:

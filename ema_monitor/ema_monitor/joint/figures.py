@@ -24,19 +24,19 @@ class Figure(NamedTuple):
         Name in words.
     repeated, varied
         Prior median of the standard deviation of its logarithm between days [-], where the motion
-        repeats and where it does not.
+        repeats and where it does not; None where it is not compared.
     """
 
     label: str
     repeated: float
-    varied: float
+    varied: float | None
 
 
 FIGURES: Final = {
-    "effort_scatter": Figure("scatter of the effort", 0.024, 0.1),
-    "effort_roughness": Figure("roughness of the effort", 0.02, 0.08),
-    "error_scatter": Figure("scatter of the tracking error", 0.024, 0.1),
-    "error_roughness": Figure("roughness of the tracking error", 0.02, 0.08),
+    "effort_scatter": Figure("scatter of the effort", 0.02, 0.1),
+    "effort_roughness": Figure("roughness of the effort", 0.014, 0.08),
+    "error_scatter": Figure("scatter of the tracking error", 0.02, None),
+    "error_roughness": Figure("roughness of the tracking error", 0.014, None),
     "rest_effort": Figure("effort at rest", 0.01, 0.03),
 }
 """Figures that are compared, by name: logarithms, means of both directions."""

@@ -27,7 +27,7 @@ _FEWEST_ROWS: Final = 30
 _FREE: Final = 10.0
 _OPEN: Final = 1e3
 _SEEN: Final = 0.3
-_ONE_SPEED: Final = 0.98
+_TOLD_APART: Final = 0.04
 _TINY: Final = 1e-12
 
 
@@ -194,16 +194,15 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     fits = [fit_record(shape, one) for one in records]
     covariance = np.median([one.covariance for one in fits], axis=0)
     sigmas = np.sqrt(np.diag(covariance))
-    correlation = covariance[DRY, VISCOUS] / max(sigmas[DRY] * sigmas[VISCOUS], _TINY)
     inertia = float(np.median([one.values[INERTIA] for one in fits]))
     seen = replace(shape, has_inertia=bool(sigmas[INERTIA] < _SEEN * inertia))
-    if correlation > -_ONE_SPEED:
-        return seen
     # The friction at the speed of the motion takes the place of both.
     dry = np.concatenate([shape.dry_friction(one) * one.direction for one in records])
     viscous = float(np.median([one.values[VISCOUS] for one in fits]))
-    speeds = np.concatenate([one.speed * one.direction for one in records])
-    both = float(np.mean(dry) + viscous * np.mean(speeds))
+    speed = float(np.mean(np.concatenate([np.abs(one.speed) for one in records])))
+    both = float(np.mean(dry)) + viscous * speed
+    if sigmas[VISCOUS] * speed < _TOLD_APART * both:
+        return seen
     return replace(seen, has_viscous=False, coulomb=both, dip=0.0, load_share=0.0)
 
 

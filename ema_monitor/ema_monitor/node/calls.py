@@ -113,7 +113,8 @@ class MonitorCalls:
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
         unit, _ = self._node.units.find(actuator_id)
-        timeout_s = self._node.operation.value.calibration_timeout_s
+        # A record takes longer than a window.
+        timeout_s = self._node.operation.value.calibration_timeout_s + unit.finder.longest_s
         with unit.next_windows() as windows, unit.calibrating():
             for made in range(number):
                 deadline_s = time.monotonic() + timeout_s
@@ -232,7 +233,8 @@ class MonitorCalls:
         """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
             return _latest(unit)
-        timeout_s = self._node.operation.value.calibration_timeout_s
+        # A record takes longer than a window.
+        timeout_s = self._node.operation.value.calibration_timeout_s + unit.finder.longest_s
         with unit.next_windows() as windows:
             segment = self._next(windows, time.monotonic() + timeout_s, goal)
         if segment is None and not goal.is_cancel_requested:
