@@ -167,7 +167,8 @@ def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray
     insignificant = np.zeros(N_FAULTS, dtype=bool)
     for name, number in _FAULTS.items():
         one = comparison[name]
-        if one.rivals or not math.isfinite(one.change):
+        is_named_otherwise = one.rivals and not one.is_judged
+        if is_named_otherwise or not math.isfinite(one.change):
             continue
         slope = FAULT_BY_NAME[FaultVector._fields[number]].slope
         values[number] = max(one.change, 0.0) / slope

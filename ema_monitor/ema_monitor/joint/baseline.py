@@ -11,6 +11,8 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.wording import unknown_name
+from ema_monitor.joint.comparison import TORQUE
+from ema_monitor.joint.comparison import VISCOUS as VISCOUS_FRICTION
 from ema_monitor.joint.departure import HEALTHY
 from ema_monitor.joint.record import NS_A_DAY, JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, DRY, GRAVITY, INERTIA, LOAD, VISCOUS, Shape
@@ -167,6 +169,18 @@ class Baseline:
         """All friction at the usual speed over that speed [A.s/rad]."""
         usual = self.preparation.usual_speed
         return self.friction / usual + max(float(np.median(self.values[:, VISCOUS])), 0.0)
+
+    @property
+    def hidden_in_friction(self) -> tuple[str, ...]:
+        """Quantities that look like Coulomb friction in the motion of the healthy records."""
+        found = [] if self.shape.has_viscous else [VISCOUS_FRICTION]
+        # With friction and load alone the torque per ampere has no witness.
+        return (*found, *([] if self.shows_torque else [TORQUE]))
+
+    @property
+    def shows_torque(self) -> bool:
+        """Whether more than friction and load is fitted, so that torque per ampere can be told."""
+        return int(np.sum(self.shape.used)) > 2
 
     @property
     def scales(self) -> Array:

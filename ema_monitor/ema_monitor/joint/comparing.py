@@ -28,33 +28,28 @@ from ema_monitor.joint.comparison import (
     TRACKING,
     VISCOUS,
     Comparison,
-    FigureChange,
     Improvement,
     Judgement,
     QuantityChange,
 )
-from ema_monitor.joint.figures import FIGURES, OF_EFFORT
+from ema_monitor.joint.figures import FIGURES
 from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.scatter import Prediction, Scatter
 from ema_monitor.joint.shape import COEFFICIENTS
-from ema_monitor.joint.single import BETWEEN_RECORDS, Observation, SingleTest, is_known
+from ema_monitor.joint.single import BETWEEN_RECORDS, SingleTest
 from ema_monitor.joint.states import state_probabilities
+from ema_monitor.joint.symptoms import SymptomComparer
 
 _MODEL_TOLERANCE: Final = 0.1
 _MOTION_TOLERANCE: Final = 0.1
-_LIKE_MOTION: Final = 0.14
 _RATIO_TOLERANCE: Final = 0.02
 _VISCOUS_TOLERANCE: Final = 3.0
 _FOR_A_PARAMETER: Final = 6.0
 _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
-_PLAY_BETWEEN: Final = 0.05
-_LAG_BETWEEN: Final = 0.03
-_LAG_FLOOR: Final = 0.01
-_WIND_UP: Final = 0.5
-_VISIBLE: Final = 3.0
 _Z90: Final = 1.645
+_SINGULAR: Final = 1e-12
 _LEAST_RATIO: Final = 0.05
 _FEWEST_FOR_TEMPERATURE: Final = 6
 _TEMPERATURE_RANGE: Final = 3.0
@@ -104,6 +99,11 @@ class Comparer:
     def hypotheses(self) -> list[Hypothesis]:
         """Changes that are considered."""
         return hypotheses(self.baseline)
+
+    @cached_property
+    def symptoms(self) -> SymptomComparer:
+        """What compares play, tracking and model-free figures."""
+        return SymptomComparer(self.baseline)
 
     @cached_property
     def noise(self) -> Array:
@@ -216,27 +216,34 @@ class _Test:
         """Return the comparison."""
         singles = [one for one in self._comparer.hypotheses if len(one.quantities) == 1]
         tests = {one.quantities[0]: self._along(self._weights(one)) for one in singles}
-        play, play_probability = self._play()
+        symptoms = self._comparer.symptoms
+        play = symptoms.play(self._record)
         named: tuple[str, ...] = ()
         rivals: tuple[str, ...] = ()
         least = min(test.probability for test in tests.values())
         departs = any(test.is_significant for test in tests.values())
-        if departs and play.judgement is not Judgement.CHANGED:
+        if departs and play.change.judgement is not Judgement.CHANGED:
             named, rivals = self._explanation()
         quantities = {name: self._judged(name, test, named, rivals) for name, test in tests.items()}
-        quantities[PLAY], quantities[TRACKING] = play, self._tracking()
+        quantities[PLAY] = play.change
+        quantities[TRACKING] = symptoms.tracking(self._record)
         if self._baseline.shape.has_inertia:
             quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
         for name, reason in _UNSEEN.items():
             if name not in quantities:
-                quantities[name] = QuantityChange(name, Judgement.NOT_JUDGED, reason=reason)
-        figures, figure_probability = self._figures(_growth(quantities))
+                others = named if name in rivals else ()
+                quantities[name] = QuantityChange(
+                    name, Judgement.NOT_JUDGED, reason=reason, rivals=others
+                )
+        figures = symptoms.figures(self._record, _growth(quantities))
         count = len(tests) + len(FIGURES) + 1
-        probability = min(1.0, count * min(least, figure_probability, play_probability))
+        least = min(least, figures.probability, play.probability)
         states = state_probabilities(self._baseline, self._record)
         ordered = tuple(quantities[name] for name in QUANTITIES)
         improvements = self._comparer.improvements
-        return Comparison(ordered, figures, probability, states or None, improvements)
+        return Comparison(
+            ordered, figures.figures, min(1.0, count * least), states or None, improvements
+        )
 
     def alone(self) -> list[QuantityChange]:
         """Return the changes of the quantities of the coefficients, with none of them named."""
@@ -246,11 +253,9 @@ class _Test:
             for one in singles
         ]
 
-    def _weights(self, hypothesis: Hypothesis, covariance: Array | None = None) -> Array:
-        """Return the weights that estimate the first parameter of a change best, ``(5,)``."""
-        return _best_weights(hypothesis.columns, self._total if covariance is None else covariance)[
-            0
-        ]
+    def _weights(self, hypothesis: Hypothesis) -> Array:
+        """Return the weights that estimate a change of one quantity best, ``(5,)``."""
+        return _best_weights(hypothesis.columns, self._total)[0]
 
     def _along(self, weights: Array) -> SingleTest:
         """Return the test of a combination of the coefficients."""
@@ -272,7 +277,7 @@ class _Test:
 
     def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the quantities that explain the departure, and those that explain it as well."""
-        inverse = np.linalg.pinv(self._tolerant, hermitian=True, rcond=1e-14)
+        inverse = _precision(self._tolerant)
         costs = []
         for one in self._comparer.hypotheses:
             parameters = _best_weights(one.columns, self._tolerant) @ self._departure
@@ -287,6 +292,8 @@ class _Test:
                 break
             if not set(best.quantities) < set(other.quantities):
                 rivals += [name for name in other.quantities if name not in best.quantities]
+        if FRICTION in best.quantities:
+            rivals += self._baseline.hidden_in_friction
         return best.quantities, tuple(dict.fromkeys(rivals))
 
     def _judged(
@@ -344,110 +351,6 @@ class _Test:
         figures = ratio - 1.0, low, high, test.smallest_change
         return QuantityChange(FRICTION_OVER_INERTIA, judgement, *figures)
 
-    def _play(self) -> tuple[QuantityChange, float]:
-        """Return the change of the play, and how likely a healthy record shows as much.
-
-        Lost motion grows with friction by the wind-up of the gear: play has changed only beyond the
-        healthy lost motion times the friction ratio.
-        """
-        own = self._record
-        healthy = [
-            Observation(one.lost_motion, one.lost_motion_sigma, one.day)
-            for one in self._baseline.records
-            if is_known(one.lost_motion, one.lost_motion_sigma)
-        ]
-        values = np.array([one.value for one in healthy])
-        mean = float(np.mean(values)) if len(values) else 0.0
-        reason = ""
-        if not healthy:
-            reason = "it needs the speed of the motor and the position of the joint"
-        elif mean < _VISIBLE * (np.std(values) + np.mean([one.sigma for one in healthy])):
-            reason = (
-                "no play is visible in the healthy records: both sensors are on one side, or a "
-                "constant load closes the play"
-            )
-        elif not is_known(own.lost_motion, own.lost_motion_sigma):
-            reason = "too few reversals"
-        if reason:
-            return QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason), 1.0
-        observed = Observation(own.lost_motion, own.lost_motion_sigma, own.day)
-        test = SingleTest.of(observed, healthy, _PLAY_BETWEEN * mean)
-        friction = own.values[at.DRY] / self._baseline.healthy[at.DRY]
-        wind_up = mean * max(friction - 1.0, 0.0)
-        rest = test.less(wind_up)
-        if test.change < 0.0 and test.is_significant:
-            return QuantityChange(PLAY, Judgement.NOT_JUDGED, reason="a load closes the play"), 1.0
-        is_changed = rest.change > 0.0 and rest.is_significant
-        low, high = test.interval
-        change = QuantityChange(
-            PLAY,
-            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
-            test.change / mean,
-            (low - _WIND_UP * wind_up) / mean,
-            high / mean,
-            test.smallest_change / mean,
-        )
-        return change, test.probability if is_changed else 1.0
-
-    def _tracking(self) -> QuantityChange:
-        """Return the change of the tracking lag."""
-        own = self._record
-        healthy = [
-            Observation(one.lag_s, one.lag_sigma, one.day)
-            for one in self._baseline.records
-            if is_known(one.lag_s, one.lag_sigma)
-        ]
-        if not healthy or not is_known(own.lag_s, own.lag_sigma):
-            reason = "there is no position command"
-            return QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason)
-        floor = _LAG_FLOOR / self._baseline.preparation.cutoff_hz
-        mean = abs(float(np.mean([one.value for one in healthy])))
-        between = math.hypot(_LAG_BETWEEN * mean, _LAG_BETWEEN * floor)
-        observed = Observation(own.lag_s, own.lag_sigma, own.day)
-        test = SingleTest.of(observed, healthy, between)
-        is_changed = test.is_significant and abs(test.change) > floor
-        low, high = test.interval
-        healthy_lag = max(mean, floor)
-        return QuantityChange(
-            TRACKING,
-            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
-            test.change / healthy_lag,
-            low / healthy_lag,
-            high / healthy_lag,
-            max(test.smallest_change, floor) / healthy_lag,
-        )
-
-    def _figures(self, grown: float) -> tuple[tuple[FigureChange, ...], float]:
-        """Return the model-free figures that depart, and the smallest probability of any.
-
-        They depend on the motion: a record of another motion is not compared, and records whose
-        motion does not repeat scatter more. An effort that has grown, by this logarithm, scatters
-        more in proportion.
-        """
-        baseline, own = self._baseline, self._record
-        if baseline.distance(own) > _LIKE_MOTION:
-            return (), 1.0
-        found: list[FigureChange] = []
-        least = 1.0
-        for name, figure in FIGURES.items():
-            healthy = [
-                Observation(one.figures[name], 0.0, one.day)
-                for one in baseline.records
-                if name in one.figures
-            ]
-            if name not in own.figures or not healthy:
-                continue
-            between = figure.repeated if baseline.repeats else figure.varied
-            if between is None:
-                continue
-            test = SingleTest.of(Observation(own.figures[name], 0.0, own.day), healthy, between)
-            if name in OF_EFFORT:
-                test = test.less(min(grown, max(test.change, 0.0)))
-            least = min(least, test.probability)
-            if test.is_significant:
-                found.append(FigureChange(name, math.exp(test.change), test.probability))
-        return tuple(sorted(found, key=lambda one: one.probability)), least
-
 
 def _growth(quantities: Mapping[str, QuantityChange]) -> float:
     """Return the logarithm of how much the effort has grown by changes that are named."""
@@ -461,9 +364,17 @@ def _growth(quantities: Mapping[str, QuantityChange]) -> float:
 
 def _best_weights(columns: Array, covariance: Array) -> Array:
     """Return the weights of generalised least squares for each column, ``(k, 5)``."""
-    inverse = np.linalg.pinv(covariance, hermitian=True, rcond=1e-14)
+    inverse = _precision(covariance)
     weights = np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
     return np.asarray(weights, dtype=np.float64)
+
+
+def _precision(covariance: Array) -> Array:
+    """Return the inverse of a covariance; coefficients that are not fitted have none."""
+    sigmas = np.sqrt(np.diag(covariance))
+    scales = np.where(sigmas > 0.0, sigmas, 1.0)
+    units = np.outer(scales, scales)
+    return np.linalg.pinv(covariance / units, hermitian=True, rcond=_SINGULAR) / units
 
 
 def _inverse(change: float) -> float:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ema_monitor.joint.single import POWER, SIGNIFICANCE, Observation, SingleTest
+from ema_monitor.joint.single import POWER, SIGNIFICANCE, Observation, SingleTest, scatter_of
 
 HEALTHY: Final = "healthy"
 """State of the tests and records of a baseline."""
@@ -256,7 +256,7 @@ def _change(
     # The prior reaches only some times its median, and must cover the scatter of the healthy tests.
     between = max(figure.between_days * unit, float(np.std(values, ddof=1)), _TINY)
     observed = [Observation(one.values[name], 0.0, one.day) for one in healthy]
-    test = SingleTest.of(Observation(own.values[name], 0.0, own.day), observed, between)
+    test = SingleTest.of(Observation(own.values[name], 0.0, own.day), scatter_of(observed, between))
     return Change(name, figure, test, test.probability, limit)
 
 

@@ -12,9 +12,6 @@ OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRA
 """Quantity that each coefficient stands for."""
 
 
-_TOO_FEW: Final = 2
-
-
 class Hypothesis(NamedTuple):
     """A change that may explain a record: its quantities, and their columns, ``(5, k)``.
 
@@ -36,8 +33,7 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
     unseen = [one for one, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
     for name in unseen:
         del columns[name]
-    if shape.used.sum() <= _TOO_FEW:
-        # With friction and load alone the torque per ampere has no witness.
+    if not baseline.shows_torque:
         del columns[TORQUE]
     singles = [Hypothesis((name,), column[:, None]) for name, column in columns.items()]
     return singles + [

@@ -15,7 +15,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 
-NODES: Final = 9
+NODES: Final = 7
 SPREAD: Final = 0.8
 """Standard deviation of the logarithm of a scatter before the records are seen [-]."""
 

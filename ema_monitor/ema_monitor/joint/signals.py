@@ -241,9 +241,8 @@ def usual_speed(fine: Fine, cutoff_hz: float) -> float:
 def _strokes(way: Array, step_s: float) -> NDArray[np.intp]:
     """Return the number of the stroke of each sample; long strokes are cut every 2 s."""
     begins = np.concatenate([[True], way[1:] != way[:-1]])
-    number = np.cumsum(begins)
     first = np.flatnonzero(begins)
-    within = np.arange(len(way)) - first[number - 1]
-    piece = (within * step_s / _LONGEST_STROKE_S).astype(int)
-    _, labels = np.unique(np.stack([number, piece]), axis=1, return_inverse=True)
-    return labels.reshape(-1)
+    within = np.arange(len(way)) - first[np.cumsum(begins) - 1]
+    piece = (within * (step_s / _LONGEST_STROKE_S)).astype(np.intp)
+    begins[1:] |= piece[1:] != piece[:-1]
+    return np.cumsum(begins)

@@ -38,15 +38,8 @@ class SingleTest(NamedTuple):
     prediction: Prediction
 
     @classmethod
-    def of(cls, own: Observation, healthy: Sequence[Observation], between_days: float) -> Self:
-        """Return the test of a figure; ``between_days`` is its prior scatter between days."""
-        scatter = Scatter(
-            np.array([one.value for one in healthy]),
-            np.array([one.sigma**2 for one in healthy]),
-            [one.day for one in healthy],
-            BETWEEN_RECORDS * between_days,
-            between_days,
-        )
+    def of(cls, own: Observation, scatter: Scatter) -> Self:
+        """Return the test of a figure with the scatter of the healthy records."""
         return cls(own.value, scatter.predict(own.sigma**2, own.day))
 
     @property
@@ -83,6 +76,17 @@ class SingleTest(NamedTuple):
     def less(self, part: float) -> Self:
         """Return the test without a part of the value that has another explanation."""
         return self._replace(value=self.value - part)
+
+
+def scatter_of(healthy: Sequence[Observation], between_days: float) -> Scatter:
+    """Return the scatter of healthy records; ``between_days`` is its prior median between days."""
+    return Scatter(
+        np.array([one.value for one in healthy]),
+        np.array([one.sigma**2 for one in healthy]),
+        [one.day for one in healthy],
+        BETWEEN_RECORDS * between_days,
+        between_days,
+    )
 
 
 def is_known(*values: float) -> bool:

@@ -1,0 +1,189 @@
+"""What changes of a joint show beside its coefficients: play, tracking and model-free figures."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.comparison import PLAY, TRACKING, FigureChange, Judgement, QuantityChange
+from ema_monitor.joint.figures import FIGURES, OF_EFFORT
+from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.scatter import Scatter
+from ema_monitor.joint.shape import DRY
+from ema_monitor.joint.single import Observation, SingleTest, is_known, scatter_of
+
+_PLAY_BETWEEN: Final = 0.05
+_LAG_BETWEEN: Final = 0.03
+_LAG_FLOOR: Final = 0.01
+_WIND_UP: Final = 0.5
+_VISIBLE: Final = 3.0
+_LIKE_MOTION: Final = 0.14
+_NO_MOTOR_SIDE: Final = "it needs the speed of the motor and the position of the joint"
+_NO_PLAY: Final = (
+    "no play is visible in the healthy records: both sensors are on one side, or a constant load "
+    "closes the play"
+)
+
+
+class _Healthy(NamedTuple):
+    """Mean and scatter of a figure of the healthy records."""
+
+    mean: float
+    scatter: Scatter
+
+
+class Symptom(NamedTuple):
+    """Change of a quantity, and the probability that a healthy record shows as much."""
+
+    change: QuantityChange
+    probability: float = 1.0
+
+
+class Symptoms(NamedTuple):
+    """Model-free figures that depart, the most significant first, and the least probability."""
+
+    figures: tuple[FigureChange, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class SymptomComparer:
+    """Compares play, tracking and model-free figures with those of healthy records."""
+
+    baseline: Baseline
+
+    def play(self, record: JointRecord) -> Symptom:
+        """Return the change of the play.
+
+        Lost motion grows with friction by the wind-up of the gear: play has changed only beyond the
+        healthy lost motion times the friction ratio. A load on one side closes the play.
+        """
+        healthy = self._play
+        reason = ""
+        if isinstance(healthy, str):
+            reason = healthy
+        elif not is_known(record.lost_motion, record.lost_motion_sigma):
+            reason = "too few reversals"
+        if reason or isinstance(healthy, str):
+            return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason))
+        own = Observation(record.lost_motion, record.lost_motion_sigma, record.day)
+        test = SingleTest.of(own, healthy.scatter)
+        if test.change < 0.0 and test.is_significant:
+            closed = "a load closes the play"
+            return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=closed))
+        friction = record.values[DRY] / self.baseline.healthy[DRY]
+        wind_up = healthy.mean * max(friction - 1.0, 0.0)
+        rest = test.less(wind_up)
+        is_changed = rest.change > 0.0 and rest.is_significant
+        low, high = test.interval
+        change = QuantityChange(
+            PLAY,
+            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
+            test.change / healthy.mean,
+            (low - _WIND_UP * wind_up) / healthy.mean,
+            high / healthy.mean,
+            test.smallest_change / healthy.mean,
+        )
+        return Symptom(change, test.probability if is_changed else 1.0)
+
+    def tracking(self, record: JointRecord) -> QuantityChange:
+        """Return the change of the tracking lag."""
+        healthy = self._tracking
+        if healthy is None or not is_known(record.lag_s, record.lag_sigma):
+            reason = "there is no position command"
+            return QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason)
+        test = SingleTest.of(
+            Observation(record.lag_s, record.lag_sigma, record.day), healthy.scatter
+        )
+        is_changed = test.is_significant and abs(test.change) > self._lag_floor
+        low, high = test.interval
+        return QuantityChange(
+            TRACKING,
+            Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
+            test.change / healthy.mean,
+            low / healthy.mean,
+            high / healthy.mean,
+            max(test.smallest_change, self._lag_floor) / healthy.mean,
+        )
+
+    def figures(self, record: JointRecord, grown: float) -> Symptoms:
+        """Return the model-free figures that depart.
+
+        They depend on the motion: a record of another motion is not compared, and records whose
+        motion does not repeat scatter more.
+
+        Parameters
+        ----------
+        record
+            The record.
+        grown
+            Logarithm of the growth of the effort by changes that are known: it scatters more in
+            proportion.
+        """
+        if self.baseline.distance(record) > _LIKE_MOTION:
+            return Symptoms((), 1.0)
+        found: list[FigureChange] = []
+        least = 1.0
+        for name, scatter in self._figures.items():
+            if name not in record.figures:
+                continue
+            test = SingleTest.of(Observation(record.figures[name], 0.0, record.day), scatter)
+            if name in OF_EFFORT:
+                test = test.less(min(grown, max(test.change, 0.0)))
+            least = min(least, test.probability)
+            if test.is_significant:
+                found.append(FigureChange(name, math.exp(test.change), test.probability))
+        return Symptoms(tuple(sorted(found, key=lambda one: one.probability)), least)
+
+    @cached_property
+    def _play(self) -> _Healthy | str:
+        """Lost motion of the healthy records [rad], or why play is not judged."""
+        found = [
+            Observation(one.lost_motion, one.lost_motion_sigma, one.day)
+            for one in self.baseline.records
+            if is_known(one.lost_motion, one.lost_motion_sigma)
+        ]
+        if not found:
+            return _NO_MOTOR_SIDE
+        values = np.array([one.value for one in found])
+        mean = float(np.mean(values))
+        if mean < _VISIBLE * (np.std(values) + np.mean([one.sigma for one in found])):
+            return _NO_PLAY
+        return _Healthy(mean, scatter_of(found, _PLAY_BETWEEN * mean))
+
+    @cached_property
+    def _tracking(self) -> _Healthy | None:
+        """Tracking lag of the healthy records [s]; None without a command."""
+        found = [
+            Observation(one.lag_s, one.lag_sigma, one.day)
+            for one in self.baseline.records
+            if is_known(one.lag_s, one.lag_sigma)
+        ]
+        if not found:
+            return None
+        mean = abs(float(np.mean([one.value for one in found])))
+        between = _LAG_BETWEEN * math.hypot(mean, self._lag_floor)
+        return _Healthy(max(mean, self._lag_floor), scatter_of(found, between))
+
+    @property
+    def _lag_floor(self) -> float:
+        """Change of the lag that means nothing at the bandwidth of the motion [s]."""
+        return _LAG_FLOOR / self.baseline.preparation.cutoff_hz
+
+    @cached_property
+    def _figures(self) -> dict[str, Scatter]:
+        """Scatter of the healthy records by figure."""
+        found = {}
+        for name, figure in FIGURES.items():
+            between = figure.repeated if self.baseline.repeats else figure.varied
+            healthy = [
+                Observation(one.figures[name], 0.0, one.day)
+                for one in self.baseline.records
+                if name in one.figures
+            ]
+            if healthy and between is not None:
+                found[name] = scatter_of(healthy, between)
+        return found
