@@ -37,6 +37,7 @@ _FLOOR: Final = 1e-9
 class Gap(Enum):
     """What the healthy records of a baseline lack."""
 
+    NO_DATES = auto()
     ONE_DAY = auto()
     FEW_RECORDS = auto()
     ONE_SPEED = auto()
@@ -110,7 +111,8 @@ class Baseline:
     def gaps(self) -> tuple[Gap, ...]:
         """What the healthy records lack."""
         is_missing = {
-            Gap.ONE_DAY: len(set(self.days)) < 2,
+            Gap.NO_DATES: 0 in self.days,
+            Gap.ONE_DAY: len(set(self.days)) < 2 and 0 not in self.days,
             Gap.FEW_RECORDS: len(self.records) < _ENOUGH_RECORDS,
             Gap.ONE_SPEED: not self.shape.has_viscous,
         }

@@ -34,7 +34,7 @@ from ema_monitor.joint.comparison import (
 )
 from ema_monitor.joint.figures import FIGURES
 from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
-from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.record import NO_DAY, NS_A_DAY, JointRecord
 from ema_monitor.joint.scatter import Prediction, Scatter
 from ema_monitor.joint.shape import COEFFICIENTS
 from ema_monitor.joint.single import BETWEEN_RECORDS, SingleTest
@@ -180,7 +180,8 @@ class Comparer:
     @cached_property
     def smallest_changes_of_a_day(self) -> Mapping[str, float]:
         """Smallest changes on a day that has healthy records."""
-        record = replace(self._typical, stamp_ns=self.baseline.records[-1].stamp_ns)
+        stamp_ns = self.baseline.records[-1].stamp_ns
+        record = replace(self._typical, stamp_ns=stamp_ns)
         return {one.name: one.smallest_change for one in _Test(self, record).alone()}
 
     @property
@@ -188,7 +189,9 @@ class Comparer:
         """A healthy record of no day."""
         mean = np.mean(self.baseline.covariances, axis=0)
         like = self.baseline.records[0]
-        return JointRecord(0, self.baseline.healthy, mean, like.usual_speed, like.travel)
+        return JointRecord(
+            NO_DAY * NS_A_DAY, self.baseline.healthy, mean, like.usual_speed, like.travel
+        )
 
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
@@ -262,7 +265,7 @@ class _Test:
         error = float(weights @ self._error @ weights)
         covariates = self._comparer.temperature(self._record)
         scatter = self._comparer.scatter(weights)
-        prediction: Prediction = scatter.predict(error, self._record.day, covariates)
+        prediction: Prediction = scatter.predict(error, self._record.day_to_predict, covariates)
         return SingleTest(float(weights @ self._record.values), prediction)
 
     @cached_property

@@ -15,6 +15,9 @@ from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, f
 
 NS_A_DAY: Final = 86_400_000_000_000
 
+NO_DAY: Final = -1
+"""A day that has no healthy records."""
+
 FEWEST_ROWS: Final = 30
 FEWEST_STROKES: Final = 3
 SLOWEST, FASTEST = 0.5, 1.6
@@ -58,8 +61,13 @@ class JointRecord:
 
     @property
     def day(self) -> int:
-        """Day of the record, counted from 1970."""
+        """Day of the record, counted from 1970; 0 if its stamps have no date."""
         return self.stamp_ns // NS_A_DAY
+
+    @property
+    def day_to_predict(self) -> int:
+        """Day that the record is predicted for: one without a date may be of any other day."""
+        return self.day or NO_DAY
 
     def is_same(self, other: "JointRecord") -> bool:
         """Return whether both are of the same telemetry, however it was fitted."""

@@ -196,6 +196,8 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     sigmas = np.sqrt(np.diag(covariance))
     inertia = float(np.median([one.values[INERTIA] for one in fits]))
     seen = replace(shape, has_inertia=bool(sigmas[INERTIA] < _SEEN * inertia))
+    if shape.has_gravity and not sigmas[GRAVITY] < _SEEN:
+        seen = replace(seen, sine=0.0, cosine=0.0, has_gravity=False)
     # The friction at the speed of the motion takes the place of both.
     dry = np.concatenate([shape.dry_friction(one) * one.direction for one in records])
     viscous = float(np.median([one.values[VISCOUS] for one in fits]))

@@ -69,7 +69,7 @@ class SymptomComparer:
             reason = "too few reversals"
         if reason or isinstance(healthy, str):
             return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason))
-        own = Observation(record.lost_motion, record.lost_motion_sigma, record.day)
+        own = Observation(record.lost_motion, record.lost_motion_sigma, record.day_to_predict)
         test = SingleTest.of(own, healthy.scatter)
         if test.change < 0.0 and test.is_significant:
             closed = "a load closes the play"
@@ -96,7 +96,7 @@ class SymptomComparer:
             reason = "there is no position command"
             return QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason)
         test = SingleTest.of(
-            Observation(record.lag_s, record.lag_sigma, record.day), healthy.scatter
+            Observation(record.lag_s, record.lag_sigma, record.day_to_predict), healthy.scatter
         )
         is_changed = test.is_significant and abs(test.change) > self._lag_floor
         low, high = test.interval
@@ -130,7 +130,9 @@ class SymptomComparer:
         for name, scatter in self._figures.items():
             if name not in record.figures:
                 continue
-            test = SingleTest.of(Observation(record.figures[name], 0.0, record.day), scatter)
+            test = SingleTest.of(
+                Observation(record.figures[name], 0.0, record.day_to_predict), scatter
+            )
             if name in OF_EFFORT:
                 test = test.less(min(grown, max(test.change, 0.0)))
             least = min(least, test.probability)

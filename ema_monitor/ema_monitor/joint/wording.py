@@ -23,6 +23,10 @@ HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
 """Headings of ``rows``."""
 
 _GAPS: Final = {
+    Gap.NO_DATES: (
+        "healthy records have no date, and count as records of one day: how much the joint changes "
+        "between days is assumed; give the time with its date"
+    ),
     Gap.ONE_DAY: (
         "all healthy records are of one day: how much the joint changes between days is assumed; "
         "add healthy records of two further days"
