@@ -167,8 +167,7 @@ def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray
     insignificant = np.zeros(N_FAULTS, dtype=bool)
     for name, number in _FAULTS.items():
         one = comparison[name]
-        is_named_otherwise = one.rivals and not one.is_judged
-        if is_named_otherwise or not math.isfinite(one.change):
+        if not one.is_estimated:
             continue
         slope = FAULT_BY_NAME[FaultVector._fields[number]].slope
         values[number] = max(one.change, 0.0) / slope

@@ -101,6 +101,11 @@ class QuantityChange:
         """Whether the record says anything about the quantity."""
         return self.judgement is not Judgement.NOT_JUDGED
 
+    @property
+    def is_estimated(self) -> bool:
+        """Whether the change is a figure of this quantity, judged or not, and not of a rival."""
+        return math.isfinite(self.change) and (self.is_judged or not self.rivals)
+
 
 @dataclass(frozen=True)
 class FigureChange:

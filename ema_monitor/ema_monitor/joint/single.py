@@ -14,13 +14,14 @@ BETWEEN_RECORDS: Final = 0.6
 SIGNIFICANCE: Final = 1e-3
 """Probability below which a healthy record differs in one quantity or figure."""
 
-DOUBT: Final = 2.7e-3
-"""Probability below which a record is not called healthy: that of three standard deviations."""
+DOUBT: Final = 3.0
+"""Standard deviations of usual variation beyond which a record is not called healthy."""
 
 POWER: Final = 0.9
 """Probability with which the smallest detectable change is found."""
 
 INTERVAL: Final = (0.05, 0.95)
+_Z90: Final = 1.645
 
 
 class Observation(NamedTuple):
@@ -66,7 +67,9 @@ class SingleTest(NamedTuple):
     @property
     def is_doubtful(self) -> bool:
         """Whether the change is beyond usual variation, but not certain."""
-        return not self.is_significant and self.probability < DOUBT
+        low, high = self.interval
+        usual = (high - low) / (2.0 * _Z90)
+        return not self.is_significant and abs(self.change) > DOUBT * usual
 
     @property
     def smallest_change(self) -> float:

@@ -114,16 +114,16 @@ def label_of(name: str) -> str:
 
 
 def change_text(quantity: QuantityChange) -> str:
-    """Return the change with sign and unit, as "+15.2 %"; "" if it is not judged."""
-    if not (quantity.is_judged and math.isfinite(quantity.change)):
+    """Return the change with sign and unit, as "+15.2 %"; "" if it is not estimated."""
+    if not quantity.is_estimated:
         return ""
     return f"{_signed(quantity.change, quantity)} {unit_of(quantity)}"
 
 
 def interval_text(quantity: QuantityChange) -> str:
-    """Return the 90 % interval with its unit, as "+11.0 to +19.4 %"; "" if it is not judged."""
+    """Return the 90 % interval with its unit, as "+11.0 to +19.4 %"; "" if it is not estimated."""
     ends = quantity.low, quantity.high
-    if not (quantity.is_judged and all(map(math.isfinite, ends))):
+    if not (quantity.is_estimated and all(map(math.isfinite, ends))):
         return ""
     low, high = (_signed(end, quantity) for end in ends)
     return f"{low} to {high} {unit_of(quantity)}"
