@@ -223,7 +223,7 @@ def _error(records: Sequence[Signals], terms: _Terms, centre: float) -> float:
         shape = _fit_shape(others, terms, centre)
         if shape is None:
             return math.inf
-        even = record.stroke % 2 == 0
+        even = _every_other_stroke(record)
         if min(np.sum(even), np.sum(~even)) < _FEWEST_ROWS // 2:
             continue
         for fitted in (even, ~even):
@@ -232,6 +232,19 @@ def _error(records: Sequence[Signals], terms: _Terms, centre: float) -> float:
             missed = rest.effort - shape.design(rest) @ found.values
             logs.append(math.log(float(np.mean(missed**2)) + _TINY))
     return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
+
+
+def _every_other_stroke(signals: Signals) -> Flags:
+    """Return the rows of every other stroke of each direction, ``(n,)``.
+
+    Each half of the rows has strokes in both directions.
+    """
+    chosen = np.zeros(len(signals), dtype=bool)
+    for way in (1.0, -1.0):
+        rows = np.sign(signals.direction) == way
+        _, number = np.unique(signals.stroke[rows], return_inverse=True)
+        chosen[rows] = number % 2 == 0
+    return chosen
 
 
 def _rows(signals: Signals, chosen: Array) -> Signals:
