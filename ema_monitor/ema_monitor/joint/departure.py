@@ -7,10 +7,12 @@ the figures holds however they depend on each other.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from ema_monitor.joint.scatter import Scatter
 from ema_monitor.joint.single import POWER, SIGNIFICANCE, Observation, SingleTest, scatter_of
 
 HEALTHY: Final = "healthy"
@@ -23,6 +25,7 @@ FEWEST: Final = 3
 """Tests or records below which a state is not judged and not named."""
 
 _LEAST_SAID: Final = 1e-6
+_KEPT_SCATTERS: Final = 1024
 _MOST_NAMED: Final = 3
 _SAID: Final = 0.05
 _TINY: Final = 1e-12
@@ -251,13 +254,19 @@ def _change(
 ) -> Change:
     """Return the change of a figure; ``limit`` is the probability below which it departs."""
     figure = figures[name]
-    values = [one.values[name] for one in healthy]
     unit = 1.0 if figure.is_logarithm else _largest_level(healthy, figures)
-    # The prior reaches only some times its median, and must cover the scatter of the healthy tests.
-    between = max(figure.between_days * unit, float(np.std(values, ddof=1)), _TINY)
-    observed = [Observation(one.values[name], 0.0, one.day) for one in healthy]
-    test = SingleTest.of(Observation(own.values[name], 0.0, own.day), scatter_of(observed, between))
+    observed = tuple(Observation(one.values[name], 0.0, one.day) for one in healthy)
+    scatter = _scatter(observed, figure.between_days * unit)
+    test = SingleTest.of(Observation(own.values[name], 0.0, own.day), scatter)
     return Change(name, figure, test, test.probability, limit)
+
+
+@lru_cache(_KEPT_SCATTERS)
+def _scatter(healthy: tuple[Observation, ...], between_days: float) -> Scatter:
+    """Return the scatter of a figure; every test of a unit is compared with the same few."""
+    # The prior reaches only some times its median, and must cover the scatter of the healthy tests.
+    shown = float(np.std([one.value for one in healthy], ddof=1))
+    return scatter_of(healthy, max(between_days, shown, _TINY))
 
 
 def _largest_level(healthy: Sequence[DatedFigures], figures: Mapping[str, JudgedFigure]) -> float:
