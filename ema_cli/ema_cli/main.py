@@ -17,7 +17,7 @@ _COMMANDS: Final = {
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
-    "label": "Add tests of a unit whose state is known, one in each of BAGS, to its CALIBRATION.",
+    "label": "Add tests of a unit in a known state, one in each of BAGS, to its CALIBRATION.",
     "moves": "Judge each test in TABLE, a CSV or Parquet file with one row a move, by those before "
     "it.",
     "new-actuator": "Write the description of an actuator from the figures of its data sheet.",
