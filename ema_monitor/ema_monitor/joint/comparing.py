@@ -46,6 +46,7 @@ _MOTION_TOLERANCE: Final = 0.1
 _RATIO_TOLERANCE: Final = 0.02
 _VISCOUS_TOLERANCE: Final = 3.0
 _FOR_A_PARAMETER: Final = 6.0
+_EFFECT_OF_PLAY: Final = 0.1
 _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
 _Z90: Final = 1.645
@@ -225,7 +226,7 @@ class _Test:
         rivals: tuple[str, ...] = ()
         least = min(test.probability for test in tests.values())
         departs = any(test.is_significant for test in tests.values())
-        if departs and play.change.judgement is not Judgement.CHANGED:
+        if departs and not self._is_effect_of(play.change):
             named, rivals = self._explanation()
         quantities = {name: self._judged(name, test, named, rivals) for name, test in tests.items()}
         quantities[PLAY] = play.change
@@ -247,6 +248,11 @@ class _Test:
         return Comparison(
             ordered, figures.figures, min(1.0, count * least), states or None, improvements
         )
+
+    def _is_effect_of(self, play: QuantityChange) -> bool:
+        """Return whether play that has changed explains what departs in the coefficients."""
+        friction = abs(self._departure[at.DRY] / self._baseline.healthy[at.DRY])
+        return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
     def alone(self) -> list[QuantityChange]:
         """Return the changes of the quantities of the coefficients, with none of them named."""
@@ -288,6 +294,9 @@ class _Test:
             costs.append(float(left @ inverse @ left) + _FOR_A_PARAMETER * one.columns.shape[1])
         order = np.argsort(costs)
         best = self._comparer.hypotheses[int(order[0])]
+        if self._baseline.shape.load_share and set(best.quantities) == {FRICTION, TORQUE}:
+            # Friction that rises with the load raises inertia and gravity at the motor as well.
+            return (FRICTION,), (TORQUE, *self._baseline.hidden_in_friction)
         rivals: list[str] = []
         for number in order[1:]:
             other = self._comparer.hypotheses[int(number)]

@@ -24,6 +24,8 @@ _SIGMA_CUTOFF: Final = 0.1325
 _LEEWAY: Final = 1.2
 _OF_MOTION: Final = 2.5
 _POWER: Final = 0.95
+_ABOVE_NOISE: Final = 12.0
+_HANN_LINE: Final = 0.25
 _FINE: Final = 20.0
 _SOFT_SIGN: Final = 0.02
 _SLOW: Final = 0.05
@@ -125,6 +127,9 @@ def motion_band(telemetry: Telemetry) -> float:
     """Return the frequency below which 95 % of the power of the speed lies [Hz].
 
     The noise of the position, as the upper quarter of its spectrum shows it, is subtracted.
+    Frequencies with less than twelve times its power, or an amplitude below the resolution of the
+    position, are not counted: white noise has them in one of 160,000 lines, and counting in steps
+    at a constant speed has strong lines.
     """
     position = telemetry.position - np.mean(telemetry.position)
     n = len(position)
@@ -133,7 +138,10 @@ def motion_band(telemetry: Telemetry) -> float:
     power = np.abs(np.fft.rfft((position - trend) * window)) ** 2
     frequency = np.fft.rfftfreq(n, telemetry.sample_period)
     floor = float(np.median(power[3 * len(power) // 4 :])) / math.log(2.0)
-    speed = np.maximum(power - floor, 0.0) * frequency**2
+    steps = np.abs(np.diff(telemetry.position))
+    resolution = float(np.min(steps[steps > 0.0], initial=math.inf))
+    least = max(_ABOVE_NOISE * floor, (resolution * n * _HANN_LINE) ** 2)
+    speed = np.where(power > least, power - floor, 0.0) * frequency**2
     total = np.cumsum(speed)
     if not total[-1] > 0.0:
         return 0.0

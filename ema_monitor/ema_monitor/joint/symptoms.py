@@ -18,7 +18,7 @@ from ema_monitor.joint.single import Observation, SingleTest, is_known, scatter_
 _PLAY_BETWEEN: Final = 0.05
 _LAG_BETWEEN: Final = 0.03
 _LAG_FLOOR: Final = 0.01
-_WIND_UP: Final = 0.5
+_WIND_UP: Final = 2.0
 _VISIBLE: Final = 3.0
 _LIKE_MOTION: Final = 0.14
 _NO_MOTOR_SIDE: Final = "it needs the speed of the motor and the position of the joint"
@@ -58,8 +58,8 @@ class SymptomComparer:
     def play(self, record: JointRecord) -> Symptom:
         """Return the change of the play.
 
-        Lost motion grows with friction by the wind-up of the gear: play has changed only beyond the
-        healthy lost motion times the friction ratio. A load on one side closes the play.
+        Lost motion grows with friction by the wind-up of the gear: play has changed only beyond
+        twice what the friction ratio explains. A load on one side closes the play.
         """
         healthy = self._play
         reason = ""
@@ -76,14 +76,14 @@ class SymptomComparer:
             return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=closed))
         friction = record.values[DRY] / self.baseline.healthy[DRY]
         wind_up = healthy.mean * max(friction - 1.0, 0.0)
-        rest = test.less(wind_up)
+        rest = test.less(_WIND_UP * wind_up)
         is_changed = rest.change > 0.0 and rest.is_significant
         low, high = test.interval
         change = QuantityChange(
             PLAY,
             Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
             test.change / healthy.mean,
-            (low - _WIND_UP * wind_up) / healthy.mean,
+            (low - wind_up) / healthy.mean,
             high / healthy.mean,
             test.smallest_change / healthy.mean,
         )
