@@ -16,7 +16,7 @@ RECORDS, BETWEEN = 0.006, 0.01
 
 
 def twin(nodes, values, variances, days, test, row=None, covariates=None):
-    """The mixture of the hierarchical model, by whole covariance matrices: (weight, mean, variance).
+    """The mixture of the hierarchical model, by whole matrices: weights, means and variances.
 
     ``test`` is the day and the variance of the error of the record to predict. The mean, and the
     slopes with a prior of 30 times the larger scatter, are integrated out.
