@@ -23,6 +23,8 @@ from ema_monitor.windows.window import Window
 
 _USED: Final = ("tau", "k_t", "lead")
 _N: Final = len(COEFFICIENTS)
+_UNITS: Final = {"A": ("rad", "A.s^2/rad"), "N.m": ("rad", "kg.m^2"), "N": ("m", "kg")}
+"""By unit of the effort: that of the motion, and that of the inertia."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +97,25 @@ class JointCalibration(StoredCalibration):
         return ()
 
     def __str__(self) -> str:
-        baseline = self.baseline
-        days = counted(len(set(baseline.days)), "day")
+        days = counted(len(set(self.baseline.days)), "day")
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (controller not modelled) "
-            f"from {counted(self.windows, 'record')} on {days}: "
-            f"friction {self.effort_shown.text(baseline.friction)}, "
-            f"inertia {baseline.healthy[1]:.4g} A.s^2/rad"
+            f"from {counted(self.windows, 'record')} on {days}: {self._healthy_in_words}"
         )
+
+    @property
+    def _healthy_in_words(self) -> str:
+        """The healthy coefficients in the units of the effort and of the motion."""
+        baseline, shown = self.baseline, self.effort_shown
+        way = self.parameters.lead / (2.0 * math.pi) if self.parameters.lead else 1.0
+        length, mass = _UNITS[shown.unit]
+        _, inertia, viscous, load, _ = (shown.scale * baseline.healthy).tolist()
+        words = [f"friction {shown.text(baseline.friction)}"]
+        if baseline.shape.has_viscous:
+            words.append(f"viscous friction {viscous / way:.4g} {shown.unit}.s/{length}")
+        if baseline.shape.has_inertia:
+            words.append(f"inertia {inertia / way:.4g} {mass}")
+        return ", ".join([*words, f"constant load {load:.4g} {shown.unit}"])
 
     def with_labels_of(self, other: "JointCalibration") -> Self:
         """Return the calibration with the labelled records of one that it replaces."""
