@@ -149,6 +149,8 @@ class Baseline:
     def extended(self, records: int, days: int) -> "Baseline":
         """Return the baseline with further records that scatter as those so far.
 
+        Days scatter as assumed while there is only one.
+
         Parameters
         ----------
         records
@@ -157,11 +159,13 @@ class Baseline:
             Number of further days they are spread over; 0 for the last day so far.
         """
         own = self.values - self.healthy
+        of_days = self.prior_sigmas * float(days > 0 and len(set(self.days)) == 1)
         added = []
         for number in range(records):
             like = self.records[number % len(self.records)]
             after = 1 + number % days if days else 0
             values = self.healthy + own[number % len(own)] * (-1.0) ** number
+            values = values + of_days * (-1.0) ** after
             stamp_ns = self.records[-1].stamp_ns + after * NS_A_DAY
             added.append(replace(like, stamp_ns=stamp_ns, values=values))
         return replace(self, records=(*self.records, *added))
