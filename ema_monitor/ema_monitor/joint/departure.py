@@ -43,11 +43,15 @@ class JudgedFigure(NamedTuple):
         share of the largest healthy level [-].
     is_logarithm
         Whether the figure is a logarithm; else it is a level [A].
+    error
+        Standard deviation of the error of the figure of one test, as ``between_days``. Healthy
+        tests in quick succession scatter less.
     """
 
     label: str
     between_days: float
     is_logarithm: bool = True
+    error: float = 0.0
 
 
 class DatedFigures(NamedTuple):
@@ -255,9 +259,10 @@ def _change(
     """Return the change of a figure; ``limit`` is the probability below which it departs."""
     figure = figures[name]
     unit = 1.0 if figure.is_logarithm else _largest_level(healthy, figures)
-    observed = tuple(Observation(one.values[name], 0.0, one.day) for one in healthy)
+    error = figure.error * unit
+    observed = tuple(Observation(one.values[name], error, one.day) for one in healthy)
     scatter = _scatter(observed, figure.between_days * unit)
-    test = SingleTest.of(Observation(own.values[name], 0.0, own.day), scatter)
+    test = SingleTest.of(Observation(own.values[name], error, own.day), scatter)
     return Change(name, figure, test, test.probability, limit)
 
 

@@ -20,14 +20,16 @@ _FASTEST: Final = 99.0
 _SETTLING: Final = 6
 _SHORTEST: Final = 4
 _TINY: Final = 1e-12
+_ERROR_OF_LEVEL: Final = 0.007
+_ERROR_OF_RATIO: Final = 0.05
 
 
 def _level(label: str) -> JudgedFigure:
-    return JudgedFigure(label, 0.01, is_logarithm=False)
+    return JudgedFigure(label, 0.01, is_logarithm=False, error=_ERROR_OF_LEVEL)
 
 
 def _ratio(label: str) -> JudgedFigure:
-    return JudgedFigure(label, 0.024)
+    return JudgedFigure(label, 0.024, error=_ERROR_OF_RATIO)
 
 
 WINDOW_FIGURES: Final = {

@@ -34,7 +34,7 @@ def test_stretches_are_compared_with_means_of_as_many_healthy_windows():
     )
     changed = [
         part
-        for seed, load in enumerate(loads[:3] + 0.03)
+        for seed, load in enumerate(loads[:3] + 0.045)
         for part in figures_of(slide(load=load, noise=0.02, seed=30 + seed))
     ]
     alone = [healthy.departure(0, [one]) for one in changed]
@@ -117,7 +117,7 @@ def test_day_that_may_be_what_differs_is_said(healthy):
     assert next_day
     assert (same.is_significant, same.remark) == (True, "")
     assert not next_day.is_significant
-    words = "mean current of both strokes differs by +5 %; on a day without healthy tests, changes"
+    words = "current in the forward stroke differs by +4 %; on a day without healthy tests, changes"
     assert words in next_day.remark
 
 
