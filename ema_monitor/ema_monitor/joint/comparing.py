@@ -321,6 +321,8 @@ class _Test:
                 if one.quantities == (key,)
             ]
             test = self._along(_best_weights(np.column_stack(columns), self._tolerant)[0])
+            # Beside a change that is named, less can be told of the others.
+            smallest = max(smallest, test.smallest_change)
         change, (low, high) = test.change, test.interval
         extra = _Z90 * _RATIO_TOLERANCE * abs(change)
         low = change - math.hypot(change - low, extra)
@@ -370,7 +372,7 @@ def _growth(quantities: Mapping[str, QuantityChange]) -> float:
     for name, sign in ((FRICTION, 1.0), (TORQUE, -1.0)):
         one = quantities.get(name)
         if one is not None and one.judgement is Judgement.CHANGED:
-            logs.append(sign * math.log1p(one.change))
+            logs.append(sign * math.log(max(1.0 + one.change, _LEAST_RATIO)))
     return max(logs)
 
 
