@@ -118,8 +118,14 @@ class JointCalibration(StoredCalibration):
         return ", ".join([*words, f"constant load {load:.4g} {shown.unit}"])
 
     def with_labels_of(self, other: "JointCalibration") -> Self:
-        """Return the calibration with the labelled records of one that it replaces."""
-        return replace(self, baseline=self.baseline.with_labels(other.baseline.labelled))
+        """Return the calibration with the labelled records of another, if they are not healthy."""
+        healthy = self.baseline.records
+        kept = [
+            one
+            for one in other.baseline.labelled
+            if not any(one.record.is_same(record) for record in healthy)
+        ]
+        return replace(self, baseline=self.baseline.with_labels(kept))
 
     @property
     def residual_in_words(self) -> str:
@@ -241,6 +247,7 @@ def _record_mapping(record: JointRecord) -> dict[str, Any]:
     rows, columns = np.triu_indices(_N)
     content["values"] = record.values.tolist()
     content["covariance"] = record.covariance[rows, columns].tolist()
+    content["parts"] = list(record.parts)
     return {
         name: float(value) if isinstance(value, np.floating) else value
         for name, value in content.items()
@@ -255,5 +262,10 @@ def _record_of(content: dict[str, Any]) -> JointRecord:
     values["covariance"] = covariance + np.triu(covariance, 1).T
     if values["values"].shape != (_N,) or not np.all(np.isfinite(covariance)):
         raise ValueError(f"a record has no {_N} coefficients with a finite covariance")
-    values["figures"] = {str(name): float(one) for name, one in content["figures"].items()}
+    values["figures"] = _figures_of(content["figures"])
+    values["parts"] = tuple(map(_figures_of, content.get("parts", [])))
     return JointRecord(**values)
+
+
+def _figures_of(content: dict[str, Any]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in content.items()}
