@@ -89,8 +89,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python sampling.py --json sampling.json
 	$(activate) && cd benchmarks && python design.py --json design.json
 	$(activate) && cd benchmarks && python ordinary_motion.py --json ordinary_motion.json
-	$(activate) && cd benchmarks && python unknown_drive.py --json unknown_drive.json
-	$(activate) && cd benchmarks && python normal.py --json normal.json
+	$(activate) && cd benchmarks && python departures.py --json departures.json
 	$(activate) && cd benchmarks && python joints.py --json joints.json
 	$(activate) && cd benchmarks && python live.py --json live.json
 	$(activate) && cd benchmarks && python many_actuators.py --json many_actuators.json
@@ -111,7 +110,7 @@ campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks,
 words: ## words in what users read that a reader stumbles over
 	@python3 tools/words.py
 
-size: ## lines, packages and circles against their bounds
+size: ## lines of code; packages, circles and the largest file against their bounds
 	@python3 tools/size.py
 
 calibration: setup ## the shipped calibration anew, after a change of either model

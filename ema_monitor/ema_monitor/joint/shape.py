@@ -247,7 +247,7 @@ def _every_other_stroke(signals: Signals) -> Flags:
     return chosen
 
 
-def _rows(signals: Signals, chosen: Array) -> Signals:
+def _rows(signals: Signals, chosen: Flags) -> Signals:
     """Return some rows of a record."""
     names = ("effort", "position", "speed", "acceleration", "direction", "stribeck", "stroke")
     return replace(signals, **{name: getattr(signals, name)[chosen] for name in names})
