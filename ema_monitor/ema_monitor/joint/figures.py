@@ -44,13 +44,6 @@ FIGURES: Final = {
 OF_EFFORT: Final = ("effort_scatter", "effort_roughness")
 """Figures that grow with the effort."""
 
-DIRECTED: Final = tuple(
-    f"{name}_{way}"
-    for way in WAYS
-    for name in ("effort", "effort_scatter", "effort_roughness", "error_scatter", "error_roughness")
-)
-"""Figures of one direction, which tell labelled states apart."""
-
 _FEWEST: Final = 20
 _TINY: Final = 1e-12
 _SETTLE_SHARE: Final = 0.7
@@ -80,8 +73,6 @@ def figures_of(
     for way in WAYS:
         rows = np.sign(signals.direction) == sign[way]
         if np.sum(rows) >= _FEWEST:
-            factor = sign[way]
-            found[f"effort_{way}"] = float(np.mean(factor * signals.effort[rows]))
             found[f"effort_scatter_{way}"] = _log_rms(residuals[rows])
         if np.sum(moving[way]) >= _FEWEST:
             found[f"effort_roughness_{way}"] = _log_rms(_steps(signed, moving[way]))

@@ -10,6 +10,7 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
+from ema_monitor.joint.parts import parts_of
 from ema_monitor.joint.shape import Shape, fit_record
 from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered
 
@@ -45,6 +46,8 @@ class JointRecord:
         Lost motion between motor and joint [rad]; NaN where it is not shown.
     temperature
         Measured rise of the winding temperature [K]; NaN where it was not measured.
+    parts
+        Figures of its parts by name, which tell labelled states apart.
     """
 
     stamp_ns: int
@@ -58,6 +61,7 @@ class JointRecord:
     lost_motion: float = math.nan
     lost_motion_sigma: float = math.nan
     temperature: float = math.nan
+    parts: tuple[dict[str, float], ...] = ()
 
     @property
     def day(self) -> int:
@@ -147,4 +151,5 @@ def read_record(
         *lag,
         *lost,
         temperature,
+        parts_of(telemetry, preparation),
     )

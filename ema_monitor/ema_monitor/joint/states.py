@@ -15,22 +15,15 @@ from ema_monitor.joint.departure import (
     JudgedFigure,
     departure_of,
 )
-from ema_monitor.joint.figures import DIRECTED, FIGURES
+from ema_monitor.joint.parts import LEVELS, LOGARITHMS, mean_of
 from ema_monitor.joint.record import JointRecord
 
 _STRANGE: Final = 1e-3
 _SHRINKAGE: Final = 0.05
 _BETWEEN: Final = 0.03
 _OF_RECORDS: Final = {
-    **{
-        name: JudgedFigure(
-            name.replace("_", " "),
-            _BETWEEN,
-            is_logarithm=name not in ("effort_forward", "effort_backward"),
-        )
-        for name in DIRECTED
-    },
-    "rest_effort": JudgedFigure(FIGURES["rest_effort"].label, _BETWEEN),
+    **{name: JudgedFigure(name.replace("_", " "), _BETWEEN, is_logarithm=False) for name in LEVELS},
+    **{name: JudgedFigure(name.replace("_", " "), _BETWEEN) for name in LOGARITHMS},
 }
 
 
@@ -44,7 +37,7 @@ class Example(NamedTuple):
     test
         Its figures, and its day.
     stretches
-        Figures of each of its stretches by name; of a record, the record itself.
+        Figures of each of its stretches by name; of a record, of each of its parts.
     """
 
     state: str
@@ -104,12 +97,12 @@ def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str,
         return {}
     healthy = (_example(HEALTHY, one) for one in baseline.records)
     labelled = (_example(one.state, one.record) for one in baseline.labelled)
-    own = DatedFigures(record.day, record.figures)
+    own = DatedFigures(record.day, mean_of(record.parts))
     return probabilities(known_states([*healthy, *labelled]), own, _OF_RECORDS)
 
 
 def _example(state: str, record: JointRecord) -> Example:
-    return Example(state, DatedFigures(record.day, record.figures), [record.figures])
+    return Example(state, DatedFigures(record.day, mean_of(record.parts)), record.parts)
 
 
 def _values(rows: Iterable[Mapping[str, float]], names: Sequence[str]) -> Array:

@@ -1,0 +1,148 @@
+"""Figures of the parts of a record by direction, which tell labelled states apart.
+
+Each part has strokes in both directions. The parts show how far the figures scatter within a
+record, so that few labelled records suffice.
+"""
+
+import math
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array, Flags
+from ema_core.telemetry import Telemetry
+from ema_monitor.joint.signals import Preparation
+from ema_monitor.joint.smoothing import smoothed
+
+MOST_PARTS: Final = 5
+
+WAYS: Final = {"forward": 1.0, "backward": -1.0}
+
+LEVELS: Final = tuple(f"effort_{way}" for way in WAYS)
+"""Mean effort in a direction [A]."""
+
+LOGARITHMS: Final = tuple(
+    f"{name}_{way}"
+    for way in WAYS
+    for name in (
+        *("effort_scatter", "effort_roughness", "effort_ripple_1", "effort_ripple_2"),
+        *("error_scatter", "error_roughness"),
+    )
+)
+"""Logarithms of scatter, roughness and ripple: of the effort [A], of the tracking error [rad]."""
+
+_RIPPLES: Final = (1, 2)
+_FEWEST: Final = 20
+_FAST: Final = 0.7
+_SMOOTH: Final = 2.0
+_SMOOTH_OF_CUTOFF: Final = 0.044
+_DEGREE: Final = 3
+_FEWEST_TURNS: Final = 2.0
+_RIPPLE_FLOOR: Final = 0.01
+_TINY: Final = 1e-12
+
+
+def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, float], ...]:
+    """Return the figures of each part of a record by name.
+
+    A part without steady motion in both directions is left out. Without a command the figures of
+    the tracking error are missing; without two turns in a direction those of the ripple.
+
+    Parameters
+    ----------
+    telemetry
+        Samples of the record.
+    preparation
+        How the record was prepared.
+    """
+    h = telemetry.sample_period
+    width = max(_SMOOTH, _SMOOTH_OF_CUTOFF / (preparation.cutoff_hz * h))
+    speed = np.gradient(smoothed(telemetry.position, width), h)
+    way = np.sign(speed) * (np.abs(speed) > _FAST * preparation.usual_speed)
+    found = []
+    for begin, end in _bounds(way):
+        chosen = slice(begin, end)
+        part = _figures(
+            telemetry.position[chosen],
+            telemetry.current[chosen],
+            (telemetry.command - telemetry.position)[chosen] if telemetry.has_command else None,
+            way[chosen],
+        )
+        if part:
+            found.append(part)
+    return tuple(found)
+
+
+def mean_of(parts: tuple[dict[str, float], ...]) -> dict[str, float]:
+    """Return the mean of each figure that all parts have."""
+    if not parts:
+        return {}
+    shared = [name for name in parts[0] if all(name in part for part in parts)]
+    return {name: float(np.mean([part[name] for part in parts])) for name in shared}
+
+
+def _bounds(way: Array) -> list[tuple[int, int]]:
+    """Return the first sample of each part, and the one after its last: a whole number of cycles.
+
+    Parameters
+    ----------
+    way
+        Direction of steady motion, ``(n,)``: 1, -1 or 0.
+    """
+    moving = np.flatnonzero(way)
+    if not len(moving):
+        return []
+    signs = way[moving]
+    turns = np.concatenate([[True], signs[1:] != signs[:-1]])
+    begins, signs = moving[turns], signs[turns]
+    cycles = begins[signs == signs[0]]
+    count = min(MOST_PARTS, len(cycles), int(np.sum(signs != signs[0])))
+    if not count:
+        return []
+    starts = [0, *(int(cycles[i * len(cycles) // count]) for i in range(1, count)), len(way)]
+    return list(pairwise(starts))
+
+
+def _figures(position: Array, effort: Array, error: Array | None, way: Array) -> dict[str, float]:
+    """Return the figures of a part; empty without steady motion in both directions."""
+    found: dict[str, float] = {}
+    for name, sign in WAYS.items():
+        moving = way == sign
+        if np.sum(moving) < _FEWEST:
+            return {}
+        place = position[moving]
+        own = sign * effort[moving]
+        found[f"effort_{name}"] = float(np.mean(own))
+        found[f"effort_scatter_{name}"] = _log_rms(own - np.mean(own))
+        found[f"effort_roughness_{name}"] = _log_rms(_steps(effort, moving))
+        if np.ptp(place) > 2.0 * math.pi * _FEWEST_TURNS:
+            for order in _RIPPLES:
+                found[f"effort_ripple_{order}_{name}"] = _log_ripple(own, place, order)
+        if error is not None:
+            missed = error[moving]
+            found[f"error_scatter_{name}"] = _log_rms(missed - np.mean(missed))
+            found[f"error_roughness_{name}"] = _log_rms(_steps(error, moving))
+    return found
+
+
+def _log_ripple(values: Array, position: Array, order: int) -> float:
+    """Return the logarithm of the amplitude of a ripple with this number of periods a turn.
+
+    The trend over the travel is removed first. A ripple below a hundredth of the rest is noise.
+    """
+    middle, half = np.mean(position), 0.5 * np.ptp(position)
+    trend = np.polynomial.legendre.legvander((position - middle) / half, _DEGREE)
+    rest = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
+    ripple = abs(np.mean(rest * np.exp(-1j * order * position)))
+    return math.log(ripple + _RIPPLE_FLOOR * math.exp(_log_rms(rest)))
+
+
+def _steps(values: Array, chosen: Flags) -> Array:
+    """Return the differences between neighbours that are both chosen."""
+    steps = np.diff(values)[chosen[1:] & chosen[:-1]]
+    return steps if len(steps) else np.zeros(1)
+
+
+def _log_rms(values: Array) -> float:
+    return 0.5 * math.log(max(float(np.mean(values**2)), _TINY**2))
