@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _Z90: Final = 1.645
+_SAME_RATE: Final = 0.02
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
     of.INERTIA: "inertia",
@@ -106,7 +108,7 @@ def comparable_record(
     signals = filtered(fine, baseline.preparation)
     if reason := defect_of(signals, baseline.preparation):
         return reason
-    return read_record(
+    record = read_record(
         window.telemetry,
         description,
         baseline.preparation,
@@ -115,6 +117,9 @@ def comparable_record(
         temperature=winding_temperature(window),
         prepared=(fine, signals),
     )
+    # Scatter and roughness of the same effort depend on the sample rate.
+    is_alike = abs(window.sample_period / calibration.sample_period - 1.0) < _SAME_RATE
+    return record if is_alike else replace(record, figures={})
 
 
 def _refused(
@@ -172,7 +177,7 @@ def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray
         slope = FAULT_BY_NAME[FaultVector._fields[number]].slope
         values[number] = max(one.change, 0.0) / slope
         variances[number] = (_sigma(one) / slope) ** 2
-        insignificant[number] = one not in comparison.changed
+        insignificant[number] = one not in comparison.changed or one.change <= 0.0
     return FaultVector.of(values), np.diag(variances), insignificant
 
 

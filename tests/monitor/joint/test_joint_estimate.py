@@ -1,0 +1,353 @@
+"""Records of a joint with known truth, from calibration to faults, causes and verdict."""
+
+import math
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import BACKLASH, FAULT_NAMES, FRICTION
+from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
+from ema_monitor.identification.estimate import (
+    DEPARTED,
+    FAILED,
+    INVERSE_DYNAMICS,
+    REFUSED,
+    SKIPPED,
+    VALID,
+    Estimate,
+)
+from ema_monitor.identification.joint_estimate import identify_record
+from ema_monitor.joint import comparison as of
+from ema_monitor.joint.comparison import Judgement
+from ema_monitor.windows.trigger import Refusal
+
+from .plant import Joint, Motion, Sensors, described, healthy_telemetry, telemetry_of, tones
+from .plant import window_of as window
+
+LATER = 60
+"""Day of the tests."""
+
+PLAIN = Joint(gravity=0.4)
+WITH_PLAY = Joint(play=0.004, wind_up=0.002)
+MOTOR_SPEED = Sensors(speed=True)
+
+
+def calibrated(
+    joint: Joint = PLAIN,
+    sensors: Sensors | None = None,
+    description: ActuatorDescription | None = None,
+) -> JointCalibration:
+    records = healthy_telemetry(joint, sensors)
+    return calibrate_joint(list(map(window, records)), description or described(sensors))
+
+
+def measured(joint: Joint, sensors: Sensors | None = None, motion: Motion | None = None, **where):
+    """Return the window of a test."""
+    motion = tones() if motion is None else motion
+    return window(
+        telemetry_of(joint, motion, sensors or Sensors(), seed=9, **{"day": LATER, **where})
+    )
+
+
+@pytest.fixture(scope="module")
+def plain() -> JointCalibration:
+    return calibrated()
+
+
+@pytest.fixture(scope="module")
+def with_play() -> JointCalibration:
+    return calibrated(WITH_PLAY, MOTOR_SPEED)
+
+
+def estimate(calibration: JointCalibration, joint: Joint, **how: Any) -> Estimate:
+    return identify_record(measured(joint, **how), described(how.get("sensors")), calibration)
+
+
+def judgement(found: Estimate, name: str) -> Judgement:
+    assert found.comparison is not None
+    return found.comparison[name].judgement
+
+
+# Verdicts
+
+
+def test_healthy_record_is_valid_and_unchanged(plain):
+    found = estimate(plain, PLAIN)
+    assert (found.verdict, found.valid, found.algorithm) == (VALID, True, INVERSE_DYNAMICS)
+    assert found.calibration_windows == 9
+    assert judgement(found, of.FRICTION) is Judgement.UNCHANGED
+    assert not found.causes
+    assert found.insignificant[FRICTION]
+    assert found.faults.friction == pytest.approx(0.0, abs=0.02)
+    # What no record shows is not there, rather than healthy.
+    for name in set(FAULT_NAMES) - {"friction"}:
+        assert math.isnan(getattr(found.faults, name)), name
+        assert found.unobservable[FAULT_NAMES.index(name)], name
+
+
+@pytest.mark.parametrize("factor", [1.15, 1.3, 2.0, 0.8])
+def test_friction_is_the_fault_friction(plain, factor):
+    found = estimate(plain, PLAIN.times(coulomb=factor))
+    assert found.verdict == DEPARTED
+    assert found.comparison is not None
+    friction = found.comparison[of.FRICTION]
+    assert friction.judgement is Judgement.CHANGED
+    # The days scatter by 1 % and the record by half of that: three standard deviations of both.
+    assert friction.change == pytest.approx(factor - 1.0, abs=0.035)
+    # The ratio is 1 + 2 k, and less friction is no fault.
+    assert found.faults.friction == pytest.approx(max(factor - 1.0, 0.0) / 2.0, abs=0.018)
+    assert found.insignificant[FRICTION] == (factor < 1.0)
+    sigma = (friction.high - friction.low) / (2.0 * 1.645)
+    assert math.sqrt(found.covariance[FRICTION, FRICTION]) == pytest.approx(sigma / 2.0)
+    assert "Coulomb friction" in found.reason
+
+
+CAUSES = {
+    "torque": ({"torque": 0.9}, "torque_constant", -0.1, 0.01),
+    "viscous": ({"viscous": 2.0}, "viscous_friction", 0.142, 0.025),
+    "inertia": ({"inertia": 1.3}, "inertia", 0.3, 0.02),
+}
+
+
+@pytest.mark.parametrize(("factors", "cause", "size", "within"), CAUSES.values(), ids=CAUSES)
+def test_what_is_no_fault_is_a_cause(plain, factors, cause, size, within):
+    """Viscous friction doubles: 0.25 A.s/rad of (1 A / 3.25 rad/s + 0.25 A.s/rad)."""
+    if "viscous" in factors:
+        usual = plain.baseline.preparation.usual_speed
+        size = PLAIN.viscous / (PLAIN.coulomb / usual + PLAIN.viscous)
+    found = estimate(plain, PLAIN.times(**factors))
+    assert found.verdict == DEPARTED
+    (named,) = found.causes
+    assert named.name == cause
+    assert named.value == pytest.approx(size, abs=within)
+    assert abs(named.value - size) < 4.0 * named.sigma
+    assert judgement(found, of.FRICTION) is Judgement.UNCHANGED
+
+
+@pytest.mark.parametrize(
+    ("tau", "k_t", "lead"),
+    [(1.0, 1.0, 0.0), (1.0, 0.05, 0.0), (0.01, 0.05, 0.0), (1.0, 0.05, 0.01)],
+)
+def test_load_is_a_torque_at_the_motor_whatever_unit_is_shown(tau, k_t, lead):
+    joint = Joint()
+    plain = described()
+    parameters = plain.parameters.replace({"tau": tau, "k_t": k_t, "lead": lead})
+    description = replace(plain, parameters=parameters)
+    calibration = calibrated(joint, description=description)
+    found = identify_record(measured(replace(joint, load=0.3)), description, calibration)
+    (cause,) = found.causes
+    assert cause.name == "load_torque"
+    # 0.2 A more at the motor; the scatter of 1 % of friction is 0.01 A.
+    assert cause.value == pytest.approx(0.2 * k_t, abs=0.015 * k_t)
+    assert found.comparison is not None
+    load = found.comparison[of.LOAD]
+    unit, size = "N.m", 0.2 * k_t / tau
+    if lead:
+        unit, size = "N", 0.2 * k_t * 2.0 * math.pi / lead
+    elif tau == k_t == 1.0:
+        unit = "A"
+    assert load.unit == unit
+    assert load.change == pytest.approx(size, rel=0.1)
+
+
+def test_rivals_are_no_fault_and_no_cause():
+    """All effort is friction: torque per ampere would look the same."""
+    joint = Joint(inertia=0.0004, viscous=0.0, load=0.0)
+    calibration = calibrated(joint)
+    found = estimate(calibration, joint.times(coulomb=1.3))
+    assert found.verdict == DEPARTED
+    assert found.comparison is not None
+    assert found.comparison.changed
+    for name in (of.FRICTION, of.TORQUE):
+        assert judgement(found, name) is not Judgement.UNCHANGED
+    assert not found.causes
+    assert math.isnan(found.faults.friction)
+    assert "cannot be told apart" in found.reason
+
+
+# Play and tracking
+
+
+def test_play_between_motor_and_joint_is_backlash(with_play):
+    assert judgement(estimate(with_play, WITH_PLAY, sensors=MOTOR_SPEED), of.PLAY) is (
+        Judgement.UNCHANGED
+    )
+    found = estimate(with_play, WITH_PLAY.times(play=2.0), sensors=MOTOR_SPEED)
+    assert found.verdict == DEPARTED
+    assert found.comparison is not None
+    play = found.comparison[of.PLAY]
+    assert play.judgement is Judgement.CHANGED
+    # Lost motion of 4 mrad of play and 2 mrad of wind-up becomes 10 mrad.
+    assert play.change == pytest.approx(4.0 / 6.0, rel=0.05)
+    assert found.faults.backlash > 0.0
+    assert not found.insignificant[BACKLASH]
+
+
+def test_play_is_not_judged_without_the_speed_of_the_motor(plain):
+    found = estimate(plain, PLAIN.times(coulomb=1.3))
+    assert found.comparison is not None
+    play = found.comparison[of.PLAY]
+    assert play.judgement is Judgement.NOT_JUDGED
+    assert "needs the speed of the motor" in play.reason
+    assert math.isnan(found.faults.backlash)
+
+
+def test_play_is_not_judged_where_both_sensors_are_on_one_side():
+    joint = Joint()
+    found = estimate(calibrated(joint, MOTOR_SPEED), joint, sensors=MOTOR_SPEED)
+    assert found.comparison is not None
+    assert "both sensors are on one side" in found.comparison[of.PLAY].reason
+
+
+def test_wind_up_by_friction_is_no_play(with_play):
+    """Friction of 1.6 times winds the gear up further, by 20 % of the lost motion."""
+    found = estimate(with_play, WITH_PLAY.times(coulomb=1.6), sensors=MOTOR_SPEED)
+    assert judgement(found, of.PLAY) is Judgement.UNCHANGED
+    assert judgement(found, of.FRICTION) is Judgement.CHANGED
+
+
+def test_load_that_closes_the_play_is_no_change_of_it(with_play):
+    closed = replace(WITH_PLAY, play=0.0, wind_up=0.0005, load=1.4)
+    found = estimate(with_play, closed, sensors=MOTOR_SPEED)
+    assert found.comparison is not None
+    play = found.comparison[of.PLAY]
+    assert (play.judgement, play.reason) == (Judgement.NOT_JUDGED, "a load closes the play")
+    assert judgement(found, of.LOAD) is Judgement.CHANGED
+
+
+def test_tracking_lag_is_that_of_the_position_behind_the_command(plain):
+    found = estimate(plain, PLAIN, sensors=Sensors(tracking_lag=0.04))
+    assert found.comparison is not None
+    lag = found.comparison[of.TRACKING]
+    assert lag.judgement is Judgement.CHANGED
+    assert lag.change == pytest.approx(1.0, abs=0.05)
+    assert judgement(found, of.FRICTION) is Judgement.UNCHANGED
+
+
+def test_tracking_is_not_judged_without_a_command():
+    sensors = Sensors(command=False)
+    found = estimate(calibrated(PLAIN, sensors), PLAIN, sensors=sensors)
+    assert found.verdict == VALID
+    assert found.comparison is not None
+    assert found.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
+    assert "no position command" in found.comparison[of.TRACKING].reason
+
+
+# Other motion and model-free figures
+
+
+def test_noise_of_the_effort_departs_in_a_figure_though_no_quantity_has_changed(plain):
+    found = estimate(plain, PLAIN, sensors=Sensors(noise=0.1))
+    assert found.verdict == DEPARTED
+    assert found.comparison is not None
+    assert not found.comparison.changed
+    assert "effort_roughness" in {one.name for one in found.comparison.figures}
+    # The noise doubles. Half of the differences of the effort in 0.01 s is motion.
+    roughness = next(
+        one.ratio for one in found.comparison.figures if one.name == "effort_roughness"
+    )
+    assert 1.5 < roughness < 2.0
+
+
+def test_figures_of_another_motion_are_not_compared(plain):
+    other = tones(speed=0.7)
+    found = estimate(plain, PLAIN, sensors=Sensors(noise=0.1), motion=other)
+    assert found.verdict == VALID
+    assert found.comparison is not None
+    assert not found.comparison.figures
+
+
+@pytest.mark.parametrize("speed", [0.4, 1.8])
+def test_motion_that_is_much_slower_or_faster_is_not_judged(plain, speed):
+    found = estimate(plain, PLAIN, motion=tones(speed=speed))
+    assert (found.verdict, found.valid) == (REFUSED, False)
+    assert "0.5 to 1.6 times can be compared" in found.reason
+    found_speed = re.search(r"the speed is ([\d.]+) times", found.reason)
+    assert found_speed is not None
+    # Faster motion is rounded by the filter, and slower motion is less so.
+    assert float(found_speed[1]) == pytest.approx(speed, rel=0.05)
+    assert found.comparison is not None
+    assert not found.comparison.judged
+    assert {one.reason for one in found.comparison.quantities} == {found.reason}
+    assert np.all(np.isnan(np.asarray(found.faults)))
+
+
+@pytest.mark.parametrize(("speed", "size"), [(0.7, 1.0), (1.3, 1.0), (1.0, 0.7), (1.0, 1.3)])
+def test_other_motion_within_the_range_gives_the_same_friction(plain, speed, size):
+    motion = tones(speed=speed, size=size)
+    found = estimate(plain, PLAIN.times(coulomb=1.3), motion=motion)
+    assert found.comparison is not None
+    assert found.comparison[of.FRICTION].change == pytest.approx(0.3, abs=0.035)
+    assert judgement(found, of.FRICTION) is Judgement.CHANGED
+    assert estimate(plain, PLAIN, motion=motion).verdict == VALID
+
+
+def test_record_of_another_rate_is_accepted_up_to_the_band_of_the_filter(plain):
+    fine = measured(PLAIN, motion=tones(h=0.002))
+    assert identify_record(fine, described(), plain).verdict == VALID
+    coarse = measured(PLAIN, motion=tones(200.0, h=0.2))
+    found = identify_record(coarse, described(), plain)
+    assert found.verdict == REFUSED
+    # 0.24 over the cut-off of 2.125 Hz.
+    assert "the sample period is 0.2 s, at most 0.113 s can be compared" in found.reason
+
+
+# What cannot be judged
+
+
+def test_short_record_is_refused_with_its_strokes_or_rows(plain):
+    for seconds, words in ((3.0, "at least 3 in each direction"), (0.8, "rows of steady motion")):
+        found = estimate(plain, PLAIN, motion=tones(seconds))
+        assert found.verdict == REFUSED
+        assert words in found.reason or "rows of steady motion" in found.reason
+        assert found.comparison is not None
+        assert len(found.comparison.quantities) == len(of.QUANTITIES)
+        assert not found.comparison.judged
+
+
+def test_blocked_shaft_has_failed(plain):
+    record = measured(PLAIN)
+    stuck = replace(record.telemetry, position=np.full(len(record.telemetry), 0.2))
+    found = identify_record(window(stuck), described(), plain)
+    assert (found.verdict, found.valid) == (FAILED, False)
+    assert "a blocked shaft, an open phase or a frozen sensor" in found.reason
+    rests = replace(stuck, command=np.zeros(len(stuck)))
+    assert identify_record(window(rests), described(), plain).verdict == REFUSED
+
+
+@pytest.mark.parametrize(
+    ("how", "verdict"),
+    [({}, REFUSED), ({"is_dropped": True}, SKIPPED), ({"is_cut_off": True}, SKIPPED)],
+)
+def test_refused_window_keeps_its_reason(plain, how, verdict):
+    found = identify_record(Refusal(1, 2, "some reason", **how), described(), plain)
+    assert (found.verdict, found.reason, found.valid) == (verdict, "some reason", False)
+
+
+def test_missing_columns_are_named(plain, with_play):
+    record = measured(PLAIN)
+    blind = window(replace(record.telemetry, current=np.empty(0)))
+    found = identify_record(blind, described(), plain)
+    assert "needs a measured current or torque" in found.reason
+    lost = telemetry_of(WITH_PLAY, tones(), MOTOR_SPEED, day=LATER)
+    lost = replace(lost, speed=np.full(len(lost), math.nan))
+    found = identify_record(window(lost), described(MOTOR_SPEED), with_play)
+    assert found.verdict == REFUSED
+    assert "the speed is not measured" in found.reason
+
+
+def test_calibration_of_another_unit_is_refused_unless_forced(plain):
+    other = replace(described(), serial_number="J2")
+    record = measured(PLAIN.times(coulomb=1.3))
+    found = identify_record(record, other, plain)
+    assert found.verdict == REFUSED
+    assert "the calibration does not fit" in found.reason
+    assert "'J2'" in found.reason
+    forced = identify_record(record, other, plain, force=True)
+    assert forced.verdict == DEPARTED
+    assert forced.reason.startswith("forced although ")
+    assert forced.faults.friction == pytest.approx(0.15, abs=0.018)
