@@ -86,7 +86,7 @@ def regress(design: Array, target: Array, clusters: NDArray[np.intp], prior: Pri
 
 
 def _at_least(covariance: Array, floor: Array) -> Array:
-    """Return a covariance that is in no direction smaller than another."""
+    """Return a covariance that is in no direction smaller than another, symmetric to the bit."""
     scale = np.sqrt(np.diag(floor))
     units = np.outer(scale, scale)
     root = np.linalg.cholesky(floor / units + _TINY * np.eye(len(scale)))
@@ -94,4 +94,5 @@ def _at_least(covariance: Array, floor: Array) -> Array:
     inner = inverse @ (covariance / units) @ inverse.T
     values, vectors = np.linalg.eigh((inner + inner.T) / 2.0)
     lifted = vectors @ np.diag(np.maximum(values, 1.0)) @ vectors.T
-    return units * (root @ lifted @ root.T)
+    covariance = units * (root @ lifted @ root.T)
+    return (covariance + covariance.T) / 2.0
