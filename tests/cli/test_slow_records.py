@@ -54,30 +54,32 @@ def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, desc
         table = written(tmp_path / f"{name}.csv", rate_hz, duration_s, friction_a=friction)
         result = ema("import", table, *described, "-o", tmp_path / f"{name}.mcap")
         assert result.exit_code == 0, result.output
-    window = ("--any-motion", "-p", "window_s=6")
     calibration = tmp_path / "calibration.yaml"
-    result = ema("calibrate", tmp_path / "healthy.mcap", *window, "-o", calibration)
+    result = ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration)
     assert result.exit_code == 0, result.output
-    options = (*window, "--calibration", calibration, "--json")
-    result = ema("estimate", tmp_path / "worn.mcap", *options)
-    assert result.exit_code == 0, result.output
+    result = ema("estimate", tmp_path / "worn.mcap", "--calibration", calibration, "--json")
+    assert result.exit_code == 3, result.output
     estimate = json.loads(result.stdout)[-1]
-    assert estimate["valid"]
+    assert (estimate["verdict"], estimate["valid"]) == ("departed", True)
     # 50 % more friction is 0.25 of its range, which ends at three times the healthy one.
     assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
 
 
-def test_record_without_enough_samples_says_so(ema, tmp_path, described):
+def test_record_that_is_too_short_says_what_it_has_and_needs(ema, tmp_path, described):
     table = written(tmp_path / "short.csv", 25, 5.0)
     frame = pd.read_csv(table)
     frame.drop(index=range(90, 93)).to_csv(table, index=False)
     assert ema("import", table, *described, "-o", tmp_path / "short.mcap").exit_code == 0
     calibration = tmp_path / "calibration.yaml"
-    result = ema("calibrate", tmp_path / "short.mcap", "--any-motion", "-o", calibration)
+    result = ema("calibrate", tmp_path / "short.mcap", "-o", calibration)
     assert result.exit_code == 1
-    assert "500 samples" in result.stderr
-    assert "90 samples without a gap (3 samples lost)" in result.stderr
-    assert "travels" not in result.stderr
+    assert "gap of 3 samples" in result.stderr
+    assert re.search(
+        r"no healthy record can be used: \d+ rows of steady motion in one direction, at least 30 "
+        "are needed: give longer motion",
+        result.stderr,
+    )
+    assert not calibration.exists()
 
 
 def test_joints_of_one_table_are_imported_at_once_and_told_apart(ema, tmp_path, described):
@@ -100,7 +102,7 @@ def test_joints_of_one_table_are_imported_at_once_and_told_apart(ema, tmp_path, 
     assert "# joint hip" in preview
     assert "joints:" in preview
     for joint, expected in (("hip", 0.0), ("knee", 0.25)):
-        options = ("--any-motion", "--actuator-id", joint)
+        options = ("--actuator-id", joint)
         calibration = tmp_path / f"{joint}.yaml"
         result = ema("calibrate", tmp_path / "healthy.mcap", *options, "-o", calibration)
         assert result.exit_code == 0, result.output
@@ -108,29 +110,44 @@ def test_joints_of_one_table_are_imported_at_once_and_told_apart(ema, tmp_path, 
         result = ema("estimate", tmp_path / "worn.mcap", *options)
         estimate = json.loads(result.stdout)[-1]
         assert estimate["faults"]["friction"] == pytest.approx(expected, abs=0.04)
-    result = ema("calibrate", tmp_path / "healthy.mcap", "--any-motion", "-o", tmp_path / "c.yaml")
+    result = ema("calibrate", tmp_path / "healthy.mcap", "-o", tmp_path / "c.yaml")
     assert "'hip', 'knee': choose one by actuator_id (--actuator-id)" in result.stderr
 
 
-def test_cycles_shorter_than_a_window_are_fitted_together(ema, tmp_path, described):
-    """Cycles of 8 s in a table, each a record of its own; the window has 20 s."""
-    mapping = tmp_path / "mapping.yaml"
+def cycles(ema, folder, described, seconds: float) -> None:
+    """Import tables of eight cycles, healthy and worn, each cycle a piece of its own."""
+    mapping = folder / "mapping.yaml"
     mapping.write_text(
         MAPPING.replace("source: time_s", "rate_hz: 25") + "table: {segment: cycle}\n"
     )
     for name, friction in (("healthy", 0.6), ("worn", 0.9)):
-        cycles = [
-            pd.read_csv(written(tmp_path / "one.csv", 25, 8.0, friction_a=friction, seed=seed))
+        tables = [
+            pd.read_csv(written(folder / "one.csv", 25, seconds, friction_a=friction, seed=seed))
             for seed in range(8)
         ]
-        rows = pd.concat([one.assign(cycle=number) for number, one in enumerate(cycles)])
-        rows.to_csv(tmp_path / f"{name}.csv", index=False)
-        output = ("-o", tmp_path / f"{name}.mcap")
-        assert ema("import", tmp_path / f"{name}.csv", *described, *output).exit_code == 0
+        rows = pd.concat([one.assign(cycle=number) for number, one in enumerate(tables)])
+        rows.to_csv(folder / f"{name}.csv", index=False)
+        output = ("-o", folder / f"{name}.mcap")
+        assert ema("import", folder / f"{name}.csv", *described, *output).exit_code == 0
+
+
+def test_each_cycle_of_a_table_is_a_record(ema, tmp_path, described):
+    cycles(ema, tmp_path, described, 20.0)
     calibration = tmp_path / "calibration.yaml"
-    result = ema("calibrate", tmp_path / "healthy.mcap", "--any-motion", "-o", calibration)
-    assert "8 pieces of the record shorter than a window of 20 s" in result.stderr
-    options = ("--any-motion", "--calibration", calibration, "--json")
-    estimate = json.loads(ema("estimate", tmp_path / "worn.mcap", *options).stdout)[-1]
-    assert estimate["stretches"] == 8
-    assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
+    result = ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration)
+    assert result.exit_code == 0, result.output
+    assert "from 8 records on 1 day" in result.stdout
+    result = ema("estimate", tmp_path / "worn.mcap", "--calibration", calibration, "--json")
+    assert result.exit_code == 3
+    estimates = json.loads(result.stdout)
+    assert [one["verdict"] for one in estimates] == ["departed"] * 8
+    for one in estimates:
+        assert one["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
+
+
+def test_cycles_with_too_few_strokes_are_refused_with_their_number(ema, tmp_path, described):
+    cycles(ema, tmp_path, described, 8.0)
+    calibration = tmp_path / "calibration.yaml"
+    result = ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration)
+    assert result.exit_code == 1
+    assert "2 strokes forward, at least 3 in each direction are needed" in result.stderr
