@@ -52,14 +52,12 @@ class Source(Checked):
         ACTUATOR_OPTION,
         click.option("--topic", help="Topic of the telemetry, if BAG has several."),
         click.option(
-            "--any-motion",
-            is_flag=True,
-            help="Windows are stretches of ordinary motion; needless for an unknown drive.",
+            "--any-motion", is_flag=True, help="Windows are stretches of ordinary motion."
         ),
         click.option(
             "--accept-defects",
             is_flag=True,
-            help="Go on where files contradict, or a unit is faulty.",
+            help="Continue although files contradict each other or the unit is faulty.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = ()
