@@ -57,7 +57,7 @@ class Source(Checked):
         click.option(
             "--accept-defects",
             is_flag=True,
-            help="Continue although files contradict each other or the unit is faulty.",
+            help="Continue despite contradictions or a faulty unit.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = ()
