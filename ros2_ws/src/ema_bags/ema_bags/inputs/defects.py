@@ -23,6 +23,7 @@ _RATIO_WITHIN: Final = 0.03
 _CURRENT_SIZE: Final = 8.0
 _MANY: Final = 0.01
 _OPPOSED: Final = 0.4
+_GAINS_ENERGY: Final = 0.1
 _MUCH: Final = 2.0
 _GAIN: Final = 1.35
 _SAME_RATE: Final = 2e-3
@@ -300,11 +301,13 @@ def _wrong_current(
     source = mapping.measured_current
     if description.drive == "unknown":
         correlation = motion.dissipation
-        if source is not None and correlation is not None and correlation < -_OPPOSED:
+        is_opposed = correlation is not None and correlation < -_OPPOSED
+        # After a step the effort brakes a fast joint; only a wrong sign gains energy from friction.
+        if source is not None and is_opposed and motion.work_share < -_GAINS_ENERGY:
             yield InputDefect(
                 "current_sign_reversed",
                 "the current brakes where the friction needs it to drive (correlation with the "
-                f"speed {correlation:.2f})",
+                f"speed {correlation:.2f}, net work {motion.work_share:.0%} of all work)",
                 f"current: {{sign: {-source.sign}}}",
                 is_certain=motion.is_ample,
             )

@@ -211,6 +211,20 @@ class ThinnedMotion:
             return None
         return float(left[:, 0] @ left[:, 1] / np.prod(sizes))
 
+    @property
+    def work_share(self) -> float:
+        """Net work of the effort over the work of its magnitude, -1 to 1; 0 without current.
+
+        Kinetic energy and the energy of gravity return to where they were, friction takes energy:
+        below 0 the effort would gain energy from the motion. A constant load is left out.
+        """
+        if self.current is None:
+            return 0.0
+        steps = self.position[:, 1] - self.position[:, 0]
+        work = (self.current - np.median(self.current)) * steps
+        size = float(np.sum(np.abs(work)))
+        return float(np.sum(work)) / size if size > 0.0 else 0.0
+
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
         """Return the current over what inertia and friction need, and their correlation.
 
