@@ -30,6 +30,7 @@ BETWEEN_DAYS: Final = {
 the load only as a share of the dry friction at the usual speed [-]."""
 
 _SAME_MOTION: Final = 0.05
+_FEWEST_REPEATED: Final = 3
 _ENOUGH_RECORDS: Final = 5
 _FLOOR: Final = 1e-9
 
@@ -95,7 +96,8 @@ class Baseline:
         """Whether the healthy records repeat one motion."""
         motions = [(one.usual_speed, one.travel) for one in self.records]
         least, most = np.min(motions, axis=0), np.max(motions, axis=0)
-        return len(motions) > 1 and bool(np.all(most <= (1.0 + _SAME_MOTION) * least))
+        is_same = np.all(most <= (1.0 + _SAME_MOTION) * least)
+        return len(motions) >= _FEWEST_REPEATED and bool(is_same)
 
     def distance(self, record: JointRecord) -> float:
         """Return how far the speed and travel of a record are outside of the healthy ones.

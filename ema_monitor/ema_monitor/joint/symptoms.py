@@ -21,7 +21,9 @@ _LAG_FLOOR: Final = 0.01
 _WIND_UP: Final = 2.0
 _VISIBLE: Final = 3.0
 _LIKE_MOTION: Final = 0.14
-_NO_MOTOR_SIDE: Final = "it needs the speed of the motor and the position of the joint"
+_NO_MOTOR_SIDE: Final = (
+    "it needs the speed of the motor, the position of the joint and several reversals"
+)
 _NO_PLAY: Final = (
     "no play is visible in the healthy records: both sensors are on one side, or a constant load "
     "closes the play"
