@@ -119,7 +119,7 @@ def comparable_record(
     )
     # Scatter and roughness of the same effort depend on the sample rate.
     is_alike = abs(window.sample_period / calibration.sample_period - 1.0) < _SAME_RATE
-    return record if is_alike else replace(record, figures={})
+    return record if is_alike else replace(record, figures={}, parts=())
 
 
 def _refused(

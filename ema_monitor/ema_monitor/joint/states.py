@@ -16,7 +16,7 @@ from ema_monitor.joint.departure import (
     departure_of,
 )
 from ema_monitor.joint.parts import LEVELS, LOGARITHMS, mean_of
-from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.record import JointRecord, LabelledRecord
 
 _STRANGE: Final = 1e-3
 _SHRINKAGE: Final = 0.05
@@ -95,10 +95,11 @@ def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str,
     """Return the probability of each state of a record; empty without labelled states."""
     if not baseline.labelled:
         return {}
-    healthy = (_example(HEALTHY, one) for one in baseline.records)
-    labelled = (_example(one.state, one.record) for one in baseline.labelled)
+    examples = [*(LabelledRecord(HEALTHY, one) for one in baseline.records), *baseline.labelled]
+    # A record without steady motion in both directions has no parts.
+    known = known_states(_example(one.state, one.record) for one in examples if one.record.parts)
     own = DatedFigures(record.day, mean_of(record.parts))
-    return probabilities(known_states([*healthy, *labelled]), own, _OF_RECORDS)
+    return probabilities(known, own, _OF_RECORDS)
 
 
 def _example(state: str, record: JointRecord) -> Example:

@@ -20,9 +20,10 @@ from ema_monitor.identification.estimate import (
     VALID,
     Estimate,
 )
-from ema_monitor.identification.joint_estimate import identify_record
+from ema_monitor.identification.joint_estimate import comparable_record, identify_record
 from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Judgement
+from ema_monitor.joint.record import JointRecord
 from ema_monitor.windows.trigger import Refusal
 
 from .plant import Joint, Motion, Sensors, described, healthy_telemetry, telemetry_of, tones
@@ -294,6 +295,21 @@ def test_record_of_another_rate_is_accepted_up_to_the_band_of_the_filter(plain):
     assert found.verdict == REFUSED
     # 0.24 over the cut-off of 2.125 Hz.
     assert "the sample period is 0.2 s, at most 0.113 s can be compared" in found.reason
+
+
+def test_label_of_a_record_of_another_rate_is_no_example_of_its_state(plain):
+    """Its figures are of that rate. What it shows beside them is compared as always."""
+    other = comparable_record(measured(PLAIN, motion=tones(h=0.002)), described(), plain)
+    assert isinstance(other, JointRecord)
+    assert (other.figures, other.parts) == ({}, ())
+    baseline = plain.baseline
+    for number in range(3):
+        late = replace(other, stamp_ns=other.stamp_ns + number * 10**15)
+        baseline = baseline.with_record("dry", late)
+    found = estimate(replace(plain, baseline=baseline), PLAIN)
+    assert found.verdict == VALID
+    assert found.comparison is not None
+    assert not found.comparison.states
 
 
 # What cannot be judged
