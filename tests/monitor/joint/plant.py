@@ -116,7 +116,7 @@ def tones(
 
     ``speed`` multiplies the frequencies, ``size`` the amplitudes.
     """
-    t = h * np.arange(round(duration_s / h))
+    t = _times(duration_s, h)
     q, v, a = np.zeros((3, len(t)))
     for amplitude, hertz in ((0.8, 0.31), (0.4, 0.83)):
         omega = 2.0 * np.pi * hertz * speed
@@ -126,9 +126,13 @@ def tones(
     return Motion(t, q, v, a)
 
 
+def _times(duration_s: float, h: float) -> Column:
+    return np.array(h * np.arange(round(duration_s / h)), dtype=np.float64)
+
+
 def ramps(duration_s: float = 40.0, h: float = H, *, speed: float = 0.5) -> Motion:
     """Return strokes of 2 s at one speed [rad/s], with reversals of 0.1 s: no acceleration."""
-    t = h * np.arange(round(duration_s / h))
+    t = _times(duration_s, h)
     phase = np.abs((t % 4.0) - 2.0) - 1.0  # 1 to -1 to 1
     v = speed * np.clip(np.where(t % 4.0 < 2.0, 1.0, -1.0) * (1.0 - np.abs(phase)) / 0.05, -1, 1)
     q = h * np.cumsum(v)

@@ -15,7 +15,7 @@ RECORDS, BETWEEN = 0.006, 0.01
 """Prior medians of the scatter of records and of days."""
 
 
-def twin(nodes, values, variances, days, test, row=None, covariates=None):
+def twin(nodes, values, variances, days, test, row=0.0, covariates=None):
     """The mixture of the hierarchical model, by whole matrices: weights, means and variances.
 
     ``test`` is the day and the variance of the error of the record to predict. The mean, and the
@@ -24,7 +24,7 @@ def twin(nodes, values, variances, days, test, row=None, covariates=None):
     n = len(values)
     design = np.ones((n + 1, 1))
     if covariates is not None:
-        design = np.column_stack([design, np.append(covariates, row)])
+        design = np.column_stack([design, np.append(covariates, [row])])
     # The flat prior of the mean is a wide normal one.
     prior = np.diag([1e8] + [(30.0 * max(RECORDS, BETWEEN)) ** 2] * (design.shape[1] - 1))
     all_days, errors = [*days, test[0]], [*variances, test[1]]
