@@ -78,6 +78,7 @@ def test_single_change_is_named_with_its_size(comparer, change, name, size):
     assert found.has_departed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "name", "size"), CASES.values(), ids=CASES)
 def test_change_in_records_with_scatter_and_error_is_named_or_a_rival(comparer, change, name, size):
     rng = np.random.default_rng(1)

@@ -84,6 +84,7 @@ def test_coefficients_are_right_for_other_ratios_of_friction_and_inertia(coulomb
     assert found["inertia"] == pytest.approx(inertia, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sensors",
     [
@@ -169,6 +170,7 @@ def test_stribeck_friction_is_admitted_where_there_is_some():
     assert strong.shape.dip == pytest.approx(0.8, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_stribeck_friction_is_not_admitted_without_any(seed):
     assert learned(motion=_many_speeds(), a_day=2, seed=seed).shape.dip == 0.0
