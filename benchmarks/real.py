@@ -8,7 +8,7 @@ tests over six months, to the jam) and, if at hand, `emps_normal.parquet` and `e
 (a benchmark of system identification). Each trial of the ball screw is a table on a day of its own,
 tests a month after the healthy trials. `ema import`, `calibrate`, `estimate`, `label` and `report`
 get whole trials; `ema moves` gets the table of the aircraft. A healthy trial is never judged by
-itself, and a labelled trial never by its label. It takes 4 minutes on two idle cores.
+itself, and a labelled trial never by its label. It takes 5 minutes on two idle cores.
 """
 
 import json
@@ -186,7 +186,7 @@ def calibrated(folder: Path, one: Comparison) -> Path:
     """Return the calibration of the healthy trials of a comparison."""
     name = f"{one.load}_{'_'.join(map(str, one.healthy))}{'_labelled' * bool(one.labelled)}.yaml"
     bags = [folder / Trial(HEALTHY, one.load, number).healthy_bag for number in one.healthy]
-    succeed("calibrate", *bags, "-o", folder / name)
+    succeed("calibrate", *bags, "-o", folder / name, "--replace")
     return folder / name
 
 
@@ -272,9 +272,10 @@ def measure(workers: Workers, folder: Path, picture: Path | None = None) -> Figu
     """Print what the commands report of the records of real actuators in FOLDER."""
     with TemporaryDirectory() as name:
         trials = written(Path(name), folder, workers)
+        reports = workers.map("report", partial(reported, Path(name)), LOADS)
+        # The longest first, so that no worker waits for the last.
         tasks = sorted(comparisons(trials), key=lambda one: not one.labelled)
         judged = workers.map("compare", partial(compared, Path(name)), tasks)
-        reports = workers.map("report", partial(reported, Path(name)), LOADS)
     figures: Figures = {
         "trials": [test for some in judged for test in some],
         "reports": [one for some in reports for one in some],
