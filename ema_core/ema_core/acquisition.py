@@ -10,6 +10,10 @@ CURRENT_SAMPLINGS: Final = ("mean", "filtered", "instantaneous", "none")
 """What a sample of the current stands for: its mean over the sample period, its value at the end
 of it behind a first-order low-pass filter, that value itself, or nothing: it is not measured."""
 
+EFFORT_UNITS: Final = ("A", "N.m", "N")
+"""Units in which an effort is recorded: as a current, a torque of the joint or a force of the rod.
+Telemetry has the equivalent current in any case."""
+
 
 @dataclass(frozen=True)
 class Acquisition(Checked):
@@ -26,6 +30,9 @@ class Acquisition(Checked):
     current_filter: float = quantity(0.0, "s", 0.0, 1.0, "time constant of the current's filter")
     speed: bool = flag(True, "the speed is measured")
     command: bool = flag(True, "there is a position command")
+    effort_unit: str = text(
+        "A", "unit in which the effort was recorded", EFFORT_UNITS, compare=False
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

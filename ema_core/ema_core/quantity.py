@@ -52,9 +52,15 @@ def quantity(
     return field(default=default, metadata={"description": description, **of_number})
 
 
-def text(default: str, description: str, choices: tuple[str, ...] = ()) -> Any:
-    """Return a dataclass field of a text, one of the choices where there are some."""
-    return field(default=default, metadata={"choices": choices, "description": description})
+def text(
+    default: str, description: str, choices: tuple[str, ...] = (), *, compare: bool = True
+) -> Any:
+    """Return a dataclass field of a text, one of the choices where there are some.
+
+    A field that is not compared does not count for equality.
+    """
+    metadata = {"choices": choices, "description": description}
+    return field(default=default, compare=compare, metadata=metadata)
 
 
 def flag(default: bool, description: str) -> Any:

@@ -162,6 +162,7 @@ def test_definition_that_contains_itself_is_refused():
 
 
 ADDED = {"current_sampling", "current_filter_time", "speed_measured", "has_command"}
+ADDED |= {"effort_kind"}
 ADDED |= {"drive", "lead"}
 DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample_period=1e-3)
 

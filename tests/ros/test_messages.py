@@ -8,7 +8,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message, serialize_message
 
-from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
+from ema_core.acquisition import CURRENT_SAMPLINGS, EFFORT_UNITS, Acquisition
 from ema_core.description import DRIVES, ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry
@@ -83,12 +83,15 @@ def test_columns_of_other_types_become_float64():
 def test_every_parameter_and_every_field_is_mapped():
     assert list(PARAMETER_FIELDS) == [item.name for item in fields(ActuatorParameters)]
     acquisition = {"current_sampling", "current_filter_time", "speed_measured", "has_command"}
+    acquisition |= {"effort_kind"}
     mapped = {"header", "drive", *IDENTITY, *acquisition, *PARAMETER_FIELDS.values()}
     assert mapped == set(DescriptionMessage.get_fields_and_field_types())
     assert len(set(PARAMETER_FIELDS.values())) == len(PARAMETER_FIELDS)
     described = {*IDENTITY, "drive", "acquisition", "parameters"}
     assert described == {item.name for item in fields(ActuatorDescription)}
     assert constants_named("CURRENT_") == list(CURRENT_SAMPLINGS)
+    assert constants_named("EFFORT_") == ["current", "torque", "force"]
+    assert len(EFFORT_UNITS) == 3
     assert constants_named("DRIVE_") == list(DRIVES)
 
 

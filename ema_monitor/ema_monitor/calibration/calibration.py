@@ -350,6 +350,8 @@ class Calibration(StoredCalibration):
             del content["parameters"][name]
         if self.acquisition == USUAL:
             del content["acquisition"]
+        else:  # a modelled drive has a command, and its effort is a current
+            del content["acquisition"]["command"], content["acquisition"]["effort_unit"]
         for name in ("travel_ratio", "law_offset"):
             if math.isnan(content[name]):
                 del content[name]

@@ -42,6 +42,8 @@ class JointCalibration(StoredCalibration):
         Period of the telemetry of the healthy records [s].
     speed_measured
         Whether the speed was measured.
+    effort_unit
+        Unit in which the effort was recorded.
     baseline
         Healthy records, and the model that they were fitted with.
     """
@@ -59,6 +61,7 @@ class JointCalibration(StoredCalibration):
     parameters: ActuatorParameters
     sample_period: float
     speed_measured: bool
+    effort_unit: str
     baseline: Baseline = field(repr=False)
 
     @property
@@ -74,17 +77,14 @@ class JointCalibration(StoredCalibration):
 
     @property
     def effort_shown(self) -> Shown:
-        """Unit in which a load is reported, and its size for 1 A.
-
-        It is a force with a lead, a torque of the joint with a gear ratio or a torque constant.
-        """
+        """Unit in which the effort was recorded, and its size for 1 A."""
         parameters = self.parameters
-        if parameters.tau == 1.0 and parameters.k_t == 1.0 and not parameters.lead:
-            return Shown("A", 1.0)
         torque = parameters.k_t / parameters.tau
-        if parameters.lead:
+        if self.effort_unit == "N.m":
+            return Shown("N.m", torque)
+        if self.effort_unit == "N" and parameters.lead:
             return Shown("N", torque * 2.0 * math.pi / parameters.lead)
-        return Shown("N.m", torque)
+        return Shown("A", 1.0)
 
     @property
     def torque_scale(self) -> float:
@@ -171,6 +171,7 @@ class JointCalibration(StoredCalibration):
             "parameters": self.parameters.as_mapping(),
             "sample_period": self.sample_period,
             "speed_measured": self.speed_measured,
+            "effort_unit": self.effort_unit,
             "preparation": baseline.preparation._asdict(),
             "shape": asdict(baseline.shape),
             "records": [_record_mapping(one) for one in baseline.records],
@@ -232,6 +233,7 @@ def calibrate_joint(
         parameters=description.parameters,
         sample_period=float(np.median([one.sample_period for one in windows])),
         speed_measured=description.acquisition.speed,
+        effort_unit=description.acquisition.effort_unit,
         baseline=baseline,
     )
 

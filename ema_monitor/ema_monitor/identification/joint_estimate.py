@@ -23,12 +23,14 @@ from ema_monitor.identification.estimate import (
 from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Comparison, QuantityChange
 from ema_monitor.joint.record import JointRecord, defect_of, read_record
+from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import block_means, filtered
 from ema_monitor.joint.wording import summary
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _Z90: Final = 1.645
+_LEAST_VISCOUS: Final = 0.05
 _SAME_RATE: Final = 0.02
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
@@ -186,10 +188,25 @@ def _causes(comparison: Comparison, calibration: JointCalibration) -> list[Cause
     found = []
     for one in comparison.changed:
         if one.name in _CAUSES and not one.rivals:
-            scale = calibration.torque_scale if one.name == of.LOAD else 1.0
-            cause = CauseEstimate(_CAUSES[one.name], scale * one.change, scale * _sigma(one))
-            found.append(cause)
+            scale = _cause_scale(one.name, calibration)
+            if scale is not None:
+                name = _CAUSES[one.name]
+                found.append(CauseEstimate(name, scale * one.change, scale * _sigma(one)))
     return found
+
+
+def _cause_scale(name: str, calibration: JointCalibration) -> float | None:
+    """Return the cause for a change of 1 of its quantity; None where the cause is unknown.
+
+    A relative change of viscous friction needs healthy viscous friction to compare with.
+    """
+    baseline = calibration.baseline
+    if name == of.LOAD:
+        return calibration.torque_scale
+    if name != of.VISCOUS:
+        return 1.0
+    healthy, scale = float(baseline.healthy[VISCOUS_AT]), baseline.viscous_scale
+    return scale / healthy if healthy > _LEAST_VISCOUS * scale else None
 
 
 def _sigma(one: QuantityChange) -> float:

@@ -109,17 +109,13 @@ def test_friction_is_the_fault_friction(plain, factor):
 
 CAUSES = {
     "torque": ({"torque": 0.9}, "torque_constant", -0.1, 0.01),
-    "viscous": ({"viscous": 2.0}, "viscous_friction", 0.142, 0.025),
+    "viscous": ({"viscous": 2.0}, "viscous_friction", 1.0, 0.18),
     "inertia": ({"inertia": 1.3}, "inertia", 0.3, 0.02),
 }
 
 
 @pytest.mark.parametrize(("factors", "cause", "size", "within"), CAUSES.values(), ids=CAUSES)
 def test_what_is_no_fault_is_a_cause(plain, factors, cause, size, within):
-    """Viscous friction doubles: 0.25 A.s/rad of (1 A / 3.25 rad/s + 0.25 A.s/rad)."""
-    if "viscous" in factors:
-        usual = plain.baseline.preparation.usual_speed
-        size = PLAIN.viscous / (PLAIN.coulomb / usual + PLAIN.viscous)
     found = estimate(plain, PLAIN.times(**factors))
     assert found.verdict == DEPARTED
     (named,) = found.causes
@@ -130,14 +126,22 @@ def test_what_is_no_fault_is_a_cause(plain, factors, cause, size, within):
 
 
 @pytest.mark.parametrize(
-    ("tau", "k_t", "lead"),
-    [(1.0, 1.0, 0.0), (1.0, 0.05, 0.0), (0.01, 0.05, 0.0), (1.0, 0.05, 0.01)],
+    ("tau", "k_t", "lead", "unit"),
+    [
+        (1.0, 1.0, 0.0, "A"),
+        (0.01, 0.05, 0.01, "A"),
+        (1.0, 0.05, 0.0, "N.m"),
+        (0.01, 0.05, 0.0, "N.m"),
+        (1.0, 0.05, 0.01, "N"),
+        (1.0, 1.0, 0.01, "N"),
+    ],
 )
-def test_load_is_a_torque_at_the_motor_whatever_unit_is_shown(tau, k_t, lead):
+def test_load_is_reported_in_the_unit_in_which_the_effort_was_recorded(tau, k_t, lead, unit):
     joint = Joint()
     plain = described()
     parameters = plain.parameters.replace({"tau": tau, "k_t": k_t, "lead": lead})
-    description = replace(plain, parameters=parameters)
+    acquisition = replace(plain.acquisition, effort_unit=unit)
+    description = replace(plain, parameters=parameters, acquisition=acquisition)
     calibration = calibrated(joint, description=description)
     found = identify_record(measured(replace(joint, load=0.3)), description, calibration)
     (cause,) = found.causes
@@ -146,13 +150,9 @@ def test_load_is_a_torque_at_the_motor_whatever_unit_is_shown(tau, k_t, lead):
     assert cause.value == pytest.approx(0.2 * k_t, abs=0.015 * k_t)
     assert found.comparison is not None
     load = found.comparison[of.LOAD]
-    unit, size = "N.m", 0.2 * k_t / tau
-    if lead:
-        unit, size = "N", 0.2 * k_t * 2.0 * math.pi / lead
-    elif tau == k_t == 1.0:
-        unit = "A"
+    sizes = {"A": 1.0, "N.m": k_t / tau, "N": k_t / tau * 2.0 * math.pi / max(lead, 1e-9)}
     assert load.unit == unit
-    assert load.change == pytest.approx(size, rel=0.1)
+    assert load.change == pytest.approx(0.2 * sizes[unit], rel=0.1)
 
 
 def test_rivals_are_no_fault_and_no_cause():

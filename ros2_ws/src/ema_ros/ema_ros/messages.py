@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
+from ema_core.acquisition import CURRENT_SAMPLINGS, EFFORT_UNITS, Acquisition
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import DRIVES, ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
@@ -119,6 +119,7 @@ def description_to_message(
     message.current_filter_time = acquisition.current_filter
     message.speed_measured = acquisition.speed
     message.has_command = acquisition.command
+    message.effort_kind = EFFORT_UNITS.index(acquisition.effort_unit)
     for name, field in PARAMETER_FIELDS.items():
         setattr(message, field, getattr(description.parameters, name))
     return message
@@ -143,6 +144,7 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
             getattr(message, "current_filter_time", 0.0),
             bool(getattr(message, "speed_measured", True)),
             bool(getattr(message, "has_command", True)),
+            _named("effort_kind", getattr(message, "effort_kind", 0), EFFORT_UNITS),
         ),
         parameters=ActuatorParameters(**parameters, lead=getattr(message, "lead", 0.0)),
     )

@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 import yaml
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
+from ema_core.acquisition import CURRENT_SAMPLINGS, EFFORT_UNITS, Acquisition
 from ema_core.quantity import Checked, quantity, text, texts
 from ema_core.settings_file import load_settings
 from ema_core.wording import unknown_name
@@ -315,7 +315,8 @@ class Mapping(Checked):
         current, speed = self.measured_current, self.speed is not None
         if current is None:
             return Acquisition("none", 0.0, speed, self.has_command)
-        return Acquisition(current.sampling, current.filter_time, speed, self.has_command)
+        unit = next((one for one in EFFORT_UNITS if current.unit.endswith(one)), EFFORT_UNITS[0])
+        return Acquisition(current.sampling, current.filter_time, speed, self.has_command, unit)
 
     @property
     def has_command(self) -> bool:

@@ -10,6 +10,7 @@ export interface ActuatorDescription {
   current_filter_time: number;
   speed_measured: boolean;
   has_command: boolean;
+  effort_kind: number;
   drive: number;
   position_gain: number;
   speed_p: number;
