@@ -33,7 +33,7 @@ class Figure(NamedTuple):
 
 
 FIGURES: Final = {
-    "effort_scatter": Figure("scatter of the effort", 0.02, 0.1),
+    "effort_scatter": Figure("scatter of the effort", 0.05, 0.1),
     "effort_roughness": Figure("roughness of the effort", 0.014, 0.08),
     "error_scatter": Figure("scatter of the tracking error", 0.02, None),
     "error_roughness": Figure("roughness of the tracking error", 0.014, None),

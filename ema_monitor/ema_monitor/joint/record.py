@@ -46,6 +46,8 @@ class JointRecord:
         Lost motion between motor and joint [rad]; NaN where it is not shown.
     temperature
         Measured rise of the winding temperature [K]; NaN where it was not measured.
+    rows
+        Number of rows of steady motion.
     parts
         Figures of its parts by name, which tell labelled states apart.
     """
@@ -61,6 +63,7 @@ class JointRecord:
     lost_motion: float = math.nan
     lost_motion_sigma: float = math.nan
     temperature: float = math.nan
+    rows: int = 0
     parts: tuple[dict[str, float], ...] = ()
 
     @property
@@ -151,5 +154,6 @@ def read_record(
         *lag,
         *lost,
         temperature,
+        len(signals),
         parts_of(telemetry, preparation),
     )

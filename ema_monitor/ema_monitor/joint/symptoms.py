@@ -21,6 +21,7 @@ _LAG_FLOOR: Final = 0.01
 _WIND_UP: Final = 2.0
 _VISIBLE: Final = 3.0
 _LIKE_MOTION: Final = 0.14
+_ERROR_OF_MOTION: Final = 2.0
 _NO_MOTOR_SIDE: Final = (
     "it needs the speed of the motor, the position of the joint and several reversals"
 )
@@ -125,16 +126,17 @@ class SymptomComparer:
             Logarithm of the growth of the effort by changes that are known: it scatters more in
             proportion.
         """
-        if self.baseline.distance(record) > _LIKE_MOTION:
+        distance = self.baseline.distance(record)
+        if distance > _LIKE_MOTION:
             return Symptoms((), 1.0)
         found: list[FigureChange] = []
         least = 1.0
         for name, scatter in self._figures.items():
             if name not in record.figures:
                 continue
-            test = SingleTest.of(
-                Observation(record.figures[name], 0.0, record.day_to_predict), scatter
-            )
+            error = math.hypot(_error(name, record), _of_motion(name) * distance)
+            own = Observation(record.figures[name], error, record.day_to_predict)
+            test = SingleTest.of(own, scatter)
             if name in OF_EFFORT:
                 test = test.less(min(grown, max(test.change, 0.0)))
             least = min(least, test.probability)
@@ -184,10 +186,23 @@ class SymptomComparer:
         for name, figure in FIGURES.items():
             between = figure.repeated if self.baseline.repeats else figure.varied
             healthy = [
-                Observation(one.figures[name], 0.0, one.day)
+                Observation(one.figures[name], _error(name, one), one.day)
                 for one in self.baseline.records
                 if name in one.figures
             ]
             if healthy and between is not None:
                 found[name] = scatter_of(healthy, between)
         return found
+
+
+def _of_motion(name: str) -> float:
+    """Return how much a figure may change with the motion, for a change of 1 of its logarithm."""
+    return 1.0 if name in OF_EFFORT else _ERROR_OF_MOTION
+
+
+def _error(name: str, record: JointRecord) -> float:
+    """Return the standard deviation of the error of a figure [-].
+
+    The scatter of the effort is that of its rows, of which about every second is independent.
+    """
+    return 1.0 / math.sqrt(max(record.rows, 1)) if name == "effort_scatter" else 0.0

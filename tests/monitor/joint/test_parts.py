@@ -47,6 +47,7 @@ def test_figures_that_a_record_does_not_show_are_missing():
     assert not any(name.startswith("error") for name in part)
     [short] = parts_of(strokes(1, seconds=1.0), PREPARATION)  # 8 rad are less than two turns
     assert not any("ripple" in name for name in short)
-    still = Telemetry(0, H, 0, *(np.zeros(200) for _ in range(3)), np.empty(0))
+    rest = np.zeros(200)
+    still = Telemetry(0, H, 0, rest, rest, rest, np.empty(0))
     assert parts_of(still, PREPARATION) == ()
     assert mean_of(()) == {}
