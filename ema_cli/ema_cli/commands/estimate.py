@@ -27,7 +27,7 @@ from ema_monitor.identification.estimate import (
     VERDICTS,
     Estimate,
 )
-from ema_monitor.joint.comparison import QUANTITIES
+from ema_monitor.joint.comparison import FRICTION, QUANTITIES
 from ema_monitor.joint.wording import change_text, finding, improvement_sentences, label_of
 from ema_monitor.windows.window import MIN_TRAVEL
 
@@ -74,8 +74,14 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
             )
     # A recording of a live system ends anywhere: that its last window is cut off is no failure.
     looked_at = [one for one in estimates if one.verdict != SKIPPED]
-    if not looked_at or not all(one.valid and one.verdict != DEPARTED for one in looked_at):
+    if not looked_at or not all(map(_is_answer, looked_at)):
         sys.exit(REFUSED)
+
+
+def _is_answer(one: Estimate) -> bool:
+    """Return whether an estimate is valid, has not departed, and judges friction."""
+    is_open = one.comparison is not None and not one.comparison[FRICTION].is_judged
+    return one.valid and one.verdict != DEPARTED and not is_open
 
 
 def _distance(one: Estimate, i: int) -> float:

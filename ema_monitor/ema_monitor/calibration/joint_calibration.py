@@ -111,7 +111,7 @@ class JointCalibration(StoredCalibration):
         length, mass = _UNITS[shown.unit]
         _, inertia, viscous, load, _ = (shown.scale * baseline.healthy).tolist()
         words = [f"friction {shown.text(baseline.friction)}"]
-        if baseline.shape.has_viscous:
+        if baseline.shape.has_viscous and viscous > 0.0:
             words.append(f"viscous friction {viscous / way:.4g} {shown.unit}.s/{length}")
         if baseline.shape.has_inertia:
             words.append(f"inertia {inertia / way:.4g} {mass}")

@@ -19,9 +19,6 @@ from ema_monitor.joint.wording import finding, table_text
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-CURRENT_DRIVEN: Final = "current_driven"
-"""Algorithm of the estimates of a unit whose drive is unknown."""
-
 INVERSE_DYNAMICS: Final = "inverse_dynamics"
 """Algorithm of the estimates that rest on the comparison of a record with its baseline."""
 

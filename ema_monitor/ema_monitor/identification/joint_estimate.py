@@ -21,8 +21,10 @@ from ema_monitor.identification.estimate import (
     Estimate,
 )
 from ema_monitor.joint import comparison as of
+from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange
 from ema_monitor.joint.record import JointRecord, defect_of, read_record
+from ema_monitor.joint.shape import DRY, INERTIA
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import block_means, filtered
 from ema_monitor.joint.wording import summary
@@ -31,6 +33,7 @@ from ema_monitor.windows.window import Window
 
 _Z90: Final = 1.645
 _LEAST_VISCOUS: Final = 0.05
+_OTHER_UNIT: Final = 5.0
 _SAME_RATE: Final = 0.02
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
@@ -73,6 +76,8 @@ def identify_record(
     record = comparable_record(window, description, calibration)
     if isinstance(record, str):
         return _refused(window, calibration, record, comparison=of.not_judged(record))
+    if reason := _other_unit(record, calibration.baseline):
+        return _refused(window, calibration, reason, comparison=of.not_judged(reason))
     comparison = calibration.comparer.compare(record)
     faults, covariance, insignificant = _faults(comparison)
     caveat = [f"forced although {mismatch}"] if mismatch else []
@@ -166,6 +171,23 @@ def _standstill(window: Window) -> str:
         f"the joint stands still although the command moves and {flows:.2g} A flow: a blocked "
         "shaft, an open phase or a frozen sensor"
     )
+
+
+def _other_unit(record: JointRecord, baseline: Baseline) -> str:
+    """Return why the effort of a record cannot be that of the unit; empty where it can.
+
+    Friction alone may grow several times. With inertia it does so by another unit, sign or sensor.
+    """
+    if not baseline.shape.has_inertia:
+        return ""
+    ratios = record.values[[DRY, INERTIA]] / baseline.healthy[[DRY, INERTIA]]
+    if np.all(ratios > _OTHER_UNIT) or np.all(ratios < 1.0 / _OTHER_UNIT):
+        return (
+            f"the effort is {float(np.mean(ratios)):.3g} times that of the healthy records: "
+            "another unit or sign, or a failed sensor; compare the mapping with that of the "
+            "healthy records"
+        )
+    return ""
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from ema_monitor.joint.departure import HEALTHY
 from ema_monitor.joint.record import NS_A_DAY, JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, DRY, GRAVITY, INERTIA, LOAD, VISCOUS, Shape
 from ema_monitor.joint.signals import Preparation
+from ema_monitor.joint.single import BETWEEN_RECORDS
 
 BETWEEN_DAYS: Final = {
     "friction": 0.008,
@@ -151,7 +152,7 @@ class Baseline:
     def extended(self, records: int, days: int) -> "Baseline":
         """Return the baseline with further records that scatter as those so far.
 
-        Days scatter as assumed while there is only one.
+        Where a scatter has not been seen, it is as assumed.
 
         Parameters
         ----------
@@ -160,14 +161,21 @@ class Baseline:
         days
             Number of further days they are spread over; 0 for the last day so far.
         """
-        own = self.values - self.healthy
-        of_days = self.prior_sigmas * float(days > 0 and len(set(self.days)) == 1)
+        numbers = np.array(self.days)
+        means = np.array([self.values[numbers == day].mean(axis=0) for day in sorted(set(numbers))])
+        of_days = self.prior_sigmas
+        if len(means) > 1:
+            of_days = np.std(means, axis=0, ddof=1)
+        within = self.values - means[np.searchsorted(sorted(set(numbers)), numbers)]
+        of_records = BETWEEN_RECORDS * self.prior_sigmas
+        if len(self.records) > len(means):
+            of_records = np.sqrt(np.sum(within**2, axis=0) / (len(self.records) - len(means)))
         added = []
         for number in range(records):
             like = self.records[number % len(self.records)]
             after = 1 + number % days if days else 0
-            values = self.healthy + own[number % len(own)] * (-1.0) ** number
-            values = values + of_days * (-1.0) ** after
+            effect = of_days * (-1.0) ** after if days else means[-1] - self.healthy
+            values = self.healthy + effect + of_records * (-1.0) ** (number // max(days, 1))
             stamp_ns = self.records[-1].stamp_ns + after * NS_A_DAY
             added.append(replace(like, stamp_ns=stamp_ns, values=values))
         return replace(self, records=(*self.records, *added))

@@ -51,7 +51,7 @@ _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
 _Z90: Final = 1.645
 _SINGULAR: Final = 1e-12
-_LEAST_RATIO: Final = 0.05
+_LEAST_RATIO: Final = 0.2
 _FEWEST_FOR_TEMPERATURE: Final = 6
 _TEMPERATURE_RANGE: Final = 3.0
 _TEMPERATURE_UNIT: Final = 10.0
@@ -141,23 +141,26 @@ class Comparer:
         between = [self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))]
         return np.diag(between) * (1.0 + 1.0 / days) + np.mean(self.errors, axis=0) / count
 
-    def scatter(self, weights: Array) -> Scatter:
-        """Return the scatter of a linear combination of the coefficients, weights ``(5,)``."""
+    def scatter(self, weights: Array, *, with_temperature: bool = True) -> Scatter:
+        """Return the scatter of a linear combination of the coefficients, weights ``(5,)``.
+
+        It is that at a known temperature, if the combination depends on a temperature that was
+        measured; else that over the temperatures of the healthy records.
+        """
         baseline = self.baseline
         values = baseline.values @ weights
         days = math.sqrt(float(weights**2 @ baseline.prior_sigmas**2))
-        covariates = None
-        if self._temperatures is not None and _helps(values, self._temperatures):
-            covariates = self._temperatures[:, None]
+        covariates, measured = None, self._temperatures if with_temperature else None
+        if measured is not None and _helps(values, measured):
+            covariates = measured[:, None]
         variances = np.einsum("i,nij,j->n", weights, self.errors, weights)
         return Scatter(values, variances, baseline.days, BETWEEN_RECORDS * days, days, covariates)
 
     def temperature(self, record: JointRecord) -> Array | None:
-        """Return the temperature of a record as a covariate; None where it is not used."""
-        if self._temperatures is None:
+        """Return the temperature of a record as a covariate; None where it is unknown or unused."""
+        if self._temperatures is None or not math.isfinite(record.temperature):
             return None
-        away = record.temperature - self._mean_temperature
-        return np.array([away / _TEMPERATURE_UNIT]) if math.isfinite(away) else np.zeros(1)
+        return np.array([(record.temperature - self._mean_temperature) / _TEMPERATURE_UNIT])
 
     @cached_property
     def _mean_temperature(self) -> float:
@@ -191,7 +194,12 @@ class Comparer:
         mean = np.mean(self.baseline.covariances, axis=0)
         like = self.baseline.records[0]
         return JointRecord(
-            NO_DAY * NS_A_DAY, self.baseline.healthy, mean, like.usual_speed, like.travel
+            NO_DAY * NS_A_DAY,
+            self.baseline.healthy,
+            mean,
+            like.usual_speed,
+            like.travel,
+            temperature=self._mean_temperature,
         )
 
     @cached_property
@@ -230,7 +238,8 @@ class _Test:
             named, rivals = self._explanation()
         quantities = {name: self._judged(name, test, named, rivals) for name, test in tests.items()}
         quantities[PLAY] = play.change
-        quantities[TRACKING] = symptoms.tracking(self._record)
+        tracking = symptoms.tracking(self._record)
+        quantities[TRACKING] = tracking.change
         if self._baseline.shape.has_inertia:
             quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
         for name, reason in _UNSEEN.items():
@@ -240,8 +249,8 @@ class _Test:
                     name, Judgement.NOT_JUDGED, reason=reason, rivals=others
                 )
         figures = symptoms.figures(self._record, _growth(quantities))
-        count = len(tests) + len(FIGURES) + 1
-        least = min(least, figures.probability, play.probability)
+        count = len(tests) + len(FIGURES) + 2
+        least = min(least, figures.probability, play.probability, tracking.probability)
         states = state_probabilities(self._baseline, self._record)
         ordered = tuple(quantities[name] for name in QUANTITIES)
         improvements = self._comparer.improvements
@@ -270,7 +279,7 @@ class _Test:
         """Return the test of a combination of the coefficients."""
         error = float(weights @ self._error @ weights)
         covariates = self._comparer.temperature(self._record)
-        scatter = self._comparer.scatter(weights)
+        scatter = self._comparer.scatter(weights, with_temperature=covariates is not None)
         prediction: Prediction = scatter.predict(error, self._record.day_to_predict, covariates)
         return SingleTest(float(weights @ self._record.values), prediction)
 
@@ -357,13 +366,19 @@ class _Test:
         test = self._along(weights)
         both = [at.DRY, at.INERTIA]
         friction, inertia = (self._record.values[both] / healthy[both]).tolist()
-        ratio = friction / max(inertia, _LEAST_RATIO)
+        if min(friction, inertia) < _LEAST_RATIO:
+            reason = "friction or inertia is hardly visible in the record"
+            return QuantityChange(FRICTION_OVER_INERTIA, Judgement.NOT_JUDGED, reason=reason)
+        ratio = friction / inertia
         sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
         low, high = (ratio * math.exp(way * _Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
-        is_changed = bool(named) and test.is_significant
-        judgement = Judgement.CHANGED if is_changed else Judgement.UNCHANGED
+        judgement, reason = Judgement.UNCHANGED, ""
+        if test.is_significant and named:
+            judgement = Judgement.CHANGED
+        elif test.is_significant or test.is_doubtful:
+            judgement, reason = Judgement.NOT_JUDGED, _DOUBT
         figures = ratio - 1.0, low, high, test.smallest_change
-        return QuantityChange(FRICTION_OVER_INERTIA, judgement, *figures)
+        return QuantityChange(FRICTION_OVER_INERTIA, judgement, *figures, reason=reason)
 
 
 def _growth(quantities: Mapping[str, QuantityChange]) -> float:

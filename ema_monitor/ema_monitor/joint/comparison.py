@@ -187,6 +187,11 @@ class Comparison:
         return tuple(one for one in self.quantities if one.is_judged)
 
     @property
+    def doubtful(self) -> tuple[QuantityChange, ...]:
+        """The quantities that differ beyond usual variation, but not for certain."""
+        return tuple(one for one in self.quantities if one.is_estimated and not one.is_judged)
+
+    @property
     def has_departed(self) -> bool:
         """Whether anything differs significantly from the healthy records."""
         return bool(self.changed or self.figures)

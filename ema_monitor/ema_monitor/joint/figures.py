@@ -37,7 +37,6 @@ FIGURES: Final = {
     "effort_roughness": Figure("roughness of the effort", 0.014, 0.08),
     "error_scatter": Figure("scatter of the tracking error", 0.02, None),
     "error_roughness": Figure("roughness of the tracking error", 0.014, None),
-    "rest_effort": Figure("effort at rest", 0.01, 0.03),
 }
 """Figures that are compared, by name: logarithms, means of both directions."""
 
@@ -69,13 +68,12 @@ def figures_of(
     fast = _SETTLE_SHARE * preparation.usual_speed
     moving = {"forward": speed > fast, "backward": speed < -fast}
     sign = {"forward": 1.0, "backward": -1.0}
-    signed = telemetry.current if preparation.is_signed else np.abs(telemetry.current)
     for way in WAYS:
         rows = np.sign(signals.direction) == sign[way]
         if np.sum(rows) >= _FEWEST:
             found[f"effort_scatter_{way}"] = _log_rms(residuals[rows])
         if np.sum(moving[way]) >= _FEWEST:
-            found[f"effort_roughness_{way}"] = _log_rms(_steps(signed, moving[way]))
+            found[f"effort_roughness_{way}"] = _log_rms(_steps(telemetry.current, moving[way]))
             if telemetry.has_command:
                 error = telemetry.command - telemetry.position
                 chosen = error[moving[way]]
@@ -85,11 +83,6 @@ def figures_of(
         both = [found[key] for way in WAYS if (key := f"{name}_{way}") in found]
         if len(both) == len(WAYS):
             found[name] = float(np.mean(both))
-    rest = np.abs(speed) < 0.02 * preparation.usual_speed
-    if np.sum(rest) >= _FEWEST and not preparation.is_signed:
-        found["rest_effort"] = math.log(
-            max(float(np.median(np.abs(telemetry.current[rest]))), _TINY)
-        )
     return found
 
 

@@ -18,7 +18,6 @@ from ema_monitor.joint.signals import (
     block_means,
     cutoff_of,
     filtered,
-    is_signed,
     known_lag,
     motion_band,
     usual_speed,
@@ -53,6 +52,7 @@ def learn(
     """
     if not records:
         raise ValueError("a baseline needs at least one healthy record, got none")
+    _require_different(records)
     bands = [motion_band(one) for one in records]
     period = float(np.median([one.sample_period for one in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
@@ -60,8 +60,7 @@ def learn(
     usual = float(np.median([usual_speed(one, cutoff) for one in blocks]))
     if not usual > 0.0:
         raise ValueError("no motion: the position never changes in the healthy records")
-    signed = is_signed(np.concatenate([one.current for one in records]))
-    preparation = Preparation(cutoff, known_lag(description), usual, signed)
+    preparation = Preparation(cutoff, known_lag(description), usual)
     preparation = _with_lag(preparation, blocks, period)
     signals = [filtered(one, preparation) for one in blocks]
     usable = [number for number, one in enumerate(signals) if not defect_of(one, preparation)]
@@ -81,6 +80,17 @@ def learn(
         for number in usable
     ]
     return Baseline(preparation, shape, tuple(found))
+
+
+def _require_different(records: Sequence[Telemetry]) -> None:
+    """Raise ``ValueError`` where a record is there twice: it would pass for a second record."""
+    for number, one in enumerate(records):
+        for before, other in enumerate(records[:number]):
+            is_same = one.stamp_ns == other.stamp_ns and len(one) == len(other)
+            if is_same and np.array_equal(one.current, other.current):
+                raise ValueError(
+                    f"healthy records {before + 1} and {number + 1} are the same: give each once"
+                )
 
 
 def _with_lag(preparation: Preparation, blocks: Sequence[Fine], period: float) -> Preparation:

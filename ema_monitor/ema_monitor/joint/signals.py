@@ -34,7 +34,6 @@ _ENDS: Final = 3.0
 _ROW: Final = 1.5
 _LONGEST_STROKE_S: Final = 2.0
 _USUAL_SPEED: Final = 95.0
-_UNSIGNED: Final = 0.02
 
 
 class Preparation(NamedTuple):
@@ -48,14 +47,11 @@ class Preparation(NamedTuple):
         Delay of the effort behind the motion [s].
     usual_speed
         95 % quantile of the speed [rad/s].
-    is_signed
-        Whether the effort has a sign; else that of the motion is applied.
     """
 
     cutoff_hz: float
     lag_s: float
     usual_speed: float
-    is_signed: bool
 
     @property
     def highest_period(self) -> float:
@@ -116,11 +112,6 @@ def known_lag(description: ActuatorDescription) -> float:
     if acquisition.current == "mean":
         return -0.5 * description.sample_period
     return acquisition.current_filter
-
-
-def is_signed(effort: Array) -> bool:
-    """Return whether an effort has a sign, rather than being a magnitude."""
-    return bool(np.min(effort) < -_UNSIGNED * np.max(np.abs(effort)))
 
 
 def motion_band(telemetry: Telemetry) -> float:
@@ -201,7 +192,7 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
         fine_speed = smoothed(fine.speed, sigma / 3.0)
     usual = preparation.usual_speed
     sign = np.clip(fine_speed / (_SOFT_SIGN * usual), -1.0, 1.0)
-    effort = fine.effort if preparation.is_signed else np.abs(fine.effort) * sign
+    effort = fine.effort
     if preparation.lag_s:
         effort = np.interp(time + preparation.lag_s, time, effort)
     dips = np.exp(-((fine_speed[:, None] / (np.array(STRIBECK_SPEEDS) * usual)) ** 2))

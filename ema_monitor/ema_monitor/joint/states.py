@@ -98,7 +98,7 @@ def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str,
     examples = [*(LabelledRecord(HEALTHY, one) for one in baseline.records), *baseline.labelled]
     # A record without steady motion in both directions has no parts.
     known = known_states(_example(one.state, one.record) for one in examples if one.record.parts)
-    own = DatedFigures(record.day, mean_of(record.parts))
+    own = DatedFigures(record.day_to_predict, mean_of(record.parts))
     return probabilities(known, own, _OF_RECORDS)
 
 

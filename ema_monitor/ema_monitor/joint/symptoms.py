@@ -92,18 +92,18 @@ class SymptomComparer:
         )
         return Symptom(change, test.probability if is_changed else 1.0)
 
-    def tracking(self, record: JointRecord) -> QuantityChange:
+    def tracking(self, record: JointRecord) -> Symptom:
         """Return the change of the tracking lag."""
         healthy = self._tracking
         if healthy is None or not is_known(record.lag_s, record.lag_sigma):
             reason = "there is no position command"
-            return QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason)
+            return Symptom(QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason))
         test = SingleTest.of(
             Observation(record.lag_s, record.lag_sigma, record.day_to_predict), healthy.scatter
         )
         is_changed = test.is_significant and abs(test.change) > self._lag_floor
         low, high = test.interval
-        return QuantityChange(
+        change = QuantityChange(
             TRACKING,
             Judgement.CHANGED if is_changed else Judgement.UNCHANGED,
             test.change / healthy.mean,
@@ -111,6 +111,7 @@ class SymptomComparer:
             high / healthy.mean,
             max(test.smallest_change, self._lag_floor) / healthy.mean,
         )
+        return Symptom(change, test.probability if is_changed else 1.0)
 
     def figures(self, record: JointRecord, grown: float) -> Symptoms:
         """Return the model-free figures that depart.

@@ -57,7 +57,9 @@ def finding(comparison: Comparison) -> str:
         reasons = dict.fromkeys(item.reason for item in comparison.quantities if item.reason)
         return "No quantity could be judged" + (f": {'; '.join(reasons)}" if reasons else "")
     departed = [*_changes(comparison), *_figures(comparison.figures)]
-    parts = departed or [f"no quantity has changed{_friction_that_would_show(comparison)}"]
+    parts = [*departed, *map(_doubt_sentence, comparison.doubtful)]
+    if not parts:
+        parts = [f"no quantity has changed{_friction_that_would_show(comparison)}"]
     return ". ".join(map(_capital, [*parts, *_state(comparison)]))
 
 
@@ -85,8 +87,8 @@ def table_text(comparison: Comparison) -> str:
 def why_no_level(comparison: Comparison, warn_limit: float) -> str:
     """Return why a comparison without a departure does not show that a unit is healthy.
 
-    It does, and the text is "", if friction is judged and its smallest detectable change is below
-    the change at which a warning is given.
+    It does, and the text is "", if friction is judged, its smallest detectable change is below the
+    change at which a warning is given, and no quantity differs beyond usual variation.
 
     Parameters
     ----------
@@ -98,6 +100,9 @@ def why_no_level(comparison: Comparison, warn_limit: float) -> str:
     friction, label = comparison[FRICTION], label_of(FRICTION)
     if not friction.is_judged:
         return f"{label} is not judged: {friction.reason or 'no reason is known'}"
+    if comparison.doubtful:
+        labels = _joined((label_of(item.name) for item in comparison.doubtful), "and")
+        return f"{labels}: the change is beyond usual variation, but not certain"
     if friction.smallest_change < warn_limit:
         return ""
     limit = f"its warning limit is {_plain(warn_limit, friction)} %"
@@ -212,6 +217,10 @@ def _change_sentence(item: QuantityChange) -> str:
     return f"{label} changed by {change_text(item)}{within}"
 
 
+def _doubt_sentence(item: QuantityChange) -> str:
+    return f"{label_of(item.name)} may have changed by {change_text(item)}"
+
+
 def _effort_sentence(item: QuantityChange) -> str:
     """Return the change of the effort: that of friction, or the inverse of torque per ampere."""
     figures = item.change, item.low, item.high
@@ -311,10 +320,13 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
         _percent(smallest[FRICTION])
         for smallest in (comparer.smallest_changes, comparer.smallest_changes_of_a_day)
     )
-    sentences = [
-        f"{label_of(FRICTION)}: changes above {same_day} would show on a day that has healthy "
-        f"records, above {another_day} on another day"
-    ]
+    where = f"above {another_day} would show"
+    if Gap.NO_DATES not in comparer.baseline.gaps:
+        where = (
+            f"above {same_day} would show on a day that has healthy records, above {another_day} "
+            "on another day"
+        )
+    sentences = [f"{label_of(FRICTION)}: changes {where}"]
     for item in comparer.improvements:
         days = f" on {_count(item.days, 'further day')}" if item.days else ""
         sentences.append(

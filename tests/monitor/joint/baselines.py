@@ -97,7 +97,7 @@ def baseline_of(
             found.append(
                 drawn(rng, day, of_day, healthy=healthy, scatter=scatter, second=number, **more)
             )
-    return Baseline(Preparation(2.0, 0.0, USUAL_SPEED, is_signed=True), shape, tuple(found))
+    return Baseline(Preparation(2.0, 0.0, USUAL_SPEED), shape, tuple(found))
 
 
 def changed(

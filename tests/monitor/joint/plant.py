@@ -89,8 +89,8 @@ class Sensors:
         Delay of the effort [s].
     outliers
         Share of samples of the effort that are off by ten times the Coulomb friction.
-    is_signed, speed, command
-        Whether the effort has a sign, the speed is measured, there is a command.
+    speed, command
+        Whether the speed is measured, there is a command.
     tracking_lag
         Delay of the position behind the command [s].
     """
@@ -100,7 +100,6 @@ class Sensors:
     step: float = 0.0
     lag_s: float = 0.0
     outliers: float = 0.0
-    is_signed: bool = True
     speed: bool = False
     command: bool = True
     tracking_lag: float = 0.02
@@ -150,8 +149,6 @@ def telemetry_of(
     if sensors.lag_s:
         effort = np.interp(motion.time - sensors.lag_s, motion.time, effort)
     effort = effort + sensors.noise * rng.standard_normal(n)
-    if not sensors.is_signed:
-        effort = np.abs(effort)
     wrong = rng.random(n) < sensors.outliers
     effort[wrong] += 10.0 * joint.coulomb * rng.choice([-1.0, 1.0], int(np.sum(wrong)))
     lost = joint.play + joint.wind_up * joint.coulomb

@@ -322,11 +322,17 @@ def test_temperature_is_not_used_where_nothing_follows_it():
     assert with_it.scatter(weights).variance == pytest.approx(plain.scatter(weights).variance)
 
 
-def test_record_without_temperature_is_compared_at_the_mean():
+def test_record_without_temperature_is_compared_over_all_temperatures():
+    """Its viscous friction is that of any temperature of the healthy records: no alarm."""
     comparer = _warm(follows=True)
-    at_mean = comparer.compare(record_of(HEALTHY, temperature=20.0))
-    unknown = comparer.compare(record_of(HEALTHY))
-    assert unknown[VISCOUS].change == pytest.approx(at_mean[VISCOUS].change, abs=1e-9)
+    for healthy in comparer.baseline.records:
+        unknown = comparer.compare(replace(healthy, stamp_ns=0, temperature=math.nan))
+        assert unknown[VISCOUS].judgement is not Judgement.CHANGED
+    known, unknown = (
+        comparer.compare(record_of(HEALTHY, temperature=one))[VISCOUS].smallest_change
+        for one in (20.0, math.nan)
+    )
+    assert unknown > 1.3 * known
 
 
 def test_effort_of_the_wrong_sign_is_a_change_and_no_error(comparer):

@@ -113,10 +113,17 @@ def test_outliers_noise_and_resolution_do_not_bias_the_coefficients(sensors):
     assert mean["load"] == pytest.approx(joint.load, abs=0.005)
 
 
-def test_effort_without_sign_takes_that_of_the_motion():
-    joint = Joint(inertia=0.02, load=0.0)
-    check(joint, learned(joint, Sensors(is_signed=False)), rel=0.02)
-    assert not learned(joint, Sensors(is_signed=False)).preparation.is_signed
+def test_load_above_the_friction_is_a_load_though_the_effort_never_changes_sign():
+    joint = Joint(inertia=0.02, load=8.0)
+    baseline = learned(joint)
+    check(joint, baseline, rel=0.02, abs_load=0.05)
+
+
+def test_record_that_is_given_twice_is_refused():
+    records = healthy_telemetry(Joint(), None, None, scatter=0.0, a_day=1, seed=0)
+    again = len(records) + 1
+    with pytest.raises(ValueError, match=f"healthy records 2 and {again} are the same"):
+        learn([*records, records[1]], described(None, records[0].sample_period))
 
 
 @pytest.mark.parametrize("lag_s", [0.01, 0.02, 0.04])

@@ -8,7 +8,7 @@ from ema_monitor.joint.parts import mean_of, parts_of
 from ema_monitor.joint.signals import Preparation
 
 H, SPEED = 0.02, 8.0
-PREPARATION = Preparation(cutoff_hz=3.0, lag_s=0.0, usual_speed=SPEED, is_signed=True)
+PREPARATION = Preparation(cutoff_hz=3.0, lag_s=0.0, usual_speed=SPEED)
 
 
 def strokes(cycles, *, ripple=0.0, has_command=True, seconds=4.0):

@@ -8,7 +8,7 @@ from ema_monitor.joint.smoothing import smoothed
 
 from .plant import EXACT, Joint, Sensors, described, ramps, telemetry_of, tones
 
-PREPARATION = Preparation(cutoff_hz=2.0, lag_s=0.0, usual_speed=3.0, is_signed=True)
+PREPARATION = Preparation(cutoff_hz=2.0, lag_s=0.0, usual_speed=3.0)
 
 
 def test_parabola_keeps_its_curvature_and_is_only_lifted_by_the_variance_of_the_filter():

@@ -28,7 +28,7 @@ function labelOf(name: string): string {
 export function rowsOf(quantities: readonly QuantityChange[] | undefined): QuantityRow[] {
   return (quantities ?? []).map((one) => {
     const isJudged = one.judgement === UNCHANGED || one.judgement === CHANGED;
-    const isKnown = isJudged && Number.isFinite(one.change);
+    const isKnown = Number.isFinite(one.change) && (isJudged || !one.rivals.length);
     const reference = known[one.name]?.reference ?? "healthy";
     const of = reference === "healthy" ? "" : ` (of ${reference})`;
     return {
