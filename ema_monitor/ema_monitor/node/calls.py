@@ -113,8 +113,7 @@ class MonitorCalls:
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
         unit, _ = self._node.units.find(actuator_id)
-        # A record takes longer than a window.
-        timeout_s = self._node.operation.value.calibration_timeout_s + unit.finder.longest_s
+        timeout_s = self._timeout_s(unit)
         with unit.next_windows() as windows, unit.calibrating():
             for made in range(number):
                 deadline_s = time.monotonic() + timeout_s
@@ -129,6 +128,11 @@ class MonitorCalls:
                         f"no healthy window came for {timeout_s:g} s after {made} of "
                         f"{number}{refused}"
                     )
+
+    def _timeout_s(self, unit: Actuator) -> float:
+        """Return how long to wait for the next window, or for the next record, which is longer."""
+        timeout_s = self._node.operation.value.calibration_timeout_s
+        return timeout_s + unit.finder.longest_s if unit.finder.finds_records else timeout_s
 
     def _next(
         self, windows: SimpleQueue[Segment], deadline_s: float, goal: Any = None
@@ -233,8 +237,7 @@ class MonitorCalls:
         """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
             return _latest(unit)
-        # A record takes longer than a window.
-        timeout_s = self._node.operation.value.calibration_timeout_s + unit.finder.longest_s
+        timeout_s = self._timeout_s(unit)
         with unit.next_windows() as windows:
             segment = self._next(windows, time.monotonic() + timeout_s, goal)
         if segment is None and not goal.is_cancel_requested:
