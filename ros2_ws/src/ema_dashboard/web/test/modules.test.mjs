@@ -35,9 +35,13 @@ test("a record is a row for each quantity, in the words of the commands", () => 
   assert.equal(of({ judgement: 0 }).judgement, "unchanged (changes above 6 % would show)");
   assert.equal(of({ judgement: 0, smallest_change: 0.138 }).judgement,
     "unchanged (changes above 14 % would show)");
-  const hidden = of({ judgement: 2, change: -0.18, reason: "one direction only" });
+  const hidden = of({ judgement: 2, change: -0.18, reason: "one direction only",
+    rivals: ["torque_per_ampere"] });
   assert.equal(hidden.judgement, "not judged (one direction only)");
+  // Its figures may be those of the rival; those of a doubtful change are its own.
   assert.deepEqual([hidden.change, hidden.interval], ["", ""]);
+  const doubtful = of({ judgement: 2, change: 0.152, reason: "not certain" });
+  assert.deepEqual([doubtful.change, doubtful.interval], ["+15.2 %", "+11.2 to +19.2 %"]);
   assert.equal(of({ rivals: ["torque_per_ampere"] }).judgement,
     "changed (not told apart from torque per ampere)");
   assert.equal(of({ name: "load", unit: "N.m", change: -0.5, smallest_change: 0.1 }).change, "−0.50 N.m");
