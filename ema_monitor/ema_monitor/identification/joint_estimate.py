@@ -27,11 +27,11 @@ from ema_monitor.joint.record import JointRecord, defect_of, read_record
 from ema_monitor.joint.shape import DRY, INERTIA
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import block_means, filtered
+from ema_monitor.joint.single import Z90
 from ema_monitor.joint.wording import summary
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-_Z90: Final = 1.645
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_UNIT: Final = 5.0
 _SAME_RATE: Final = 0.02
@@ -232,4 +232,4 @@ def _cause_scale(name: str, calibration: JointCalibration) -> float | None:
 
 
 def _sigma(one: QuantityChange) -> float:
-    return (one.high - one.low) / (2.0 * _Z90)
+    return (one.high - one.low) / (2.0 * Z90)

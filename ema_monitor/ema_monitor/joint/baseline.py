@@ -195,7 +195,7 @@ class Baseline:
 
     @property
     def shows_torque(self) -> bool:
-        """Whether more than friction and load is fitted, so that torque per ampere can be told."""
+        """Whether more than friction and load is fitted, which separates torque per ampere."""
         return int(np.sum(self.shape.used)) > 2
 
     @property

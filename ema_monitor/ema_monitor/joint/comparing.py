@@ -37,7 +37,7 @@ from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
 from ema_monitor.joint.record import NO_DAY, NS_A_DAY, JointRecord
 from ema_monitor.joint.scatter import Prediction, Scatter
 from ema_monitor.joint.shape import COEFFICIENTS
-from ema_monitor.joint.single import BETWEEN_RECORDS, SingleTest
+from ema_monitor.joint.single import BETWEEN_RECORDS, Z90, SingleTest
 from ema_monitor.joint.states import state_probabilities
 from ema_monitor.joint.symptoms import SymptomComparer
 
@@ -49,7 +49,6 @@ _FOR_A_PARAMETER: Final = 6.0
 _EFFECT_OF_PLAY: Final = 0.1
 _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
-_Z90: Final = 1.645
 _SINGULAR: Final = 1e-12
 _LEAST_RATIO: Final = 0.2
 _FEWEST_FOR_TEMPERATURE: Final = 6
@@ -330,10 +329,10 @@ class _Test:
                 if one.quantities == (key,)
             ]
             test = self._along(_best_weights(np.column_stack(columns), self._tolerant)[0])
-            # Beside a change that is named, less can be told of the others.
+            # Beside a change that is named, the others are less certain.
             smallest = max(smallest, test.smallest_change)
         change, (low, high) = test.change, test.interval
-        extra = _Z90 * _RATIO_TOLERANCE * abs(change)
+        extra = Z90 * _RATIO_TOLERANCE * abs(change)
         low = change - math.hypot(change - low, extra)
         high = change + math.hypot(high - change, extra)
         unit = "-"
@@ -371,7 +370,7 @@ class _Test:
             return QuantityChange(FRICTION_OVER_INERTIA, Judgement.NOT_JUDGED, reason=reason)
         ratio = friction / inertia
         sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
-        low, high = (ratio * math.exp(way * _Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
+        low, high = (ratio * math.exp(way * Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
         judgement, reason = Judgement.UNCHANGED, ""
         if test.is_significant and named:
             judgement = Judgement.CHANGED

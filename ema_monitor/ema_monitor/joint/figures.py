@@ -6,13 +6,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ema_core.arrays import Array, Flags
+from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_monitor.joint.parts import WAYS, log_rms, steps_within
 from ema_monitor.joint.signals import Fine, Preparation, Signals, user_speed
 from ema_monitor.joint.smoothing import smoothed
-
-WAYS: Final = ("forward", "backward")
 
 
 class Figure(NamedTuple):
@@ -66,19 +65,18 @@ def figures_of(
     found: dict[str, float] = {}
     speed = np.gradient(smoothed(telemetry.position, 2.0), telemetry.sample_period)
     fast = _SETTLE_SHARE * preparation.usual_speed
-    moving = {"forward": speed > fast, "backward": speed < -fast}
-    sign = {"forward": 1.0, "backward": -1.0}
-    for way in WAYS:
-        rows = np.sign(signals.direction) == sign[way]
+    for way, sign in WAYS.items():
+        rows = np.sign(signals.direction) == sign
+        moving = sign * speed > fast
         if np.sum(rows) >= _FEWEST:
-            found[f"effort_scatter_{way}"] = _log_rms(residuals[rows])
-        if np.sum(moving[way]) >= _FEWEST:
-            found[f"effort_roughness_{way}"] = _log_rms(_steps(telemetry.current, moving[way]))
+            found[f"effort_scatter_{way}"] = log_rms(residuals[rows])
+        if np.sum(moving) >= _FEWEST:
+            found[f"effort_roughness_{way}"] = log_rms(steps_within(telemetry.current, moving))
             if telemetry.has_command:
                 error = telemetry.command - telemetry.position
-                chosen = error[moving[way]]
-                found[f"error_scatter_{way}"] = _log_rms(chosen - np.mean(chosen))
-                found[f"error_roughness_{way}"] = _log_rms(_steps(error, moving[way]))
+                chosen = error[moving]
+                found[f"error_scatter_{way}"] = log_rms(chosen - np.mean(chosen))
+                found[f"error_roughness_{way}"] = log_rms(steps_within(error, moving))
     for name in FIGURES:
         both = [found[key] for way in WAYS if (key := f"{name}_{way}") in found]
         if len(both) == len(WAYS):
@@ -143,14 +141,3 @@ def lost_motion(
     centre = float(np.median(values))
     spread = 1.4826 * float(np.median(np.abs(values - centre)))
     return centre, max(spread, _TINY) / math.sqrt(len(values))
-
-
-def _steps(values: Array, chosen: Flags) -> Array:
-    """Return the differences between neighbours that are both chosen."""
-    both = chosen[1:] & chosen[:-1]
-    steps = np.diff(values)[both]
-    return steps if len(steps) else np.zeros(1)
-
-
-def _log_rms(values: Array) -> float:
-    return 0.5 * math.log(max(float(np.mean(values**2)), _TINY**2))

@@ -18,6 +18,7 @@ from ema_monitor.joint.smoothing import smoothed
 MOST_PARTS: Final = 5
 
 WAYS: Final = {"forward": 1.0, "backward": -1.0}
+"""Sign of the speed by direction."""
 
 LEVELS: Final = tuple(f"effort_{way}" for way in WAYS)
 """Mean effort in a direction [A]."""
@@ -114,15 +115,15 @@ def _figures(position: Array, effort: Array, error: Array | None, way: Array) ->
         place = position[moving]
         own = sign * effort[moving]
         found[f"effort_{name}"] = float(np.mean(own))
-        found[f"effort_scatter_{name}"] = _log_rms(own - np.mean(own))
-        found[f"effort_roughness_{name}"] = _log_rms(_steps(effort, moving))
+        found[f"effort_scatter_{name}"] = log_rms(own - np.mean(own))
+        found[f"effort_roughness_{name}"] = log_rms(steps_within(effort, moving))
         if np.ptp(place) > 2.0 * math.pi * _FEWEST_TURNS:
             for order in _RIPPLES:
                 found[f"effort_ripple_{order}_{name}"] = _log_ripple(own, place, order)
         if error is not None:
             missed = error[moving]
-            found[f"error_scatter_{name}"] = _log_rms(missed - np.mean(missed))
-            found[f"error_roughness_{name}"] = _log_rms(_steps(error, moving))
+            found[f"error_scatter_{name}"] = log_rms(missed - np.mean(missed))
+            found[f"error_roughness_{name}"] = log_rms(steps_within(error, moving))
     return found
 
 
@@ -135,14 +136,15 @@ def _log_ripple(values: Array, position: Array, order: int) -> float:
     trend = np.polynomial.legendre.legvander((position - middle) / half, _DEGREE)
     rest = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
     ripple = abs(np.mean(rest * np.exp(-1j * order * position)))
-    return math.log(ripple + _RIPPLE_FLOOR * math.exp(_log_rms(rest)))
+    return math.log(ripple + _RIPPLE_FLOOR * math.exp(log_rms(rest)))
 
 
-def _steps(values: Array, chosen: Flags) -> Array:
+def steps_within(values: Array, chosen: Flags) -> Array:
     """Return the differences between neighbours that are both chosen."""
     steps = np.diff(values)[chosen[1:] & chosen[:-1]]
     return steps if len(steps) else np.zeros(1)
 
 
-def _log_rms(values: Array) -> float:
+def log_rms(values: Array) -> float:
+    """Return the logarithm of the root mean square of values."""
     return 0.5 * math.log(max(float(np.mean(values**2)), _TINY**2))

@@ -21,7 +21,9 @@ POWER: Final = 0.9
 """Probability with which the smallest detectable change is found."""
 
 INTERVAL: Final = (0.05, 0.95)
-_Z90: Final = 1.645
+
+Z90: Final = 1.645
+"""Standard deviations from the middle to either end of a 90 % interval."""
 
 
 class Observation(NamedTuple):
@@ -68,7 +70,7 @@ class SingleTest(NamedTuple):
     def is_doubtful(self) -> bool:
         """Whether the change is beyond usual variation, but not certain."""
         low, high = self.interval
-        usual = (high - low) / (2.0 * _Z90)
+        usual = (high - low) / (2.0 * Z90)
         return not self.is_significant and abs(self.change) > DOUBT * usual
 
     @property
