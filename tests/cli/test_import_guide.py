@@ -16,6 +16,7 @@ ENTRIES = {
     "command": ["set_point_mm", "mm", "0.005", "user"],
     "speed": ["-"],
     "current": ["current_a", "magnitude", "A", "mean"],
+    "temperature": ["-"],
     "clock": ["time_s", "s"],
 }
 ASKED = "".join(f"{line}\n" for entry in ENTRIES.values() for line in entry)
@@ -64,7 +65,7 @@ def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, com
 def test_impossible_answer_is_told_and_asked_for_again(ema, tmp_path, command):
     wrong = ASKED.replace("current_a", "amperes", 1)
     # Asked again, what was answered before is the default.
-    again = "\n" * 9 + "current_a\n" + "\n" * 5
+    again = "\n" * 9 + "current_a\n" + "\n" * 6
     result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=wrong + again)
     assert result.exit_code == 0, result.output
     assert "'amperes'" in result.stderr

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
 from ema_bags.inputs import bridge_node
@@ -23,9 +23,10 @@ from ema_bags.inputs.bridging import Bridge
 from ema_bags.inputs.input_defect import InputDefect
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
-from ema_interfaces.msg import TelemetryBlock
+from ema_interfaces.msg import MeasuredCauses, TelemetryBlock
 from ema_monitor import calibrate, find_windows
-from ema_ros.messages import description_from_message
+from ema_monitor.model.measured import checked_causes
+from ema_ros.messages import description_from_message, measured_from_message
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, STALE, WARN, Task
 from ema_ros.topics import LATCHED, STREAM
@@ -177,6 +178,32 @@ def test_joint_states_become_telemetry_with_its_description(session):
     assert block.speed[0] == pytest.approx(500.0 * 0.2 * math.cos(20.0 * elapsed), rel=1e-9)
     assert session.task("input").level == OK
     assert session.task("input").values["lost"] == 0
+
+
+def test_temperature_of_a_topic_is_published_as_a_measured_cause(graph, mapping_file):
+    temperature = {
+        "topic": "/motor/temperature",
+        "type": "sensor_msgs/msg/Temperature",
+        "source": "temperature",
+    }
+    session = Session(graph, mapping_file(command=HELD, temperature=temperature))
+    measured = graph.listen(MeasuredCauses, "/ema/measured_causes", STREAM)
+    node = graph.node("sensor")
+    sensor = node.create_publisher(Temperature, "/motor/temperature", 10)
+
+    def warm() -> bool:
+        message = Temperature(temperature=45.5)
+        message.header.stamp = stamp_to_message(START_NS)
+        sensor.publish(message)
+        return bool(measured) and bool(session.blocks)
+
+    session.publish_until(warm, "a measured temperature")
+    assert measured[0].actuator_id == "flap"
+    (cause,) = measured[0].causes
+    assert (cause.name, cause.value, cause.unit) == ("winding_temperature", 25.5, "K")
+    stamp_ns, causes = measured_from_message(measured[0])
+    assert stamp_ns > START_NS
+    assert checked_causes(causes)[0].sigma == 2.0
 
 
 def test_bridge_that_is_activated_again_goes_on(session):

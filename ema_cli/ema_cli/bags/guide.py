@@ -16,6 +16,7 @@ from ema_bags.inputs.mapping import (
     CurrentSource,
     Mapping,
     SpeedSource,
+    TemperatureSource,
     mapping_text,
 )
 from ema_cli.parameters import value_of
@@ -28,6 +29,7 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
     "error": (AngleSource, ("unit", "lead", "shaft"), "the command is known"),
     "speed": (SpeedSource, ("unit", "lead", "shaft"), "not measured"),
     "current": (CurrentSource, ("kind", "unit", "sampling"), "not measured"),
+    "temperature": (TemperatureSource, ("unit",), "not measured"),
     "clock": (Clock, ("unit",), "there is no time, only a rate"),
 }
 """Of each quantity: what it is made of, the entries that are asked for, what "none" means."""
@@ -48,10 +50,11 @@ def mapping_of(
     ValueError
         When a text is no entry, or there is no mapping of them.
     """
+    is_set = {key: value for key, _, value in (one.partition("=") for one in given)}
     content: dict[str, Any] = {}
     with suppress(ValueError):
-        content = yaml.safe_load(mapping_text(source.guess(description).mapping))
-    is_set = {key: value for key, _, value in (one.partition("=") for one in given)}
+        guess = source.guess(description, _clock(is_set))
+        content = yaml.safe_load(mapping_text(guess.mapping))
     for key, value in is_set.items():
         section, _, entry = key.rpartition(".")
         place = content.setdefault(section, {}) if section else content
@@ -70,6 +73,16 @@ def mapping_of(
                 raise
             click.echo(f"{error}\nAnswer again; Enter keeps the previous answer.", err=True)
             is_set = {}
+
+
+def _clock(is_set: dict[str, str]) -> Clock | None:
+    """Return the clock that is set; None if its source and its rate are not."""
+    start = "clock."
+    texts = {key[len(start) :]: text for key, text in is_set.items() if key.startswith(start)}
+    if not {"source", "rate_hz"} & texts.keys():
+        return None
+    values = {name: text if name == "source" else value_of(text) for name, text in texts.items()}
+    return settings_from(Clock, values)
 
 
 def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:

@@ -1,6 +1,7 @@
 """Records of other makes as bags: by a mapping, as a rule the one beside them."""
 
 import heapq
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -148,11 +149,13 @@ def write_records(
     """Write descriptions and telemetry of actuators, for each one file after the other."""
     from ema_ros import topics
 
-    names = {name: f"{topics.NAMESPACE}/{name}" for name in (topics.DESCRIPTION, topics.TELEMETRY)}
+    kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
+    if any(one.rises for found in actuators for one in found):
+        kinds |= topics.SYSTEM_TOPICS
+    names = {name: f"{topics.NAMESPACE}/{name}" for name in kinds}
     with new_bag(path, overwrite=overwrite) as bag:
-        for name, full in names.items():
-            message_class, qos = topics.ACTUATOR_TOPICS[name]
-            bag.add_topic(full, message_class, qos)
+        for name, (message_class, qos) in kinds.items():
+            bag.add_topic(names[name], message_class, qos)
         messages = heapq.merge(*map(_messages, actuators), key=lambda one: one[2])
         for name, message, received_ns, stamp_ns in messages:
             bag.write(names[name], message, received_ns, stamp_ns)
@@ -161,13 +164,14 @@ def write_records(
 def _messages(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
     """Yield topic, message, when it was received and its stamp of one actuator [ns]."""
     from ema_ros import topics
-    from ema_ros.messages import description_to_message, telemetry_to_message
+    from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
 
     description = found[0].description
     end_ns, index = None, 0
     for one in found:
         shift_ns, shift = 0, 0
+        rises = deque(one.rises)
         for block in one.blocks():
             if end_ns is None:
                 end_ns = block.stamp_ns
@@ -181,6 +185,13 @@ def _messages(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
             moved = replace(
                 block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
             )
+            # A temperature comes before the telemetry that it holds for.
+            before_ns = block.stamp_at(len(block) - 1) - one.shift_ns
+            while rises and rises[0].stamp_ns <= before_ns:
+                rise = rises.popleft()
+                at_ns = rise.stamp_ns + one.shift_ns + shift_ns
+                measured = measured_to_message(at_ns, [rise.cause], description.actuator_id)
+                yield topics.MEASURED_CAUSES, measured, end_ns, at_ns
             message = telemetry_to_message(moved, description.actuator_id)
             # What is received never goes back, whatever the stamps do.
             end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))

@@ -8,6 +8,7 @@ import click
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
+from ema_bags.inputs.temperature import REFERENCE_DEGC
 from ema_cli.bags.guide import mapping_of
 from ema_cli.bags.records import actuators_of, described, imported_by, read_records, write_records
 from ema_cli.bags.source import Source, read_windows
@@ -187,4 +188,8 @@ def _facts(imported: Imported) -> list[str]:
             f"{values.min():.6g} to {values.max():.6g} {unit}" if len(values) else "not measured"
         )
         lines.append(f"{name}: {reach}")
+    if imported.mapping.temperature is not None:
+        degrees = [REFERENCE_DEGC + one.rise for one in imported.rises]
+        reach = f"{min(degrees):.4g} to {max(degrees):.4g} degC" if degrees else "no value"
+        lines.append(f"temperature: {reach}")
     return lines

@@ -4,6 +4,7 @@ Reading needs no ROS: a message is any object with the fields of its definition.
 """
 
 import array
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -186,6 +187,23 @@ def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFau
         message.cycle,
         faults_from_message(message.faults),
     )
+
+
+def measured_to_message(
+    stamp_ns: int, causes: Iterable[CauseEstimate], actuator_id: str
+) -> "msg.MeasuredCauses":
+    """Return what was measured at a stamp [ns] as a message."""
+    from ema_interfaces.msg import HiddenCause, MeasuredCauses
+
+    message = MeasuredCauses(actuator_id=actuator_id)
+    message.header.stamp = stamp_to_message(stamp_ns)
+    message.causes = [
+        HiddenCause(
+            name=one.name, value=one.value, sigma=one.sigma, unit=CAUSE_BY_NAME[one.name].unit
+        )
+        for one in causes
+    ]
+    return message
 
 
 def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[CauseEstimate]]:

@@ -16,7 +16,7 @@ from ema_core.wording import counted
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
 from ema_ros.managed_node import ManagedNode
-from ema_ros.messages import description_to_message, telemetry_to_message
+from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.status import ERROR, OK, STALE, WARN, Task, hardware_name
@@ -72,6 +72,10 @@ class BridgeNode(ManagedNode):
             for name, (kind, qos) in topics.ACTUATOR_TOPICS.items()
             if name in (topics.TELEMETRY, topics.DESCRIPTION)
         }
+        if self._mapping.temperature is not None:
+            kind, qos = topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES]
+            measured = self.add_publisher(kind, topics.MEASURED_CAUSES, qos)
+            self._outputs[topics.MEASURED_CAUSES] = measured
 
     def activate(self) -> None:
         """Listen to the topics of the mapping as they come up."""
@@ -140,11 +144,13 @@ class BridgeNode(ManagedNode):
         silent = self._silent(recent) if is_long else {}
         if source in silent:
             return STALE, silent[source]
-        # A command may be sent on change only; a sensor that is silent is out of order.
+        # A command or a temperature may be sent on change only; another sensor that is silent is
+        # out of order.
         needed = {
             item.topic
             for _, _, item in self._mapping.wanted()
-            if item is not self._mapping.command or item.between != "hold"
+            if item not in (self._mapping.command, self._mapping.temperature)
+            or item.between != "hold"
         }
         reasons = [text for topic, text in silent.items() if topic in needed]
         reasons += [self._problem] * bool(self._problem)
@@ -259,6 +265,12 @@ class BridgeNode(ManagedNode):
                 f"{1.0 / rate.measured_period:.6g} samples a second, taken as "
                 f"{1.0 / rate.period:g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}"
             )
+        for rise in bridge.take_rises():
+            # Before the telemetry that it holds for.
+            measured = measured_to_message(
+                rise.stamp_ns, [rise.cause], self._description.actuator_id
+            )
+            self._outputs[topics.MEASURED_CAUSES].publish(measured)
         for block in blocks:
             message = telemetry_to_message(block, self._description.actuator_id)
             self._outputs[topics.TELEMETRY].publish(message)

@@ -22,6 +22,7 @@ from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.series import Collector, Series
+from ema_bags.inputs.temperature import MeasuredRise
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import Checked, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry
@@ -138,6 +139,11 @@ class Bridge:
         """Defects that withhold telemetry if more motion does not refute them."""
         return [item for item in refused(self.defects, self._mapping) if not item.is_certain]
 
+    def take_rises(self) -> list[MeasuredRise]:
+        """Return the temperatures since the last call, one a second at most."""
+        sampler = self._stream.rises if self._stream else None
+        return sampler.take() if sampler else []
+
     def advance(self) -> list[Telemetry]:
         """Return the telemetry that has become complete, in blocks.
 
@@ -197,7 +203,13 @@ class Bridge:
     def _complete(self, count: int) -> int:
         """Return how many samples have what the other topics sent before them."""
         own = self._waiting[self._mapping.position.topic]
-        others = [series for series in self._waiting.values() if series is not own]
+        # A slow temperature is not waited for.
+        awaited = {item.topic for _, item in self._mapping.telemetry_sources()}
+        others = [
+            series
+            for topic, series in self._waiting.items()
+            if series is not own and topic in awaited
+        ]
         if not count or not others:
             return count
         latest = min(int(one.arrivals_ns[-1]) if len(one) else -(2**62) for one in others)
@@ -239,7 +251,12 @@ class Bridge:
         assert self.rate is not None
         self.defects = [
             *other_rate(self.rate, self._given),
-            *stream_defects(self.losses - first.losses, self.rebuilt - first.rebuilt),
+            *stream_defects(
+                self.losses - first.losses,
+                self.rebuilt - first.rebuilt,
+                is_unknown=self._given.drive == "unknown",
+            ),
             *not_finite({name: column[-last_s:] for name, column in whole.items()}),
             *find_defects(whole, times, self._mapping, self._stream.description),
+            *(self._stream.rises.defects() if self._stream.rises else ()),
         ]

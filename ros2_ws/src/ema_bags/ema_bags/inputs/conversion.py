@@ -12,11 +12,13 @@ from ema_bags.inputs.mapping import (
     CURRENTS,
     ENCODINGS,
     LINEAR,
+    TEMPERATURES,
     UNITS,
     AngleSource,
     CurrentSource,
     Mapping,
     SpeedSource,
+    TemperatureSource,
 )
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
@@ -45,14 +47,19 @@ def convert(
     Parameters
     ----------
     raw
-        What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)``.
+        What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)``. A temperature is no
+        column of telemetry, and is not needed.
     description
         Gives torque constant, gear ratio, lead and drive.
     breaks
         Places before which the motion breaks off: no direction is taken across them.
     """
     p = description.parameters
-    raw = {key: _decoded(raw[key], source.encoding) for key, _, source in mapping.wanted()}
+    raw = {
+        key: _decoded(raw[key], source.encoding)
+        for key, _, source in mapping.wanted()
+        if source is not mapping.temperature
+    }
     position = _turned(raw["position"], mapping.position, p)
     command, speed, current = np.empty(0), np.empty(0), np.empty(0)
     if mapping.command is not None:
@@ -73,6 +80,13 @@ def convert(
             ways = [_way(piece, is_speed=has_speed) for piece in pieces]
             current = current * np.concatenate(ways)
     return {"command": command, "current": current, "position": position, "speed": speed}
+
+
+def degrees_celsius(raw: NDArray[np.float64], source: TemperatureSource) -> NDArray[np.float64]:
+    """Return a temperature, ``(n,)`` [degC]."""
+    factor, addition = TEMPERATURES[source.unit]
+    values = _scaled(_decoded(raw, source.encoding), source.sign * source.scale, 0.0)
+    return _scaled(values, factor, addition + source.offset)
 
 
 def _turned(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.conversion import convert
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.mapping import (
+    EPOCHS,
     LINEAR,
     TIMES_NS,
     TORQUES,
@@ -20,13 +21,18 @@ from ema_bags.inputs.mapping import (
     Mapping,
     Source,
     SpeedSource,
+    TemperatureSource,
 )
 from ema_bags.inputs.motion import ThinnedMotion
+from ema_bags.inputs.series import NO_STAMP
 from ema_bags.inputs.tables import TableColumns
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
+_FASTEST_NS: Final = 1e4
+_SLOWEST_NS: Final = 1e9
+_NO_UNITS: Final = frozenset(("utc", "gmt", "local", "abs", "absolute", "rel", "relative", "-"))
 _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _WORDS: Final = {
@@ -36,6 +42,7 @@ _WORDS: Final = {
     "position": r"pos|position|angle|theta|winkel|enc|encoder|ist\w*|deflection|phi|pos estimate",
     "speed": r"vel|velocity|speed|omega|drehzahl|rpm|w|rate",
     "current": r"current|cur|iq|i q|i eq|ieq|strom|amps?|effort|torque|trq|moment|drehmoment|i",
+    "temperature": r"temp|temps|temperature|temperatures|temperatur",
     "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us",
 }
 _SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z]{2})(?=[A-Z])")
@@ -54,10 +61,16 @@ _UNITS: Final = {
     "mA": ("ma", "milliamp"),
     "N.m": ("nm", "n.m", "n*m", "n m", "newton meter"),
     "mN.m": ("mnm", "mn.m", "mn*m"),
+    "degC": ("degc", "°c", "deg c", "celsius", "c"),
+    "degF": ("degf", "°f", "deg f", "fahrenheit", "f"),
+    "K": ("k", "kelvin"),
     "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "millis"),
     "us": ("us", "µs", "usec", "micros"),
     "ns": ("ns", "nsec", "nanos", "nanoseconds"),
+    "min": ("min", "mins", "minute", "minutes", "minuten"),
+    "h": ("h", "hr", "hrs", "hour", "hours", "std", "stunden"),
+    "day": ("d", "day", "days", "tage"),
 }
 _LEAD: Final = 0.005
 _NO_COMMAND: Final = "no command seems to be there: tracking is then not judged"
@@ -71,11 +84,12 @@ _COMMANDS: Final = {
     "std_msgs/msg/Float32MultiArray": "data[0]",
 }
 _UNLIKE: Final[dict[str, set[str]]] = {
-    "position": {"command", "error", "speed"},
-    "error": {"speed", "current"},
-    "command": {"speed", "current", "error"},
-    "speed": {"command", "error"},
-    "current": {"command", "error"},
+    "position": {"command", "error", "speed", "temperature"},
+    "error": {"speed", "current", "temperature"},
+    "command": {"speed", "current", "error", "temperature"},
+    "speed": {"command", "error", "temperature"},
+    "current": {"command", "error", "temperature"},
+    "temperature": {"command", "error"},
 }
 """What a column of each quantity must not seem to be, in the order in which columns are taken."""
 
@@ -88,21 +102,29 @@ class Guess:
     remarks: list[str]
 
 
-def guess_columns(columns: TableColumns, *, needs_command: bool = True) -> Guess:
+def guess_columns(
+    columns: TableColumns, clock: Clock | None = None, *, needs_command: bool = True
+) -> Guess:
     """Return a mapping of the columns of a table by their names and units.
 
     Parameters
     ----------
+    clock
+        The clock, if it is known.
     needs_command
         Whether the drive is one that a position command is needed for.
 
     Raises
     ------
     ValueError
-        When no column seems to be the position, or a command or position error that is needed.
+        When no column seems to be the position, or a command or position error that is needed, or
+        a column looks like the time and is no clock.
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
-    clock, unused = _clock(columns, remarks)
+    if clock is None:
+        clock, unused = _clock(columns, remarks)
+    else:
+        unused = [name for name in columns.values if name != clock.source]
     kinds = {name: _kinds_of(name) for name in unused}
     taken: dict[str, str] = {}
     for quantity, without in _UNLIKE.items():
@@ -141,6 +163,11 @@ def guess_columns(columns: TableColumns, *, needs_command: bool = True) -> Guess
             f"{', '.join(columns.values)}: write a mapping by hand"
             + "; with drive: unknown in the actuator file, no command is needed"
             * ("position" in taken)
+        )
+    if needs_command and "temperature" in taken:
+        remarks.append(
+            f"{taken.pop('temperature')!r} may be the temperature of the winding: if it is, map "
+            "it as temperature"
         )
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
@@ -310,61 +337,159 @@ def _refined(
 
 
 def _clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
-    """Return the clock and the names of the other columns."""
+    """Return the clock and the names of the other columns.
+
+    Raises
+    ------
+    ValueError
+        When a column looks like the time, and none is a clock.
+    """
     names = list(columns.values)
-    named = [name for name in names if name in columns.dates or "time" in _kinds_of(name)]
-    growing = [name for name in (named or names) if _grows(columns.values[name])]
-    growing += [name for name in named if not growing and _falls(columns.values[name])]
-    if not growing:
-        why = "no column seems to be the time"
-        if named:
-            why = f"column {named[0]!r} {_disorder(columns.values[named[0]])}"
-        remarks.append(f"{why}: give clock.rate_hz, here 1000 as a guess")
-        return Clock(rate_hz=1000.0), [name for name in names if name not in named]
-    name = growing[0]
+    named = [name for name in names if name in columns.dates or _is_time(columns, name)]
+    rest = [name for name in names if name not in named]
+    sums = _dated(columns, named)
+    errors: list[ValueError] = []
+    for name in sums or named:
+        try:
+            clock = _clock_of(columns, name)
+            if not _is_clock(columns, clock):
+                continue
+            unit = "ns" if name in columns.dates or sums else _time_unit(columns, name)
+        except ValueError as error:
+            errors.append(error)
+            continue
+        if clock.unit != unit:
+            remarks.append(
+                f"clock.unit {clock.unit} by the size of the {'values' if unit else 'steps'}"
+            )
+        return clock, rest if sums else [item for item in names if item != name]
+    if errors:
+        raise errors[0]
+    if named := [*named, *(name for name in columns.texts if "time" in _kinds_of(name))]:
+        raise ValueError(
+            f"{columns.path}: column {named[0]!r} looks like the time, but "
+            f"{_disorder(columns, named[0])}: give clock.source and clock.unit, or clock.rate_hz "
+            "if the samples are regular (--set)"
+        )
+    for clock in [_clock_of(columns, name) for name in rest]:
+        if not _counts(columns.values[clock.source]) and _is_clock(columns, clock):
+            remarks.append(f"clock.unit {clock.unit} by the size of the steps")
+            return clock, [name for name in rest if name != clock.source]
+    remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")
+    return Clock(rate_hz=1000.0), rest
+
+
+def _is_time(columns: TableColumns, name: str) -> bool:
+    """Return whether a column is a time by its name, and by its unit if it has one."""
     unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
-    if name in columns.dates:
-        unit = "ns"
-    elif unit not in TIMES_NS:
+    return "time" in _kinds_of(name) and (not unit or unit in TIMES_NS)
+
+
+def _dated(columns: TableColumns, named: list[str]) -> list[str]:
+    """Return the sum of a column of days and one of times of day, if there are both."""
+    of_day = [name for name in named if name in columns.of_day]
+    days = [
+        name
+        for name in named
+        if name in columns.dates
+        and name not in columns.of_day
+        and not np.any(columns.values[name][columns.values[name] != NO_STAMP] % TIMES_NS["day"])
+    ]
+    return [f"{days[0]} + {of_day[0]}"] if days and of_day else []
+
+
+def _clock_of(columns: TableColumns, name: str) -> Clock:
+    """Return the clock of a column: with the unit of its name, or by the size of its values."""
+    if name not in columns.values or name in columns.dates:
+        return Clock(name, "ns")
+    unit = _epoch_of(columns.values[name]) or _time_unit(columns, name)
+    if not unit:
         unit = _unit_of_times(columns.values[name])
-        remarks.append(f"clock.unit {unit} by the size of the steps")
-    return Clock(name, unit), [item for item in names if item != name]
+    return Clock(name, unit)
 
 
-def _grows(values: NDArray[Any]) -> bool:
-    finite = values[np.isfinite(values)]
-    return len(finite) > 1 and float(np.mean(np.diff(finite) > 0)) > 0.9
+def _time_unit(columns: TableColumns, name: str) -> str:
+    """Return the unit of a time that its heading gives; empty without one.
+
+    Raises
+    ------
+    ValueError
+        When it is none that is known.
+    """
+    text = columns.units.get(name, "")
+    first = re.split(r"[\s,;]", text.strip())[0].strip(".")
+    unit = _unit_of(text) or _unit_of(first) or _unit_in_name(name)
+    if unit in TIMES_NS or not text or text.lower() in _NO_UNITS:
+        return unit if unit in TIMES_NS else ""
+    raise ValueError(
+        f"{columns.path}: column {name!r}: unit {text!r} of a time: expected "
+        f"{', '.join(TIMES_NS)}; give clock.unit, or clock.rate_hz (--set)"
+    )
 
 
-def _falls(values: NDArray[Any]) -> bool:
-    """Return whether times go back from row to row: the newest row is the first."""
-    return _grows(values[::-1])
+def _is_clock(columns: TableColumns, clock: Clock) -> bool:
+    """Return whether times grow from row to row, or go back: the newest row is the first."""
+    stamps = columns.stamps(clock)
+    steps = np.diff(stamps[stamps != NO_STAMP])
+    return len(steps) > 0 and bool(np.mean(steps > 0) > 0.9 or np.mean(steps < 0) > 0.9)
 
 
-def _disorder(values: NDArray[Any]) -> str:
+def _counts(values: NDArray[Any]) -> bool:
+    """Return whether values number the rows."""
+    steps = np.diff(values[np.isfinite(values)])
+    return len(steps) > 0 and bool(np.mean(steps == 1) > 0.9)
+
+
+def _disorder(columns: TableColumns, name: str) -> str:
     """Return why times that do not grow are no clock."""
-    finite = values[np.isfinite(values)]
-    if len(finite) < 2 or np.ptp(finite) == 0:
+    if name in columns.texts:
+        cells = columns.texts[name]
+        return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
+    values = columns.stamps(_clock_of(columns, name))
+    values = values[values != NO_STAMP]
+    if len(values) < 2 or np.ptp(values) == 0:
         return "never changes and is no clock"
-    back = int(np.count_nonzero(np.diff(finite) < 0))
+    steps = np.diff(values)
+    back = int(np.count_nonzero(steps < 0))
+    if not back:
+        return f"changes in {np.mean(steps > 0):.0%} of the rows only"
     return (
-        f"goes back {counted(back, 'time')} in {counted(len(finite), 'row')} and is no clock (sort "
+        f"goes back {counted(back, 'time')} in {counted(len(values), 'row')} and is no clock (sort "
         "the rows by it, if they have lost their order)"
     )
 
 
+def _epoch_of(values: NDArray[Any]) -> str:
+    """Return the unit of times that count from another year than 1970; empty if they do not.
+
+    They are of the years 2000 to 2060, at a rate that somebody samples with.
+    """
+    finite = values[np.isfinite(values)].astype(float)
+    if len(finite) < 2:
+        return ""
+    step = abs(float(np.median(np.diff(finite))))
+    for unit, epoch in EPOCHS.items():
+        size = TIMES_NS[unit]
+        years = (finite[-1] - epoch) * size / (365.25 * TIMES_NS["day"])
+        if 30.0 < years < 90.0 and _FASTEST_NS < step * size < _SLOWEST_NS:
+            # Seconds since 1904 are seconds since 1970 only after 2077.
+            return unit
+    return ""
+
+
 def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
-    step = abs(float(np.median(np.diff(finite))))
+    step = abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
     for least, unit in _EPOCHS:
         # Since 1970, and at a rate that somebody samples with.
-        if abs(finite[-1]) > least and 1e4 < step * TIMES_NS[unit] < 1e9:
+        if abs(finite[-1]) > least and _FASTEST_NS < step * TIMES_NS[unit] < _SLOWEST_NS:
             return unit
     return next((unit for least, unit in _STEPS if step > least), "s")
 
 
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
-    kind = {"speed": SpeedSource, "current": CurrentSource}.get(quantity, AngleSource)
+    kinds = {"speed": SpeedSource, "current": CurrentSource, "temperature": TemperatureSource}
+    kind = kinds.get(quantity, AngleSource)
     [known] = [item.metadata["choices"] for item in fields(kind) if item.name == "unit"]
     more: dict[str, Any] = {"unit": unit} if unit in known else {}
     if not more:

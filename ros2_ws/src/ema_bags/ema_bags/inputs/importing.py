@@ -17,7 +17,6 @@ from ema_bags.inputs.defects import (
     renewed_slowly,
     stream_defects,
 )
-from ema_bags.inputs.filling import PAUSE_S
 from ema_bags.inputs.held import renewed_rows
 from ema_bags.inputs.impossible import ImpossibleSamples
 from ema_bags.inputs.input_defect import InputDefect
@@ -25,11 +24,13 @@ from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
 from ema_bags.inputs.series import Series, join_topics
+from ema_bags.inputs.temperature import MeasuredRise, RiseSampler, held_from
 from ema_bags.inputs.wrapping import Unwrapper
 from ema_core.description import ActuatorDescription
-from ema_core.telemetry import COLUMNS, Telemetry
+from ema_core.telemetry import COLUMNS, PAUSE_S, Telemetry
 
 _BLOCK_S: Final = 0.05
+_BLOCK_SAMPLES: Final = 20
 
 
 class SampleStream:
@@ -41,9 +42,15 @@ class SampleStream:
         Description of the actuator; its sample period and acquisition are replaced.
     rate
         Rate of the samples.
+
+    Attributes
+    ----------
+    rises
+        What samples the temperature; None where it is not measured.
     """
 
     def __init__(self, mapping: Mapping, description: ActuatorDescription, rate: Rate) -> None:
+        self.rises = RiseSampler(mapping.temperature) if mapping.temperature else None
         acquisition = mapping.acquisition
         self.description = replace(description, sample_period=rate.period, acquisition=acquisition)
         self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
@@ -52,7 +59,9 @@ class SampleStream:
         motion = tuple(
             self.filled.index(name) for name in ("command", "position") if name in self.filled
         )
-        self._resampler = Resampler(rate, mapping.fill_lost, motion)
+        is_unknown = description.drive == "unknown"
+        nearest = tuple(i for i, name in enumerate(self.filled) if is_unknown and name == "current")
+        self._resampler = Resampler(rate, mapping.fill_lost, motion, nearest)
 
     @property
     def losses(self) -> Losses:
@@ -78,6 +87,10 @@ class SampleStream:
         is_last: bool = False,
     ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
         """Do as ``push`` with what ``join_topics`` returned for the stamps."""
+        raw = dict(raw)
+        temperature = raw.pop("temperature", None)
+        if self.rises is not None and temperature is not None:
+            self.rises.push(stamps_ns, temperature)
         raw = self._unwrapper.push(self._impossible.push(raw))
         self.losses.impossible = self._impossible.found
         self.losses.wraps = sum(self._unwrapper.wraps.values())
@@ -120,6 +133,8 @@ class Imported:
         How many stamps were rebuilt.
     defects
         What is wrong.
+    rises
+        Measured rises of the temperature, one a second at most.
     """
 
     mapping: Mapping
@@ -129,6 +144,7 @@ class Imported:
     runs: list[GaplessRun]
     rebuilt: int
     defects: list[InputDefect]
+    rises: list[MeasuredRise]
 
     @property
     def description(self) -> ActuatorDescription:
@@ -136,11 +152,19 @@ class Imported:
         return self.stream.description
 
     def blocks(self) -> Iterator[Telemetry]:
-        """Yield the telemetry in blocks of 50 ms at most; no stamp is before the epoch."""
-        first_s = min(int(run.stamps_ns[0]) for run in self.runs) // 1_000_000_000
-        shift_ns = -min(first_s, 0) * 1_000_000_000
+        """Yield the telemetry in blocks of 50 ms, or of 20 samples if these last longer.
+
+        Each block costs as much to read as many samples. No stamp is before the epoch.
+        """
+        block_s = max(_BLOCK_S, _BLOCK_SAMPLES * self.description.sample_period)
         for run in self.runs:
-            yield from self.stream.blocks(run, _BLOCK_S, shift_ns)
+            yield from self.stream.blocks(run, block_s, self.shift_ns)
+
+    @property
+    def shift_ns(self) -> int:
+        """What is added to stamps, so that none is before the epoch [ns]."""
+        first_s = min(int(run.stamps_ns[0]) for run in self.runs) // 1_000_000_000
+        return -min(first_s, 0) * 1_000_000_000
 
 
 def import_series(
@@ -190,11 +214,19 @@ def import_series(
         )
     defects = [
         *notes,
-        *stream_defects(stream.losses, rebuilt, of_table=mapping.is_table),
+        *stream_defects(
+            stream.losses,
+            rebuilt,
+            of_table=mapping.is_table,
+            is_unknown=description.drive == "unknown",
+        ),
         *not_finite(columns),
         *find_defects(columns, stamps, mapping, stream.description),
+        *(stream.rises.defects() if stream.rises else ()),
     ]
-    return Imported(mapping, stream, rate, columns, runs, rebuilt, defects)
+    first_ns = min(int(run.stamps_ns[0]) for run in runs)
+    rises = held_from(first_ns, stream.rises.take()) if stream.rises else []
+    return Imported(mapping, stream, rate, columns, runs, rebuilt, defects, rises)
 
 
 def _renewed_rate(stamps_ns: NDArray[np.int64], published: Rate, mapping: Mapping) -> Rate:

@@ -8,6 +8,7 @@ from typing import Any, Final, Self
 
 import yaml
 
+from ema_bags.inputs.dates import ORDERS
 from ema_bags.inputs.field_path import FieldPath
 from ema_core.acquisition import CURRENT_SAMPLINGS, EFFORT_UNITS, Acquisition
 from ema_core.quantity import Checked, quantity, text, texts
@@ -36,8 +37,20 @@ TORQUES: Final = {"N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2}
 FORCES: Final = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 UNITS: Final = ANGLES | SPEEDS | LINEAR | CURRENTS | TORQUES | FORCES
 """Size of each unit in SI units."""
-TIMES_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+TEMPERATURES: Final = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
+"""Factor and addition that convert each unit to degC."""
+TIMES_NS: Final = {
+    **{"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1},
+    **{"min": 60_000_000_000, "h": 3_600_000_000_000, "day": 86_400_000_000_000},
+    **{"excel_day": 86_400_000_000_000, "matlab_day": 86_400_000_000_000},
+    **{"s_1904": 1_000_000_000, "filetime": 100, "dotnet_ticks": 100},
+}
 """Units of a time [ns]."""
+EPOCHS: Final = {
+    **{"excel_day": 25_569, "matlab_day": 719_529, "s_1904": 2_082_844_800},
+    **{"filetime": 116_444_736_000_000_000, "dotnet_ticks": 621_355_968_000_000_000},
+}
+"""The beginning of 1970 in the units that do not count from it."""
 
 SHAFTS: Final = ("user", "motor")
 """Where an angle or speed is measured."""
@@ -62,7 +75,7 @@ DEFECTS: Final = (
     *("current_sign_reversed", "position_shaft", "command_shaft", "speed_shaft"),
     *("position_scale", "command_scale", "speed_scale", "drive_of_i_q", "gear_ratio"),
     *("command_position", "current_size", "not_finite", "time_not_monotonic"),
-    *("position_jumps", "impossible_samples"),
+    *("position_jumps", "impossible_samples", "temperature_range"),
 )
 """Names of the defects that are errors, which a mapping can accept."""
 
@@ -97,7 +110,7 @@ class Source(Checked):
     unit: str = text("", "unit of the source")
     scale: float = quantity(1.0, "-", -1e12, 1e12, "factor, beside the unit's")
     sign: int = quantity(1, "-", -1, 1, "-1 where the source counts the other way")
-    offset: float = quantity(0.0, "-", -1e12, 1e12, "added at last, in rad, rad/s or A")
+    offset: float = quantity(0.0, "-", -1e12, 1e12, "added at last, in rad, rad/s, A or K")
     encoding: str = text("", "how a register has its sign", tuple(ENCODINGS))
     between: str = text("linear", "value between two messages", ("linear", "hold"))
 
@@ -202,11 +215,19 @@ class CurrentSource(Source):
 
 
 @dataclass(frozen=True)
+class TemperatureSource(Source):
+    """Source of the temperature on which friction depends: of motor, gear or oil."""
+
+    unit: str = text("degC", "unit of the source", tuple(TEMPERATURES))
+    between: str = text("hold", "value between two messages", ("linear", "hold"))
+
+
+@dataclass(frozen=True)
 class Clock(Checked):
     """When samples were taken; ValueError where a value is impossible."""
 
     source: str = text("", "column of a table; header, sent, arrival or a field path of a message")
-    unit: str = text("s", "unit of a column or field", tuple(TIMES_NS))
+    unit: str = text("s", "unit of a column or field", (*TIMES_NS, *ORDERS))
     rate_hz: float = quantity(0.0, "Hz", 0.0, 1e6, "rate of the samples; 0: as the stamps say")
 
 
@@ -230,7 +251,7 @@ class Mapping(Checked):
     command, error
         The command, or instead of it the position error, command less position. A drive whose
         controller is unknown may have neither.
-    speed, current
+    speed, current, temperature
         None where they are not measured.
     joints
         Instead of one joint several, each an actuator of its own.
@@ -247,6 +268,7 @@ class Mapping(Checked):
     error: AngleSource | None = None
     speed: SpeedSource | None = None
     current: CurrentSource | None = None
+    temperature: TemperatureSource | None = None
     joint: str = text("", "joint that is meant wherever a source names none, or as {joint}")
     joints: tuple[str, ...] = texts("instead of joint: several, each an actuator of its own")
     clock: Clock = Clock()
@@ -330,12 +352,18 @@ class Mapping(Checked):
             return None
         return self.current
 
-    def sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of what is mapped."""
+    def telemetry_sources(self) -> Iterator[tuple[str, Source]]:
+        """Yield name and source of what telemetry is made of."""
         for name in _QUANTITIES:
             item = self.measured_current if name == "current" else getattr(self, name)
             if item is not None:
                 yield name, item
+
+    def sources(self) -> Iterator[tuple[str, Source]]:
+        """Yield name and source of what is mapped."""
+        yield from self.telemetry_sources()
+        if self.temperature is not None:
+            yield "temperature", self.temperature
 
     def wanted(self) -> Iterator[tuple[str, str, Source]]:
         """Yield a key, the source as a text and its section for every number that is read."""

@@ -1,0 +1,95 @@
+"""A temperature column of a table, from the preview to the comparison with warmer records."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.monitor.joint.plant import Joint, Sensors, telemetry_of, tones
+
+from ema_bags.inputs.files import InputFile
+from ema_core.description import ActuatorDescription
+
+ACTUATOR = "actuator_id: wrist\nserial_number: W-1\ndrive: unknown\n"
+KELVIN = {"healthy": [18.0, 27.0, 22.0, 30.0, 20.0, 25.0, 28.0, 19.0], "hot": 29.0, "worn": 21.0}
+
+
+def write(path: Path, day: int, celsius: float, friction: float = 1.0) -> Path:
+    """Write a record of a joint whose friction falls by 1 %/K, dry, and 3 %/K, viscous."""
+    warm = celsius - 20.0
+    thick = np.exp(-0.03 * warm)
+    joint = Joint().times(coulomb=friction * (1.0 - 0.01 * warm), viscous=thick)
+    telemetry = telemetry_of(joint, tones(30.0), Sensors(), seed=day, day=day)
+    stamps = telemetry.stamps_ns
+    pd.DataFrame(
+        {
+            "Time": pd.to_datetime(stamps),
+            "Position [rad]": telemetry.position,
+            "Current [A]": telemetry.current,
+            "Motor temperature [K]": celsius + 273.15 + 0.004 * np.arange(len(stamps)) / 100.0,
+        }
+    ).to_csv(path, index=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("warm")
+    (path / "actuator.yaml").write_text(ACTUATOR)
+    for day, celsius in enumerate(KELVIN["healthy"]):
+        write(path / f"healthy_{day}.csv", day // 2, celsius)
+    write(path / "hot.csv", 30, KELVIN["hot"])
+    write(path / "worn.csv", 31, KELVIN["worn"], friction=1.1)
+    return path
+
+
+def friction(ema, folder, name):
+    result = ema("estimate", folder / f"{name}.csv", "--json")
+    (one,) = json.loads(result.stdout)
+    quantities = {item["name"]: item for item in one["comparison"]["quantities"]}
+    return quantities["friction"], one
+
+
+def calibrated(ema, folder, mapping):
+    (folder / "mapping.yaml").write_text(mapping)
+    healthy = sorted(folder.glob("healthy_*.csv"))
+    made = ema("calibrate", *healthy, "-o", folder / "calibration.yaml", "--replace")
+    assert made.exit_code == 0, made.output
+    return made.stdout
+
+
+def test_friction_is_compared_at_the_temperature_of_the_record(ema, folder):
+    preview = ema(
+        "import", folder / "healthy_0.csv", "--preview", "--actuator", folder / "actuator.yaml"
+    )
+    assert "# temperature: 18 to 18.12 degC" in preview.stdout
+    assert "temperature:\n  source: Motor temperature [K]\n  unit: K\n" in preview.stdout
+    words = calibrated(ema, folder, preview.stdout)
+    assert "winding temperature -2 ± 2 K to winding temperature +10 ± 2 K in 8 windows" in words
+    hot, estimate = friction(ema, folder, "hot")
+    assert hot["judgement"] == "unchanged"
+    assert abs(hot["change"]) < 0.02
+    assert estimate["measured"][0]["name"] == "winding_temperature"
+    worn, _ = friction(ema, folder, "worn")
+    assert worn["judgement"] == "changed"
+    assert worn["change"] == pytest.approx(0.1, abs=0.02)
+    # Without the column the same change is within what the temperature may do.
+    start = preview.stdout.index("temperature:\n")
+    end = preview.stdout.index("clock:\n")
+    calibrated(ema, folder, preview.stdout[:start] + preview.stdout[end:])
+    blind, _ = friction(ema, folder, "worn")
+    assert blind["judgement"] != "changed"
+    assert blind["smallest_change"] > 3.0 * worn["smallest_change"]
+
+
+def test_temperature_of_a_modelled_drive_is_mapped_only_by_its_owner(folder):
+    source = InputFile(folder / "healthy_0.csv")
+    guess = source.guess(ActuatorDescription(drive="unknown", actuator_id="w", serial_number="1"))
+    assert guess.mapping.temperature is not None
+    frame = pd.read_csv(folder / "healthy_0.csv")
+    frame["Command [rad]"] = frame["Position [rad]"]
+    frame.to_csv(folder / "commanded.csv", index=False)
+    guess = InputFile(folder / "commanded.csv").guess(ActuatorDescription())
+    assert guess.mapping.temperature is None
+    assert any("may be the temperature of the winding" in remark for remark in guess.remarks)
