@@ -8,7 +8,8 @@ import pytest
 
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.identification import fitness
-from ema_monitor.identification.fitness import FITNESS, pseudo_huber
+from ema_monitor.identification.fitness import FITNESS
+from ema_monitor.identification.pseudo_huber import pseudo_huber
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited
 

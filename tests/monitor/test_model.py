@@ -107,7 +107,8 @@ from ema_sim.actuator import SimulatedActuator
 SimulatedActuator().advance([0.0])
 assert not [name for name in sys.modules if name.split(".")[0] == "ema_monitor"]
 
-from ema_monitor.model.monitor_model import compile_kernels, run_lanes
+from ema_monitor.model.kernel import run_lanes
+from ema_monitor.model.monitor_model import compile_kernels
 compile_kernels()
 print(sum(run_lanes.stats.cache_hits.values()), len(run_lanes.stats.cache_misses))
 """

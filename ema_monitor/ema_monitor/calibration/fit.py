@@ -17,7 +17,6 @@ from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES, Deviation
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, Response, form_of
 from ema_monitor.model.readings import TRAVEL, law_slopes, read
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
@@ -334,6 +333,8 @@ class _UnitProblem:
 
     def lowest_within(self, normal: Array, gradient: Array, x: Array, active: Flags) -> Array:
         """Return where a quadratic about ``x`` is lowest within the bounds of the active ones."""
+        from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
+
         span = (self.highest - self.lowest)[active]
         place = x.copy()
         place[active] = self.lowest[active] + span * lowest_in_box(

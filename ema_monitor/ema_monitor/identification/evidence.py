@@ -10,7 +10,6 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
-from ema_monitor.optimizers.bounded_quadratic import lowest_of_each
 
 COMPONENT_EVIDENCE: Final = 8.0
 """What a component is worth: how much a set with one less may be higher."""
@@ -107,6 +106,8 @@ class Evidence:
 
     def _optima(self, at: Linearisation, sets: Components) -> tuple[Array, Array]:
         """Return costs, ``(n,)``, and points, ``(n, d)``."""
+        from ema_monitor.optimizers.bounded_quadratic import lowest_of_each  # with the compiler
+
         if self._quadratic is None or self._quadratic[0] is not at:
             normal = at.jacobian.T @ at.jacobian
             normal += ridge_of(normal) * np.eye(len(normal))

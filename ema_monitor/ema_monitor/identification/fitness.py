@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from ema_core._jit import kernel
 from ema_core.arrays import Array
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.model.monitor_model import Response
@@ -131,6 +130,8 @@ class BandLimited(LeastSquares):
 
     def residuals(self, expected: Response) -> Array:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
+        from ema_monitor.identification.pseudo_huber import pseudo_huber  # with the compiler
+
         current, speed = self._measured
         distance = np.concatenate(
             [
@@ -141,17 +142,6 @@ class BandLimited(LeastSquares):
             axis=-1,
         )
         return np.sqrt(self.spacing) * pseudo_huber(distance, self._scale)
-
-
-@kernel(nogil=False)
-def pseudo_huber(distance: Array, scale: float) -> Array:
-    """Return numbers whose squares are the pseudo-Huber loss of distances.
-
-    Below ``scale`` the loss is quadratic, beyond it linear.
-    """
-    ratio = np.square(distance / scale)
-    # 2 (sqrt(1 + x) - 1) without the cancellation at small x.
-    return distance * np.sqrt(2.0 / (1.0 + np.sqrt(1.0 + ratio)))
 
 
 DEFAULT_FITNESS: Final = "band_limited"

@@ -28,7 +28,6 @@ from ema_monitor.identification.uncertainty import (
     sandwich_covariance,
 )
 from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
-from ema_monitor.model.drives import lifts_of_pairs
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.model.readings import MOVES_START, TRAVEL, law_slopes, read
@@ -395,6 +394,8 @@ class Objective:
 
     def _with_lift(self, faults: Array, current: Array, speed: Array) -> Array:
         """Return the residuals with more lift of each idle phase than is expected, ``(3, r)``."""
+        from ema_monitor.model.drives import lifts_of_pairs  # with the compiler
+
         parameters = self._calibration.parameters
         unlike = min(1.0, float(np.max(faults[SHORT_CIRCUITS])) / _UNLIKE_PHASES)
         sigma = unlike * _LIFT_UNCERTAINTY * parameters.h_b / 4.0

@@ -11,7 +11,6 @@ from ema_monitor.identification.knowledge import NUISANCE, Knowledge, informatio
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import Linearisation, ridge_of
 from ema_monitor.model.measured import expected_causes
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
@@ -117,6 +116,8 @@ def _explained(at: Linearisation, known: Knowledge, noise: float) -> Array:
 
     ``noise`` is the variance of an effective residual.
     """
+    from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
+
     normal, gradient = at.jacobian.T @ at.jacobian / noise, at.jacobian.T @ at.residuals / noise
     normal += ridge_of(normal) * np.eye(len(normal))
     faults, rows = slice(0, N_FAULTS), known.rows()

@@ -17,7 +17,6 @@ from ema_core.faults import (
     eccentricity_angle,
     eccentricity_vector,
 )
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
 PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
 """Components that are one vector, in Cartesian coordinates."""
@@ -245,6 +244,8 @@ def significant_components(
 
 def refitted(at: Linearisation, healthy: Array, shown: Flags) -> Array:
     """Return the lowest point, ``(d,)``, of the linear model with components not shown healthy."""
+    from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
+
     start = np.where(shown, at.point, healthy)
     left = at.residuals + at.jacobian @ (start - at.point)
     columns = at.jacobian[:, shown]

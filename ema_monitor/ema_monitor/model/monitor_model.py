@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike
 from ema_core.acquisition import Acquisition
 from ema_core.arrays import Array
 from ema_core.current_loop import current_loop
-from ema_core.dynamics import current_sampling, lag_factor
 from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.quantity import check_length
-from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.model.deviations import (
     N_SENSOR,
@@ -22,9 +20,6 @@ from ema_monitor.model.deviations import (
     sensed,
     with_own_eccentricity,
 )
-from ema_monitor.model.drives import fast_constants, source_constants
-from ema_monitor.model.field_oriented import field_oriented_constants
-from ema_monitor.model.kernel import ShaftConstants, run_lanes
 from ema_monitor.model.threads import run_in_threads
 from ema_monitor.windows.window import Window
 
@@ -131,6 +126,13 @@ class MonitorModel:
             When the window's sample period is not a whole multiple of the step, a fault vector is
             impossible, or so many individuals take too much memory in a window of its length.
         """
+        # The compiler only where a response is computed: an unknown drive has none.
+        from ema_core.dynamics import current_sampling, lag_factor
+        from ema_core.simd import LANES
+        from ema_monitor.model.drives import fast_constants, source_constants
+        from ema_monitor.model.field_oriented import field_oriented_constants
+        from ema_monitor.model.kernel import ShaftConstants, run_lanes
+
         faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
         m = len(faults)
         groups = -(-m // LANES)

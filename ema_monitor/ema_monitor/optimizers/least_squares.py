@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
 
 DIFFERENCE: Final = 5e-3
@@ -185,6 +184,8 @@ def bounded_steps(point: Array, residuals: Array, jacobian: Array, dampings: Arr
 
     The dampings, ``(m,)``, are relative to the diagonal of the normal matrix [-].
     """
+    from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
+
     normal, slope = jacobian.T @ jacobian, jacobian.T @ residuals
     scale = np.maximum(np.diag(normal), 1e-12 * max(np.max(np.diag(normal)), 1e-300))
     normals = normal + dampings[:, None, None] * np.diag(scale)
