@@ -22,13 +22,15 @@ from ema_monitor.joint.single import BETWEEN_RECORDS
 BETWEEN_DAYS: Final = {
     "friction": 0.008,
     "inertia": 0.007,
-    "viscous_friction": 0.04,
+    "viscous_friction": 0.08,
     "viscous_of_friction": 0.004,
     "load": 0.004,
     "gravity": 0.04,
 }
 """Prior medians of the standard deviation between days: relative, of viscous friction also and of
-the load only as a share of the dry friction at the usual speed [-]."""
+the load only as a share of the dry friction at the usual speed [-].
+
+Lubricants thin by 3 to 6 % for 1 K, and days differ by a few kelvin."""
 
 _SAME_MOTION: Final = 0.05
 _FEWEST_REPEATED: Final = 3

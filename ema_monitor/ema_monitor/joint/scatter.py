@@ -30,11 +30,15 @@ _TINY: Final = 1e-300
 
 
 class Prediction(NamedTuple):
-    """Predictive distribution of a figure: a mixture of normals, ``(m,)`` each."""
+    """Predictive distribution of a figure: a mixture of normals, ``(m,)`` each.
+
+    ``likelihoods`` are the weights without the prior of the scatter.
+    """
 
     weights: Array
     means: Array
     variances: Array
+    likelihoods: Array
 
     @property
     def mean(self) -> float:
@@ -82,9 +86,13 @@ class Prediction(NamedTuple):
         return x
 
     def smallest_change(self, significance: float, power: float) -> float:
-        """Return the smallest change that passes a two-sided test with this power."""
+        """Return the smallest change that passes a two-sided test with this power.
+
+        The prior decides where the test ends. The power holds for the scatter of the unit, whatever
+        the prior assumes of it.
+        """
         limit = self.quantile(1.0 - 0.5 * significance)
-        return limit - self.quantile(1.0 - power)
+        return limit - self._replace(weights=self.likelihoods).quantile(1.0 - power)
 
 
 class Scatter:
@@ -151,9 +159,9 @@ class Scatter:
         self._covariance = np.linalg.inv(normal)
         self._beta = np.einsum("gjk,gk->gj", self._covariance, moment)
         fit = square - np.einsum("gj,gj->g", moment, self._beta)
-        log_weight = log_prior - 0.5 * (log_det + fit + np.linalg.slogdet(normal)[1])
-        weights = np.exp(log_weight - np.max(log_weight))
-        self._weights = weights / np.sum(weights)
+        log_likelihood = -0.5 * (log_det + fit + np.linalg.slogdet(normal)[1])
+        self._weights = _shares(log_prior + log_likelihood)
+        self._likelihoods = _shares(log_likelihood)
         self._centre = centre
 
     def predict(
@@ -186,14 +194,22 @@ class Scatter:
         means = self._centre + self._beta @ row + effect
         of_mean = np.einsum("gj,gjk,gk->g", sensitivity, self._covariance, sensitivity)
         variances = of_mean + spread + self._record + variance + _TINY
-        counts = self._weights > _NEGLIGIBLE
-        weights = self._weights[counts]
-        return Prediction(weights / np.sum(weights), means[counts], variances[counts])
+        counts = np.maximum(self._weights, self._likelihoods) > _NEGLIGIBLE
+        weights, likelihoods = (
+            one[counts] / np.sum(one[counts]) for one in (self._weights, self._likelihoods)
+        )
+        return Prediction(weights, means[counts], variances[counts], likelihoods)
 
     @property
     def variance(self) -> float:
         """Expected variance between records of different days."""
         return float(self._weights @ (self._record + self._day))
+
+
+def _shares(logarithms: Array) -> Array:
+    """Return weights that add up to 1, from their logarithms."""
+    weights = np.exp(logarithms - np.max(logarithms))
+    return np.asarray(weights / np.sum(weights), dtype=np.float64)
 
 
 def _normal(z: Array) -> Array:

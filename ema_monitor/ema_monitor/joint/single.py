@@ -14,8 +14,11 @@ BETWEEN_RECORDS: Final = 0.6
 SIGNIFICANCE: Final = 1e-3
 """Probability below which a healthy record differs in one quantity or figure."""
 
-DOUBT: Final = 3.0
-"""Standard deviations of usual variation beyond which a record is not called healthy."""
+DOUBT: Final = 3e-3
+"""Probability below which a record is not called healthy: three standard deviations of a normal.
+
+Few records predict with wider tails: there three standard deviations are not rare.
+"""
 
 POWER: Final = 0.9
 """Probability with which the smallest detectable change is found."""
@@ -69,9 +72,7 @@ class SingleTest(NamedTuple):
     @property
     def is_doubtful(self) -> bool:
         """Whether the change is beyond usual variation, but not certain."""
-        low, high = self.interval
-        usual = (high - low) / (2.0 * Z90)
-        return not self.is_significant and abs(self.change) > DOUBT * usual
+        return SIGNIFICANCE <= self.probability < DOUBT
 
     @property
     def smallest_change(self) -> float:

@@ -57,7 +57,8 @@ def names(comparison: Comparison) -> set[str]:
 CASES = {
     "friction": ({"friction": 1.15}, FRICTION, 0.15),
     "less friction": ({"friction": 0.8}, FRICTION, -0.2),
-    "viscous": ({"viscous": 0.2}, VISCOUS, 0.2),
+    # Viscous friction follows the temperature, and scatters more between days.
+    "viscous": ({"viscous": 0.3}, VISCOUS, 0.3),
     "torque": ({"torque": 0.9}, TORQUE, -0.1),
     "inertia": ({"inertia": 1.2}, INERTIA, 0.2),
     "load": ({"load": 0.15}, LOAD, 0.15),

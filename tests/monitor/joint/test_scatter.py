@@ -86,7 +86,7 @@ def test_grid_of_scatters_is_fine_enough(day):
         np.linspace(-4.0, 4.0, 41), VALUES, VARIANCES, DAYS, (day, 1e-4)
     )
     found = scatter().predict(1e-4, day)
-    exact = Prediction(weights, means, variances)
+    exact = Prediction(weights, means, variances, weights)
     # A grid to 2.5 standard deviations leaves out 1 % of the prior, which reaches the farthest: 3 %
     # of the distance of a quantile that 0.05 % of the records pass.
     for share in (0.0005, 0.05, 0.5, 0.95, 0.9995):
@@ -188,8 +188,29 @@ def test_smallest_change_is_found_with_the_stated_power(significance, days):
     assert alarms / count < significance + 4.0 * math.sqrt(significance / count) + 1e-3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.4, 1.0, 2.0, 3.0, 5.0])
+def test_smallest_change_is_found_with_the_stated_power_for_any_scatter_between_days(ratio):
+    """The days scatter by ``ratio`` times the median of the prior, and records by half of that."""
+    rng = np.random.default_rng(8)
+    day, error, found = ratio * BETWEEN, 0.004, []
+    numbers = [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    whole = math.sqrt(1.25 * day**2 + error**2)
+    for _ in range(150):
+        values = day * rng.standard_normal(3)[numbers]
+        values += math.hypot(0.5 * day, error) * rng.standard_normal(9)
+        prediction = scatter(values, np.full(9, error**2), numbers).predict(error**2)
+        limit = prediction.quantile(0.9995)
+        missed = limit - prediction.smallest_change(1e-3, 0.9)
+        # The records are of a unit whose mean is 0.
+        found.append(1.0 - statistics.NormalDist(0.0, whole).cdf(missed))
+    # Three days vary by 20 % to 40 % in what they show: the mean of 150 has a standard error of
+    # 1.5 %. Beyond five times the median the grid of scatters ends.
+    assert 0.86 < np.mean(found) < 0.97
+
+
 def test_normal_distribution_function_is_that_of_the_standard_library():
-    one = Prediction(np.ones(1), np.zeros(1), np.ones(1))
+    one = Prediction(np.ones(1), np.zeros(1), np.ones(1), np.ones(1))
     for x in (-30.0, -5.0, -0.3, 0.0, 2.0):
         assert one.below(x) == pytest.approx(statistics.NormalDist().cdf(x), abs=1e-15)
     assert one.below(-30.0) > 0.0
