@@ -173,6 +173,21 @@ def test_drive_without_a_command_is_imported_with_an_empty_column(mapped):
     np.testing.assert_array_equal(position, columns["position"])
 
 
+@pytest.mark.parametrize(("rate_hz", "length"), [(25.0, 20), (200.0, 20), (1000.0, 50)])
+def test_block_of_a_slow_table_has_many_samples(mapped, rate_hz, length):
+    """A block costs as much to read as many samples do: with one each, 65 s at 25 Hz took 0.5 s."""
+    columns, _ = moves()
+    stamps = (1e9 / rate_hz * np.arange(len(columns["position"]))).astype(np.int64)
+    values = {name: column for name, column in columns.items() if name != "speed"}
+    mapping = mapped(speed=None)
+    imported = import_series({"": Series(stamps, stamps, values)}, mapping, joint())
+    blocks = list(imported.blocks())
+    assert {len(block) for block in blocks[:-1]} == {length}
+    assert sum(map(len, blocks)) == len(stamps)
+    position = np.concatenate([block.position for block in blocks])
+    np.testing.assert_allclose(position, columns["position"], atol=1e-12)
+
+
 def test_modelled_drive_needs_a_command(mapped):
     columns, stamps = moves()
     series = Series(stamps, stamps, columns)
@@ -186,7 +201,7 @@ def test_modelled_drive_needs_a_command(mapped):
     [
         ({"unit": "A"}, 1.0),
         ({"unit": "mA"}, 1e-3),
-        ({"unit": "N.m"}, 1.0),
+        ({"unit": "N.m"}, TAU / 0.05),
         ({"unit": "N"}, 1.0),
         ({"unit": "N.m", "kind": "joint_torque"}, TAU / 0.05),
         ({"unit": "N.m", "kind": "motor_torque"}, 1.0 / 0.05),
@@ -198,6 +213,37 @@ def test_effort_of_an_unknown_drive_may_be_a_current_a_torque_or_a_force(mapped,
     mapping = mapped(current={"source": "i", **source})
     converted = convert(columns, mapping, joint())
     np.testing.assert_allclose(converted["current"], factor * columns["current"], rtol=1e-12)
+
+
+def test_unknown_drive_along_a_line_needs_no_lead(mapped):
+    columns, stamps = moves()
+    mapping = mapped(
+        command=None,
+        speed=None,
+        position={"source": "position", "unit": "mm"},
+        current={"source": "i", "unit": "N", "kind": "force"},
+    )
+    unit = replace(joint(), parameters=replace(joint().parameters, tau=1.0, k_t=1.0))
+    imported = import_series({"": Series(stamps, stamps, columns)}, mapping, unit)
+    assert imported.description.acquisition.effort_unit == "N"
+    way = imported.description.parameters.lead / (2.0 * np.pi)
+    blocks = list(imported.blocks())
+    position = np.concatenate([block.position for block in blocks])
+    effort = np.concatenate([block.current for block in blocks])
+    np.testing.assert_allclose(position * way, 1e-3 * columns["position"], atol=1e-12)
+    np.testing.assert_allclose(effort / way, columns["current"], rtol=1e-9)
+
+
+def test_lead_of_the_mapping_is_that_of_the_unknown_drive(mapped):
+    columns, stamps = moves()
+    mapping = mapped(
+        command=None,
+        speed=None,
+        position={"source": "position", "unit": "mm", "lead": 0.004},
+        current={"source": "i"},
+    )
+    imported = import_series({"": Series(stamps, stamps, columns)}, mapping, joint())
+    assert imported.description.parameters.lead == 0.004
 
 
 def test_force_of_a_screw_becomes_the_torque_of_its_motor(mapped):

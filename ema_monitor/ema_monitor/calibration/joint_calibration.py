@@ -82,8 +82,8 @@ class JointCalibration(StoredCalibration):
         torque = parameters.k_t / parameters.tau
         if self.effort_unit == "N.m":
             return Shown("N.m", torque)
-        if self.effort_unit == "N" and parameters.lead:
-            return Shown("N", torque * 2.0 * math.pi / parameters.lead)
+        if self.effort_unit == "N":  # without a lead the force itself was taken as the effort
+            return Shown("N", torque * 2.0 * math.pi / parameters.lead if parameters.lead else 1.0)
         return Shown("A", 1.0)
 
     @property
@@ -186,7 +186,7 @@ class JointCalibration(StoredCalibration):
     @classmethod
     def _of_mapping(cls, content: dict[str, Any]) -> Self:
         baseline = Baseline(
-            Preparation(**content.pop("preparation")),
+            _preparation_of(content.pop("preparation")),
             Shape(**content.pop("shape")),
             tuple(map(_record_of, content.pop("records"))),
             tuple(
@@ -242,6 +242,11 @@ def winding_temperature(window: Window) -> float:
     """Return the measured rise of the winding temperature in a record [K]; NaN if not measured."""
     found = (one.value for one in window.measured if one.name == "winding_temperature")
     return next(found, math.nan)
+
+
+def _preparation_of(content: dict[str, Any]) -> Preparation:
+    ripples = tuple(float(one) for one in content.pop("ripples", ()))
+    return Preparation(**content, ripples=ripples)
 
 
 def _record_mapping(record: JointRecord) -> dict[str, Any]:

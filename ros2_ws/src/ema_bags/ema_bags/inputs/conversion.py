@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping as Columns
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -30,10 +31,26 @@ _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
 """Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
 torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
 
+_NEUTRAL_LEAD: Final = 1.0
+"""Lead [m] of an axis along a line that has no screw: results are in m and N, whatever it is."""
+
 _SMOOTHED: Final = 3
 _NOISES: Final = 5.0
 _SLOWEST: Final = 0.02
 _SLOW: Final = 0.3
+
+
+def with_lead(description: ActuatorDescription, mapping: Mapping) -> ActuatorDescription:
+    """Return the description of an unknown drive with the lead by which a mapping converts lengths.
+
+    It is that of the description or of the mapping. A drive that is not modelled needs none: a
+    linear motor or a prismatic joint has no screw.
+    """
+    parameters, position = description.parameters, mapping.position
+    if description.drive != "unknown" or parameters.lead or position.unit not in LINEAR:
+        return description
+    lead = position.lead or _NEUTRAL_LEAD
+    return replace(description, parameters=replace(parameters, lead=lead))
 
 
 def convert(
@@ -119,11 +136,14 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
             "joint_torque or force"
         )
     factor = source.sign * source.scale * UNITS[source.unit]
-    if source.kind == "motor_torque":
+    kind = source.kind
+    if is_effort:  # of a joint, as JointState has it
+        kind = "joint_torque" if source.unit.endswith("N.m") else "force"
+    if kind == "motor_torque":
         return factor / p.k_t
-    if source.kind == "joint_torque":
+    if kind == "joint_torque":
         return factor * p.tau / p.k_t
-    if source.kind == "force":
+    if kind == "force":
         if lead := p.lead or lead:
             return factor * lead / (2.0 * math.pi) * p.tau / p.k_t
         if description.drive != "unknown":
@@ -131,7 +151,7 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
                 "current: kind = force with lead = 0: expected the travel for one turn of the "
                 "shaft in the actuator file (lead [m])"
             )
-    if source.kind == "i_q":
+    if kind == "i_q":
         constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0
         return factor * _PEAK[source.amplitude] * constant
     return factor

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.conversion import convert
+from ema_bags.inputs.conversion import convert, with_lead
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.mapping import (
     EPOCHS,
@@ -249,7 +249,8 @@ def refine(
     mapping, remarks = guess.mapping, list(guess.remarks)
     for name in ("position", "command", "error", "speed"):
         source = getattr(mapping, name)
-        if source and source.unit in LINEAR and not description.parameters.lead:
+        is_length = source is not None and source.unit in LINEAR
+        if is_length and not with_lead(description, mapping).parameters.lead:
             mapping = replace(mapping, **{name: replace(source, lead=_LEAD)})
             remarks.append(f"{name}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
     for name in ("current", "speed"):
@@ -270,7 +271,7 @@ def refine(
         remarks.append("current.kind magnitude: it is never negative, or a load holds it above 0")
 
     def moving(of: Mapping) -> ThinnedMotion | None:
-        columns = convert(raw, of, description)
+        columns = convert(raw, of, with_lead(description, of))
         return ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
 
     motion = moving(mapping)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.arrival import ArrivalClock
-from ema_bags.inputs.conversion import convert
+from ema_bags.inputs.conversion import convert, with_lead
 from ema_bags.inputs.defects import (
     find_defects,
     not_finite,
@@ -52,7 +52,9 @@ class SampleStream:
     def __init__(self, mapping: Mapping, description: ActuatorDescription, rate: Rate) -> None:
         self.rises = RiseSampler(mapping.temperature) if mapping.temperature else None
         acquisition = mapping.acquisition
-        self.description = replace(description, sample_period=rate.period, acquisition=acquisition)
+        self.description = replace(
+            with_lead(description, mapping), sample_period=rate.period, acquisition=acquisition
+        )
         self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
         self._mapping = mapping
         self._impossible, self._unwrapper = ImpossibleSamples(mapping), Unwrapper(mapping)
