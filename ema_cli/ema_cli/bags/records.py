@@ -1,11 +1,10 @@
-"""Records of other makes as bags: by a mapping, as a rule the one beside them."""
+"""Records of other makes as recordings: by a mapping, as a rule the one beside them."""
 
 import heapq
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import click
@@ -14,22 +13,27 @@ from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import Imported, import_series
 from ema_bags.inputs.mapping import Mapping, load_mapping
+from ema_bags.message_type import type_name
+from ema_bags.messages import MemoryRecording
 from ema_cli.output import new_bag
 from ema_core.description import ActuatorDescription
+from ema_ros import topic_names
 from ema_ros.actuator_file import load_description
 
 _PAUSE_NS: Final = 1_000_000_000
 _SIMILAR_RATE: Final = 0.1
 
 
-def tables_as_bags(
+def table_recordings(
     table: Path, actuator_file: Path | None, columns: Sequence[str] = ()
-) -> Iterator[tuple[list[str], Path]]:
-    """Yield a bag of a table, by the mapping beside it, until the command ends.
+) -> Iterator[tuple[list[str], MemoryRecording]]:
+    """Yield the recording that a table and the mapping beside it make.
+
+    Its messages are those of the bag that `ema import` would write.
 
     The mapping is ``mapping.yaml``, or has the name of the table. Where no description is given,
-    ``actuator.yaml`` beside the table holds, or the built-in one. With columns there is a bag for
-    the rows between which none of them changes, with their values.
+    ``actuator.yaml`` beside the table holds, or the built-in one. With columns there is a
+    recording of the rows between which none of them changes, with their values.
 
     Raises
     ------
@@ -50,13 +54,14 @@ def tables_as_bags(
     mapping = load_mapping(mapping_file)
     actuators = actuators_of(mapping, actuator_file)
     source = InputFile(table, mapping)
-    folder = Path(click.get_current_context().with_resource(TemporaryDirectory(prefix="ema-")))
     parts = source.parts(columns) if columns else [(list[str](), source)]
-    for number, (values, part) in enumerate(parts):
-        bag = folder / f"{table.stem}_{number}.mcap"
+    for values, part in parts:
         found = [[read_record(part, *one, accepts=False)] for one in actuators]
-        write_records(bag, found)
-        yield values, bag
+        messages = (
+            (_full_name(name), type_name(type(message)), message, *stamps)
+            for name, message, *stamps in _messages(found)
+        )
+        yield values, MemoryRecording(table, messages)
 
 
 def actuators_of(
@@ -152,18 +157,24 @@ def write_records(
     kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
     if any(one.rises for found in actuators for one in found):
         kinds |= topics.SYSTEM_TOPICS
-    names = {name: f"{topics.NAMESPACE}/{name}" for name in kinds}
     with new_bag(path, overwrite=overwrite) as bag:
         for name, (message_class, qos) in kinds.items():
-            bag.add_topic(names[name], message_class, qos)
-        messages = heapq.merge(*map(_messages, actuators), key=lambda one: one[2])
-        for name, message, received_ns, stamp_ns in messages:
-            bag.write(names[name], message, received_ns, stamp_ns)
+            bag.add_topic(_full_name(name), message_class, qos)
+        for name, message, received_ns, stamp_ns in _messages(actuators):
+            bag.write(_full_name(name), message, received_ns, stamp_ns)
 
 
-def _messages(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield topic, message, when it was received and its stamp of one actuator [ns]."""
-    from ema_ros import topics
+def _full_name(topic: str) -> str:
+    return f"{topic_names.NAMESPACE}/{topic}"
+
+
+def _messages(actuators: Sequence[Sequence[Imported]]) -> Iterator[tuple[str, Any, int, int]]:
+    """Yield topic, message, when it was received and its stamp [ns], in the order received."""
+    return heapq.merge(*map(_messages_of_actuator, actuators), key=lambda one: one[2])
+
+
+def _messages_of_actuator(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
+    """Yield the same of one actuator, file after file."""
     from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
 
@@ -176,7 +187,7 @@ def _messages(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
             if end_ns is None:
                 end_ns = block.stamp_ns
                 message = description_to_message(description, end_ns)
-                yield topics.DESCRIPTION, message, end_ns, end_ns
+                yield topic_names.DESCRIPTION, message, end_ns, end_ns
             elif not shift and block.first_index <= index and one is not found[0]:
                 # The next file: one sample at least is missing before it, and its time goes on.
                 shift = index + 1
@@ -191,9 +202,9 @@ def _messages(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
                 rise = rises.popleft()
                 at_ns = rise.stamp_ns + one.shift_ns + shift_ns
                 measured = measured_to_message(at_ns, [rise.cause], description.actuator_id)
-                yield topics.MEASURED_CAUSES, measured, end_ns, at_ns
+                yield topic_names.MEASURED_CAUSES, measured, end_ns, at_ns
             message = telemetry_to_message(moved, description.actuator_id)
             # What is received never goes back, whatever the stamps do.
             end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
             index = max(index, moved.first_index + len(moved) - 1)
-            yield topics.TELEMETRY, message, end_ns, stamp_from_message(message.header.stamp)
+            yield topic_names.TELEMETRY, message, end_ns, stamp_from_message(message.header.stamp)

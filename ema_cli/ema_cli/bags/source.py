@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final, Self
 
 import click
 
-from ema_bags.reader import Bag
+from ema_bags.messages import Recording
 from ema_bags.telemetry import read_telemetry
 from ema_bags.windows import BagWindows, find_recorded_windows
 from ema_cli.options import values_of_options
@@ -95,21 +95,23 @@ MEASURED_OPTION: Final = click.option(
 """Of the commands that identify windows."""
 
 
-def open_bag(path: Path, source: Source) -> tuple[Bag, Source]:
+def open_recording(path: Path, source: Source) -> tuple[Recording, Source]:
     """Return a bag and how to read it; a table is read by the mapping beside it."""
     if path.suffix.lower() not in _TABLES:
-        return Bag(path), source
-    from ema_cli.bags.records import tables_as_bags  # pandas only where there is a table
+        from ema_bags.reader import Bag  # rosbags and mcap only for bags
 
-    [(_, bag)] = tables_as_bags(path, source.actuator_file)
-    return Bag(bag), replace(source, actuator_file=None)
+        return Bag(path), source
+    from ema_cli.bags.records import table_recordings  # the import only for tables
+
+    [(_, recording)] = table_recordings(path, source.actuator_file)
+    return recording, replace(source, actuator_file=None)
 
 
 def read_windows(
     path: Path,
     source: Source,
     on_block: Callable[[Telemetry], None] | None = None,
-    bag: Bag | None = None,
+    bag: Recording | None = None,
     *,
     with_duty: bool = False,
 ) -> BagWindows:
@@ -120,14 +122,14 @@ def read_windows(
     on_block
         Called with each block of telemetry.
     bag
-        The bag, where it is open already.
+        The bag or the recording of a table, where it is open already.
     with_duty
         Whether to measure the duty that was flown.
     """
     with values_of_options():
         measured = measured_causes_of(source.measured)
     if bag is None:
-        bag, source = open_bag(path, source)
+        bag, source = open_recording(path, source)
     recorded = read_telemetry(bag, source.topic, source.actuator_id)
     description, warning = None, ""
     if source.actuator_file is not None:
@@ -162,9 +164,9 @@ def read_windows(
     return found
 
 
-def identifiable_windows(path: Path, source: Source) -> BagWindows:
+def identifiable_windows(path: Path, source: Source, bag: Recording | None = None) -> BagWindows:
     """Return what ``read_windows`` does, and print the remarks; at least one window was begun."""
-    found = read_windows(path, source)
+    found = read_windows(path, source, bag=bag)
     for remark in found.remarks:
         click.echo(f"{path}: {remark}", err=True)
     if not found.windows:

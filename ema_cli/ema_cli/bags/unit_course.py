@@ -17,7 +17,7 @@ from ema_bags.telemetry import described_actuators
 from ema_bags.usage import read_counts
 from ema_bags.windows import BagWindows, RecordedWindow, truth_at
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.source import Source, open_bag, read_windows, why_no_window
+from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, N_FAULTS
@@ -112,7 +112,7 @@ def read_unit(
             remarks.append(f"{path}: passed over, it is a copy of {original}")
             continue
         try:
-            bag, own = open_bag(path, source)
+            bag, own = open_recording(path, source)
             present = described_actuators(bag)
         except (ValueError, OSError) as error:
             if not skips_unreadable or not path.exists():

@@ -7,7 +7,7 @@ import click
 
 from ema_bags.telemetry import described_actuators
 from ema_bags.windows import BagWindows
-from ema_cli.bags.source import Source, open_bag, read_windows, why_no_window
+from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
@@ -18,7 +18,7 @@ from ema_monitor.windows.trigger import Refusal
 @settings_options(Source)
 def info(bag: Path, given: Source) -> None:
     """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
-    contents, given = open_bag(bag, given)
+    contents, given = open_recording(bag, given)
     counts = contents.readable_counts()
     rows = [(name, topic.type_name, str(counts[name])) for name, topic in contents.topics.items()]
     click.echo(text_table(("topic", "type", "messages"), rows))

@@ -1,6 +1,6 @@
 """``ema label``: the state of a unit in tests, by its owner."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from ema_bags.messages import Recording
 from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.source import Source, identifiable_windows
 from ema_cli.parameters import settings_options
@@ -76,19 +77,19 @@ def label(
     if remove is not None:
         labelled = _with_baseline(labelled, labelled.baseline.without(remove))
     for bag in bags:
-        tests = [(state or "", bag)]
+        tests: Iterable[tuple[str, Recording | None]] = [(state or "", None)]
         if state_column is not None:
             tests = _tests_of(bag, [state_column, *test_columns], given)
         for name, part in tests:
             name = _checked(name)
             try:
-                if part.suffix == ".sqlite":
-                    labelled = _with_history(labelled, name, part, chosen)
+                if part is None and bag.suffix == ".sqlite":
+                    labelled = _with_history(labelled, name, bag, chosen)
                 elif chosen:
                     raise click.UsageError("--test needs a history, ACTUATOR+SERIAL.sqlite")
                 else:
-                    own = given if part == bag else replace(given, actuator_file=None)
-                    labelled = _with_bag(labelled, name, part, own)
+                    own = given if part is None else replace(given, actuator_file=None)
+                    labelled = _with_bag(labelled, name, bag, own, part)
             except ValueError as error:
                 raise ValueError(f"{bag}: {error}") from error
     if labelled is not calibration:
@@ -99,13 +100,13 @@ def label(
     click.echo(f"{calibration_file}: {', '.join(counts) or 'no healthy windows to compare with'}")
 
 
-def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[str, Path]]:
-    """Yield the state and the bag of each test in a table, without the healthy tests."""
-    from ema_cli.bags.records import tables_as_bags  # pandas only where there is a table
+def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[str, Recording]]:
+    """Yield the state and the recording of each test in a table, without the healthy tests."""
+    from ema_cli.bags.records import table_recordings  # the import only for tables
 
-    for (state, *_), bag in tables_as_bags(table, given.actuator_file, columns):
+    for (state, *_), recording in table_recordings(table, given.actuator_file, columns):
         if state.strip().lower() not in _HEALTHY:
-            yield state, bag
+            yield state, recording
 
 
 def _checked(state: str) -> str:
@@ -118,9 +119,11 @@ def _checked(state: str) -> str:
     return name
 
 
-def _with_bag(calibration: AnyCalibration, state: str, bag: Path, given: Source) -> AnyCalibration:
-    """Return the calibration with the test, or the records, of a bag in a state."""
-    found = identifiable_windows(bag, given)
+def _with_bag(
+    calibration: AnyCalibration, state: str, bag: Path, given: Source, part: Recording | None
+) -> AnyCalibration:
+    """Return the calibration with the test, or the records, of a bag or part of a table."""
+    found = identifiable_windows(bag, given, part)
     if mismatch := calibration.unit_mismatch(found.description):
         raise ValueError(mismatch)
     windows = WindowsOnDemand(found.windows)

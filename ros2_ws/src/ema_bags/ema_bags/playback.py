@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from ema_bags.reader import Recorded
+from ema_bags.messages import Recorded
 
 
 class Playback:

@@ -5,101 +5,21 @@ import tempfile
 import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import zstandard
 
 from ema_bags.gaps import Gap
 from ema_bags.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
-from ema_bags.message_type import is_installed
-from ema_bags.schema import decoder, schema_text, to_installed
+from ema_bags.messages import MessagePlace, Recorded, Recording, Topic
+from ema_bags.schema import decoder, schema_text
 from ema_core.wording import counted
 
 _MOST_GAPS: Final = 10
 
 
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a recording.
-
-    Attributes
-    ----------
-    type_name
-        Type of its messages, such as ``std_msgs/msg/Header``.
-    encoding
-        How they are encoded; "cdr" in ROS 2.
-    type_hash, schema
-        Hash and definition of the type when it was recorded; empty when they are not there.
-    qos
-        What was offered, YAML text of a list.
-    """
-
-    type_name: str
-    count: int
-    encoding: str
-    type_hash: str
-    schema: str
-    qos: str
-
-    def upgrade(self) -> Callable[[bytes], bytes] | None:
-        """Return what makes messages of the installed type of its own; None if they are such.
-
-        None as well where the type is not installed; ValueError as of ``to_installed``, and where
-        they are not CDR.
-        """
-        if self.encoding != "cdr":
-            raise ValueError(f"it is encoded as {self.encoding!r}, expected 'cdr'")
-        if not is_installed(self.type_name):
-            return None
-        return to_installed(self.type_name, self.schema, self.type_hash)
-
-
-class MessagePlace(NamedTuple):
-    """Where a message is in a recording; messages are read in the order of their places."""
-
-    log_time_ns: int
-    file: int
-    offset: int
-    number: int
-
-
-class Recorded(NamedTuple):
-    """A message of a recording; ``message`` is the message itself, or its bytes."""
-
-    place: MessagePlace
-    topic: str
-    type_name: str
-    message: Any
-    publish_time_ns: int
-
-    @property
-    def log_time_ns(self) -> int:
-        """When it was received [ns]."""
-        return self.place.log_time_ns
-
-
-class MalformedMessages:
-    """Messages that are none of their type: by topic why the first is none, and where all are."""
-
-    def __init__(self) -> None:
-        self._found: dict[str, tuple[str, set[MessagePlace]]] = {}
-
-    def note(self, item: Recorded, reason: str) -> None:
-        """Take a message, which counts once however often it is read."""
-        first = f"the first of log time {item.log_time_ns} ns: {reason}"
-        self._found.setdefault(item.topic, (first, set()))[1].add(item.place)
-
-    def remarks(self) -> list[str]:
-        """Return how many there are, a remark a topic."""
-        return [
-            f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
-            for name, (first, places) in self._found.items()
-        ]
-
-
-class Bag:
+class Bag(Recording):
     """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
 
     Messages and files that rosbag2 compressed by zstd are unpacked. A file that was not closed, is
@@ -125,9 +45,8 @@ class Bag:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        super().__init__(Path(path))
         self._damage: dict[str, None] = {}
-        self.malformed = MalformedMessages()
         self._files: dict[Path, Contents] = {}
         self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
@@ -136,7 +55,7 @@ class Bag:
             self._open_folder()
         else:
             self._open_file(self.path)
-        self.topics: Mapping[str, Topic] = self._find_topics()
+        self.topics = self._find_topics()
         stretches = [item for contents in self._files.values() for item in contents.stretches]
         self.start_ns = min((stretch.start_ns for stretch in stretches), default=None)
         self.end_ns = max((stretch.end_ns for stretch in stretches), default=None)
@@ -175,10 +94,6 @@ class Bag:
         """Return how many messages of each topic can be read: all chunks are read for it."""
         found = Counter(item.topic for item in self.raw_messages())
         return {name: found[name] for name in self.topics}
-
-    def topics_of(self, *type_names: str) -> list[str]:
-        """Return the topics of some types."""
-        return [name for name, topic in self.topics.items() if topic.type_name in type_names]
 
     def messages(
         self,
@@ -304,16 +219,6 @@ class Bag:
                     )
                 topics[channel.topic] = topic
         return topics
-
-    def _chosen(self, topics: Iterable[str] | None) -> dict[str, Topic]:
-        if topics is None:
-            return dict(self.topics)
-        names = [topics] if isinstance(topics, str) else list(topics)
-        for name in names:
-            if name not in self.topics:
-                present = ", ".join(sorted(self.topics)) or "none"
-                raise ValueError(f"{self.path} has no topic {name!r}; topics: {present}")
-        return {name: self.topics[name] for name in names}
 
     def _decoder(self, name: str, topic: Topic) -> Callable[[bytes], Any]:
         try:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from ema_bags.reader import Bag, MessagePlace, Recorded
+from ema_bags.messages import MessagePlace, Recorded, Recording
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_ros.messages import description_from_message, telemetry_from_message
@@ -19,7 +19,7 @@ ESTIMATE_TYPE: Final = "ema_interfaces/msg/FaultEstimate"
 HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 
-def described_actuators(bag: Bag) -> list[str]:
+def described_actuators(bag: Recording) -> list[str]:
     """Return the actuators that a recording describes, in their order."""
     return list(dict.fromkeys(_actuator_ids(bag, *bag.topics_of(DESCRIPTION_TYPE))))
 
@@ -45,7 +45,7 @@ class RecordedTelemetry:
         Descriptions of the actuator in order, without those that repeat the one before.
     """
 
-    bag: Bag
+    bag: Recording
     topic: str
     actuator_id: str
     skips_others: bool
@@ -82,7 +82,7 @@ class RecordedTelemetry:
 
 
 def read_telemetry(
-    bag: Bag, topic: str | None = None, actuator_id: str | None = None
+    bag: Recording, topic: str | None = None, actuator_id: str | None = None
 ) -> RecordedTelemetry:
     """Find the telemetry of one actuator, and its descriptions, in a recording.
 
@@ -106,7 +106,9 @@ def read_telemetry(
         raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
 
 
-def _find_telemetry(bag: Bag, topic: str | None, actuator_id: str | None) -> RecordedTelemetry:
+def _find_telemetry(
+    bag: Recording, topic: str | None, actuator_id: str | None
+) -> RecordedTelemetry:
     candidates = _telemetry_topics(bag, topic)
     first_ids = {name: next(_actuator_ids(bag, name), "") for name in candidates}
     there = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
@@ -127,7 +129,7 @@ def _find_telemetry(bag: Bag, topic: str | None, actuator_id: str | None) -> Rec
     return RecordedTelemetry(bag, chosen, of, actuator_id is not None, _descriptions(bag, of))
 
 
-def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
+def _telemetry_topics(bag: Recording, topic: str | None) -> list[str]:
     present = ", ".join(f"{name} ({item.type_name})" for name, item in bag.topics.items())
     names = bag.topics_of(TELEMETRY_TYPE)
     if not names:
@@ -143,11 +145,11 @@ def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
     return filled
 
 
-def _actuator_ids(bag: Bag, *topics: str) -> Iterator[str]:
+def _actuator_ids(bag: Recording, *topics: str) -> Iterator[str]:
     return (item.message.actuator_id for item in bag.messages(topics))
 
 
-def _converted(bag: Bag, item: Recorded) -> Telemetry | Malformed | ActuatorDescription:
+def _converted(bag: Recording, item: Recorded) -> Telemetry | Malformed | ActuatorDescription:
     is_block = item.type_name == TELEMETRY_TYPE
     try:
         return (telemetry_from_message if is_block else description_from_message)(item.message)
@@ -156,7 +158,7 @@ def _converted(bag: Bag, item: Recorded) -> Telemetry | Malformed | ActuatorDesc
         return Malformed(stamp_from_message(item.message.header.stamp), str(error))
 
 
-def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
+def _descriptions(bag: Recording, actuator_id: str) -> tuple[ActuatorDescription, ...]:
     descriptions: list[ActuatorDescription] = []
     for item in bag.messages(bag.topics_of(DESCRIPTION_TYPE)):
         if item.message.actuator_id == actuator_id:

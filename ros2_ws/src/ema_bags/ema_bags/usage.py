@@ -1,13 +1,13 @@
 """The service life of a unit, as it was counted, in a recording."""
 
-from ema_bags.reader import Bag
+from ema_bags.messages import Recording
 from ema_bags.telemetry import USAGE_TYPE
 from ema_core.description import ActuatorDescription
 from ema_monitor.prognosis.history_entry import Count
 from ema_ros.stamps import stamp_from_message
 
 
-def read_counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
+def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
     """Return what was counted of a unit, and what is wrong with the counts in a bag.
 
     Parameters

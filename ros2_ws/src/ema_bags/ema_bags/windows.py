@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.reader import Bag, MessagePlace
+from ema_bags.messages import MessagePlace
 from ema_bags.telemetry import (
     MEASURED_TYPE,
     TRUE_FAULTS_TYPE,
@@ -22,7 +22,7 @@ from ema_bags.telemetry import (
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
-from ema_core.telemetry import Telemetry, join
+from ema_core.telemetry import Telemetry, bridged, join
 from ema_core.wording import counted
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
@@ -63,7 +63,7 @@ class WindowPlace:
         """Read the samples."""
         items = self.recorded.items(self.first, self.last)
         blocks = [item for _, item in items if isinstance(item, Telemetry)]
-        return join(blocks).part(self.offset, self.offset + self.samples)
+        return join(bridged(blocks)).part(self.offset, self.offset + self.samples)
 
 
 @dataclass(frozen=True)
@@ -235,6 +235,8 @@ def read_windows(
     OSError
         When it cannot be opened.
     """
+    from ema_bags.reader import Bag  # rosbags and mcap only for bags
+
     recorded = read_telemetry(Bag(path), topic, actuator_id)
     return find_recorded_windows(
         recorded, settings, description=description, measured_max_age_s=measured_max_age_s
@@ -339,6 +341,8 @@ def find_recorded_windows(
     ]
     if more := defects[_MOST_DEFECTS:]:
         remarks.append(f"and {counted(len(more), 'more defect')} of the telemetry")
+    if lost := finder.interpolated_samples:
+        remarks.append(f"{counted(lost, 'lost sample')} of {samples + lost} interpolated")
     if windows and finder.shortfall:
         pieces = counted(finder.passed_over, "piece")
         remarks.append(f"{pieces} of the telemetry passed over: {finder.shortfall}")
@@ -374,9 +378,10 @@ def _recorded_window(
         place = window
     else:
         start, samples = window.telemetry.first_index, len(window.telemetry)
-        held = [item for item in latest if item[2] > start and item[1] < start + samples]
-        first, index, _ = held[0]
-        place = WindowPlace(recorded, first, held[-1][0], start - index, samples)
+        # It may begin or end among interpolated samples, which are between two blocks.
+        first, index, _ = [item for item in latest if item[1] <= start][-1]
+        last = next((item for item in latest if item[2] >= start + samples), latest[-1])
+        place = WindowPlace(recorded, first, last[0], start - index, samples)
         play = window.play
     return RecordedWindow(
         found.number, found.description, window.start_ns, window.end_ns, play, place

@@ -24,22 +24,22 @@ from ema_interfaces.msg import (
     Usage,
     WindowFit,
 )
-
-TELEMETRY: Final = "telemetry"
-DESCRIPTION: Final = "actuator_description"
-SIMULATED_FAULTS: Final = "simulated_faults"
-JOINT_STATES: Final = "joint_states"
-USAGE: Final = "usage"
-MEASURED_CAUSES: Final = "measured_causes"
-FAULT_ESTIMATE: Final = "fault_estimate"
-HEALTH: Final = "health"
-HEALTH_SUMMARY: Final = "health_summary"
-HEALTH_FORECAST: Final = "health_forecast"
-ADVICE: Final = "advice"
-WINDOW_FIT: Final = "window_fit"
-PLAYBACK_STATE: Final = "playback_state"
-
-NAMESPACE: Final = "/ema"
+from ema_ros.topic_names import (
+    ADVICE,
+    DESCRIPTION,
+    FAULT_ESTIMATE,
+    HEALTH,
+    HEALTH_FORECAST,
+    HEALTH_SUMMARY,
+    JOINT_STATES,
+    MEASURED_CAUSES,
+    PLAYBACK_STATE,
+    SIMULATED_FAULTS,
+    TELEMETRY,
+    USAGE,
+    WINDOW_FIT,
+)
+from ema_ros.topic_names import NAMESPACE as NAMESPACE
 
 LATCHED: Final = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL

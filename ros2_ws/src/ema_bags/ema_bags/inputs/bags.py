@@ -10,8 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.series import Collector, Series
+from ema_bags.messages import MalformedMessages, MessagePlace, Recorded, Topic
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
-from ema_bags.reader import Bag, MalformedMessages, MessagePlace, Recorded, Topic
+from ema_bags.reader import Bag
 from ema_core.wording import unknown_name
 
 
