@@ -104,14 +104,14 @@ def command(
                 figures = measure(workers, **chosen)
             finally:
                 workers.close()
+        if output:
+            output.write_text(json.dumps(figures, indent=1))
         console = Console(width=width)
         if rows:
             console.print(target_table(title, rows(figures), beside))
         for part in tables(figures):
             console.print(part)
         console.print(f"{time.perf_counter() - started:.0f} s in all")
-        if output:
-            output.write_text(json.dumps(figures, indent=1))
 
     file = click.Path(path_type=Path, dir_okay=False)
     parameters: list[click.Parameter] = [

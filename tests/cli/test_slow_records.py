@@ -48,7 +48,8 @@ def described(tmp_path):
 
 @pytest.mark.parametrize("rate_hz", [10, 25, 50, 67, 100, 500, 1000])
 def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, described, rate_hz):
-    monkeypatch.setattr(importing, "_BLOCK_S", 1e-9)  # a sample a block
+    for name in ("_BLOCK_S", "_BLOCK_SAMPLES"):
+        monkeypatch.setattr(importing, name, 1e-9)  # a sample a block
     duration_s = max(24.0, 1600.0 / rate_hz)
     for name, friction in (("healthy", 0.6), ("worn", 0.9)):
         table = written(tmp_path / f"{name}.csv", rate_hz, duration_s, friction_a=friction)

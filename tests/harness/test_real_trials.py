@@ -1,6 +1,9 @@
 """Which trials of real machines are compared with which: never with themselves."""
 
 from collections import Counter
+from pathlib import Path
+
+import pytest
 
 from ..benchmarks import benchmark
 
@@ -25,3 +28,52 @@ def test_trials_are_compared_with_others_and_faulty_trials_once_by_each_number_o
     # Each trial is left out of the labels once, the healthy ones as well.
     left_out = Counter(test for one in found if one.labelled for test in one.tests)
     assert left_out == Counter(trials)
+
+
+def test_tables_replace_those_with_the_same_headings():
+    document = benchmark("real_document")
+    rest = "\n\nBetween.\n\n| c |\n|---|\n| x |\n"
+    rows = document.table(["a", "b"], [["new", ""]])
+    assert rows == ["| a | b |", "| --- | --- |", "| new | |"]
+    text = f"# Title\n\n| a | b |\n|---|---|\n| old | 1 |\n| old | 2 |{rest}"
+    new = f"# Title\n\n| a | b |\n| --- | --- |\n| new | |{rest}"
+    assert document.rewritten(text, [rows]) == new
+    with pytest.raises(ValueError, match="0 tables begin with"):
+        document.rewritten(text, [document.table(["d"], [])])
+
+
+def test_document_has_the_tables_that_are_written():
+    document, real = benchmark("real_document"), benchmark("real")
+    friction = {"judgement": "unchanged", "smallest_change": 0.1}
+    trial = {"verdict": "valid", "quantities": {"friction": friction}, "states": {"healthy": 1.0}}
+    states = (real.HEALTHY, *real.REPORTED)
+    figures = {
+        "trials": [
+            {**trial, "state": state, "load": load, "days": days, "labelled": labelled}
+            for state in states
+            for load in real.LOADS
+            for days in real.DAYS
+            for labelled in (False, True)  # of each number of days: three healthy ones at last
+        ],
+        "reports": [
+            {"state": state, "load": load, "level": "OK", "friction": friction}
+            for state in states
+            for load in real.LOADS
+        ],
+        "aircraft": {
+            "5 mm": [
+                {"date": first, "ratio": 1.1, "level": "WARN", "life_days": [0.4, 10.4, 33.5]}
+                for first, _ in document.PERIODS.values()
+            ]
+        },
+        "emps": {
+            "coefficients": {**real.PUBLISHED, "constant load": -3.0},
+            "records": {"pulses": {"verdict": "departed", "reason": "It rose. Not judged: play"}},
+        },
+    }
+    tables = list(document.tables(figures))
+    assert tables[0][2] == "| healthy " + 3 * "| 0 of 1 / 0 of 1 / 0 of 3 " + "|"
+    assert tables[-2][-1] == "| pulses | departed | It rose |"
+    assert tables[-1][2].endswith("| 1.10 | WARN | 0.4, 10, 34 (test of 2017-07-31) |")
+    text = (Path(__file__).parents[2] / "docs" / "real-data.md").read_text()
+    assert len(document.rewritten(text, tables).splitlines()) > 100
