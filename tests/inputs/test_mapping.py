@@ -51,7 +51,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"position": "q_{joint}"}, "source = 'q_{joint}' without joint: expected both"),
         ({"joints": ["a", "a"]}, "joints = ['a', 'a']: expected one joint, or different ones"),
         ({"clock": {}}, "clock without source and rate_hz"),
-        ({"clock": {"source": "t", "unit": "min"}}, "clock: unit = 'min' is unknown"),
+        ({"clock": {"source": "t", "unit": "week"}}, "clock: unit = 'week' is unknown"),
         ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of texts"),
         ({"accept": ["curent_zero"]}, "unknown defect 'curent_zero'; did you mean 'current_zero'?"),
     ],

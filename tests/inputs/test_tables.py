@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from ema_bags.inputs.files import InputFile
-from ema_bags.inputs.mapping import Table
+from ema_bags.inputs.mapping import Clock, Table
 from ema_bags.inputs.series import NO_STAMP
 from ema_bags.inputs.tables import read_columns, stamps_of, table_series
 
@@ -301,11 +301,11 @@ def test_columns_of_two_joints_are_not_mixed_and_the_choice_is_said(guessed):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda t: 0.0 * t, "column 'time [s]' never changes and is no clock"),
+        (lambda t: 0.0 * t, "never changes and is no clock"),
         (lambda t: t.sample(frac=1.0, random_state=1).to_numpy(), "goes back"),
     ],
 )
-def test_time_that_is_no_clock_is_named(telemetry, tmp_path, change, words):
+def test_no_rate_is_invented_where_a_column_looks_like_the_time(telemetry, tmp_path, change, words):
     frame = pd.DataFrame(
         {
             "time [s]": change(pd.Series(telemetry.stamps_ns * 1e-9)),
@@ -314,9 +314,10 @@ def test_time_that_is_no_clock_is_named(telemetry, tmp_path, change, words):
         }
     )
     frame.to_csv(tmp_path / "a.csv", index=False)
-    found = InputFile(tmp_path / "a.csv").guess(FLAP)
-    assert found.mapping.clock.source == ""
-    assert any(words in item for item in found.remarks), found.remarks
+    source = InputFile(tmp_path / "a.csv")
+    with pytest.raises(ValueError, match=rf"column 'time \[s\]' .*{words}.* clock\.rate_hz"):
+        source.guess(FLAP)
+    assert source.guess(FLAP, Clock(rate_hz=500)).mapping.clock.rate_hz == 500
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])

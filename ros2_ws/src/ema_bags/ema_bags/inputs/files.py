@@ -11,7 +11,7 @@ import numpy as np
 from ema_bags.inputs.bags import AnyBag, bag_series, is_bag, joints_by_travel, open_bag
 from ema_bags.inputs.guess import JOINT_STATE, Guess, guess_columns, guess_topics, refine
 from ema_bags.inputs.importing import primary_stamps
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import Clock, Mapping
 from ema_bags.inputs.series import Series, join_topics
 from ema_bags.inputs.tables import TableColumns, read_columns, table_series
 from ema_core.description import ActuatorDescription
@@ -64,9 +64,14 @@ class InputFile:
         """
         if isinstance(self._held, TableColumns):
             if mapping.is_table:
-                clock = mapping.clock.source
+                clock = mapping.clock
+                names = [clock.source, *(text for _, text, _ in mapping.wanted())]
+                notes = self._held.notes_of(names)
                 if self._held.is_newest_first(clock):
-                    self._problem = f"{clock!r} goes back from row to row: the rows are reversed"
+                    notes.append(
+                        f"{clock.source!r} goes back from row to row: the rows are reversed"
+                    )
+                self._problem = "; ".join(notes)
                 return {"": table_series(self._held, mapping)}
             raise ValueError(
                 f"{self.path} is a table, but position has topic {mapping.position.topic!r}: "
@@ -94,8 +99,13 @@ class InputFile:
             part._held = rows
             yield values, part
 
-    def guess(self, description: ActuatorDescription) -> Guess:
+    def guess(self, description: ActuatorDescription, clock: Clock | None = None) -> Guess:
         """Return a mapping guessed from what the file holds.
+
+        Parameters
+        ----------
+        clock
+            The clock of a table, if it is known.
 
         Raises
         ------
@@ -104,7 +114,7 @@ class InputFile:
         """
         held, needs_command = self._held, description.drive != "unknown"
         if isinstance(held, TableColumns):
-            first = guess_columns(held, needs_command=needs_command)
+            first = guess_columns(held, clock, needs_command=needs_command)
         else:
             topics = {name: one.type_name for name, one in held.topics.items() if one.count}
             states = [name for name, kind in topics.items() if kind == JOINT_STATE]

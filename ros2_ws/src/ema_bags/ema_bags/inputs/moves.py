@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ema_bags.inputs.mapping import TIMES_NS
-from ema_bags.inputs.tables import read_columns, stamps_of
+from ema_bags.inputs.dates import ORDERS
+from ema_bags.inputs.mapping import TIMES_NS, Clock
+from ema_bags.inputs.tables import read_columns
 from ema_core.quantity import Checked, text, texts
 from ema_core.settings_file import load_settings
 from ema_core.wording import unknown_name
@@ -26,7 +27,7 @@ class MovesMapping(Checked):
 
     time: str = text("", "time of the move: dates, or numbers in ``time_unit``")
     figures: tuple[str, ...] = texts("figures that rise as the unit wears, all positive")
-    time_unit: str = text("s", "unit of the time", tuple(TIMES_NS))
+    time_unit: str = text("s", "unit of the time", (*TIMES_NS, *ORDERS))
     like: tuple[str, ...] = texts("what was commanded, and the load: compared where they are equal")
     test: str = text("", "moves with the same value make a test of their medians; empty: the day")
     unit: str = text("", "serial number; empty: one unit")
@@ -61,8 +62,7 @@ def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:
     import pandas as pd
 
     columns = read_columns(path)
-    unit = 1 if mapping.time in columns.dates else TIMES_NS[mapping.time_unit]
-    stamps = stamps_of(columns.column(mapping.time), unit)
+    stamps = columns.stamps(Clock(mapping.time, mapping.time_unit))
     if wrong := int(np.count_nonzero(stamps < 0)):
         raise ValueError(f"{path}: {wrong} rows without a time in {mapping.time!r}")
     frame: Any = pd.DataFrame({"stamp": stamps})

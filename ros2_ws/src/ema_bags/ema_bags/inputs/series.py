@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.mapping import CLOCKS, TIMES_NS, Mapping
+from ema_bags.inputs.mapping import CLOCKS, EPOCHS, TIMES_NS, Mapping
 from ema_core.wording import counted
 
 NO_STAMP: Final = -(2**63)
@@ -113,7 +113,10 @@ class Collector:
         source = mapping.clock.source or "header"
         self._sent_first = source != "arrival"
         self._reads_header = source == "header"
-        self._clock_unit = TIMES_NS[mapping.clock.unit]
+        unit = mapping.clock.unit
+        if unit not in TIMES_NS:
+            raise ValueError(f"clock.unit = {unit}: expected {', '.join(TIMES_NS)} of a field")
+        self._clock_unit, self._clock_epoch = TIMES_NS[unit], EPOCHS.get(unit, 0)
         clock = None if source in CLOCKS else FieldPath(source)
         self._topics: dict[str, _Topic] = {}
         self._names: dict[str, Any] = {}
@@ -178,7 +181,7 @@ class Collector:
 
     def _stamp(self, topic: _Topic, message: Any) -> int:
         if topic.clock is not None:
-            return round(topic.clock.value(message) * self._clock_unit)
+            return round((topic.clock.value(message) - self._clock_epoch) * self._clock_unit)
         header = getattr(message, "header", None)
         if not self._reads_header or header is None:
             return NO_STAMP

@@ -2,18 +2,21 @@
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Self
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import TIMES_NS, Mapping, Table
+from ema_bags.inputs.cells import is_number, may_be_number, read_numbers, shows_decimals
+from ema_bags.inputs.dates import ORDERS, WrittenTimes, is_time, read_times
+from ema_bags.inputs.mapping import EPOCHS, TIMES_NS, Clock, Mapping, Table
+from ema_bags.inputs.on_demand import pd
+from ema_bags.inputs.plain_table import plain_parquet, read_plain_csv
 from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import unknown_name
 
@@ -21,6 +24,8 @@ PARQUET: Final = (".parquet", ".pq")
 """Ends of the names of Parquet files; any other file is read as CSV."""
 
 _PAUSE_NS: Final = 2_000_000_000
+_DAY_NS: Final = 86_400_000_000_000
+_SUM: Final = r"\s([+-])\s"
 _MOST: Final = 0.9
 _SAMPLE_LINES: Final = 400
 _SEPARATORS: Final = (";", "\t", ",", "|", " ")
@@ -42,11 +47,19 @@ class TableColumns:
     units
         Units by column where the file gives them, as it writes them.
     dates
-        Columns that are dates [ns].
+        Columns that are dates or times of day [ns].
     texts
         Columns that hold no numbers, by name.
     format
         How the file is written.
+    of_day
+        Columns of times without a date [ns].
+    exchanged
+        Values of dates with day and month exchanged, where the cells allow both.
+    problems
+        Why a column cannot be used: row and cell.
+    notes
+        How a column was read that can be read otherwise.
     """
 
     path: Path
@@ -55,6 +68,10 @@ class TableColumns:
     dates: tuple[str, ...]
     texts: dict[str, NDArray[Any]]
     format: Table
+    of_day: tuple[str, ...] = ()
+    exchanged: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    problems: dict[str, str] = field(default_factory=dict)
+    notes: dict[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
@@ -67,17 +84,88 @@ class TableColumns:
         ValueError
             When there is none of the name.
         """
-        if name in self.values:
-            return self.values[name]
-        if name in self.texts:
-            raise ValueError(f"{self.path}: column {name!r} holds no numbers")
-        first, *more = re.split(r"\s([+-])\s", name)
-        terms = [(1.0, first.strip())]
-        for sign, term in zip(more[::2], more[1::2], strict=True):
-            terms.append((1.0 if sign == "+" else -1.0, term.strip()))
-        if len(terms) == 1 or not all(term in self.values for _, term in terms):
-            raise ValueError(f"{self.path}: {unknown_name('column', name, self.values)}")
+        terms = self._terms(name)
+        if len(terms) == 1:
+            return self.values[terms[0][1]]
         return np.sum([sign * self.values[term].astype(float) for sign, term in terms], axis=0)
+
+    def notes_of(self, names: Iterable[str]) -> list[str]:
+        """Return how columns, or terms of sums, were read where another reading is possible."""
+        terms = [term for name in names if name for _, term in self._terms(name)]
+        return [f"column {name!r}, {self.notes[name]}" for name in terms if name in self.notes]
+
+    def stamps(self, clock: Clock) -> NDArray[np.int64]:
+        """Return the times of a column, or of a sum of dates, times of day and numbers [ns].
+
+        ``NO_STAMP`` where there is none. Times of day go on after midnight.
+
+        Raises
+        ------
+        ValueError
+            When there is no such column, its unit is wrong, or day and month may be exchanged.
+        """
+        terms = self._terms(clock.source)
+        is_date = {name: name in self.dates for _, name in terms}
+        if not any(is_date.values()):
+            if clock.unit in ORDERS:
+                known = ", ".join(TIMES_NS)
+                raise ValueError(
+                    f"{self.path}: column {clock.source!r} holds numbers, no dates: expected "
+                    f"clock.unit {known}"
+                )
+            return stamps_of(
+                self.column(clock.source), TIMES_NS[clock.unit], EPOCHS.get(clock.unit, 0)
+            )
+        total = np.zeros(len(self), dtype=np.int64)
+        known = np.ones(len(self), dtype=bool)
+        for sign, name in terms:
+            stamps = self._moments(name, clock.unit)
+            known &= stamps != NO_STAMP
+            total += sign * np.where(known, stamps, 0)
+        if all(name in self.of_day for name in is_date):
+            rows = np.flatnonzero(known)
+            midnights = np.diff(total[rows], prepend=total[rows][:1]) < -_DAY_NS // 2
+            total[rows] += _DAY_NS * np.cumsum(midnights)
+        return np.where(known, total, NO_STAMP)
+
+    def _moments(self, name: str, unit: str) -> NDArray[np.int64]:
+        """Return the times of a term of a sum that has dates [ns]."""
+        if name not in self.dates:
+            return stamps_of(self.values[name], TIMES_NS.get(unit, 1))
+        if name in self.exchanged:
+            if unit not in ORDERS:
+                raise ValueError(
+                    f"{self.path}: column {name!r}, {self.notes[name]}: expected clock.unit "
+                    f"{' or '.join(ORDERS)} in the mapping"
+                )
+            return self.exchanged[name] if unit == ORDERS[1] else self.values[name]
+        return self.values[name]
+
+    def _terms(self, text: str) -> list[tuple[int, str]]:
+        """Return sign and name of each column of a sum.
+
+        Raises
+        ------
+        ValueError
+            When there is none of a name, or it cannot be used.
+        """
+        first, *more = [text] if text in self.values | self.texts else re.split(_SUM, text)
+        terms = [(1, first.strip())]
+        for sign, term in zip(more[::2], more[1::2], strict=True):
+            terms.append((1 if sign == "+" else -1, term.strip()))
+        for _, name in terms:
+            if name in self.problems:
+                raise ValueError(f"{self.path}: column {name!r}, {self.problems[name]}")
+            if name in self.texts:
+                raise ValueError(f"{self.path}: column {name!r} holds no numbers{self._cell(name)}")
+            if name not in self.values:
+                raise ValueError(f"{self.path}: {unknown_name('column', text, self.values)}")
+        return terms
+
+    def _cell(self, name: str) -> str:
+        """Return the first cell of a column of texts that is filled, and its row."""
+        filled = np.flatnonzero(~pd.isna(self.texts[name]))
+        return f": row {filled[0] + 1}: {self.texts[name][filled[0]]!r}" if len(filled) else ""
 
     def parts(self, names: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
         """Yield the rows between which none of some columns changes, and these columns' values.
@@ -88,28 +176,27 @@ class TableColumns:
             When there is none of a name.
         """
         for start, end in pairwise(self.bounds(names)):
-            values, texts = (
-                {name: column[start:end] for name, column in some.items()}
-                for some in (self.values, self.texts)
-            )
             shown = [str((self.values | self.texts)[name][start]) for name in names]
-            yield shown, replace(self, values=values, texts=texts)
+            yield shown, self._rows(slice(start, end))
 
-    def is_newest_first(self, clock: str) -> bool:
+    def is_newest_first(self, clock: Clock) -> bool:
         """Return whether the times of a column go back from row to row."""
-        if clock not in self.values:
+        if not clock.source:
             return False
-        times = self.values[clock]
-        steps = np.diff(times[np.isfinite(times)])
+        stamps = self.stamps(clock)
+        steps = np.diff(stamps[stamps != NO_STAMP])
         return len(steps) > 0 and float(np.mean(steps < 0)) > _MOST
 
     def reversed(self) -> Self:
         """Return the table with its last row first."""
-        values, texts = (
-            {name: column[::-1] for name, column in some.items()}
-            for some in (self.values, self.texts)
+        return self._rows(slice(None, None, -1))
+
+    def _rows(self, rows: slice) -> Self:
+        values, texts, exchanged = (
+            {name: column[rows] for name, column in some.items()}
+            for some in (self.values, self.texts, self.exchanged)
         )
-        return replace(self, values=values, texts=texts)
+        return replace(self, values=values, texts=texts, exchanged=exchanged)
 
     def bounds(self, names: Sequence[str]) -> list[int]:
         """Return the rows at which one of some columns changes, with the first and the end.
@@ -124,6 +211,10 @@ class TableColumns:
             raise ValueError(f"{self.path}: {unknown_name('column', unknown, everything)}")
         given = pd.DataFrame({name: everything[name] for name in names}).astype(str)
         return [*np.flatnonzero((given != given.shift()).any(axis=1)).tolist(), len(given)]
+
+
+_Columns = dict[str, "pd.Series[Any] | NDArray[Any]"]
+"""Columns by name: of plain numbers as arrays, others as pandas reads them."""
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:
@@ -142,36 +233,68 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
         When it cannot be opened.
     """
     if path.suffix.lower() in PARQUET:
-        frame, units, written = _read_parquet(path), {}, Table()
+        read, units, written = _read_parquet(path), {}, Table()
     else:
-        frame, units, written = _read_csv(path, table or Table())
-    values: dict[str, NDArray[Any]] = {}
-    dates: list[str] = []
-    texts: dict[str, NDArray[Any]] = {}
-    for name in frame.columns:
-        column = frame[name]
-        if (stamps := _dates(column)) is not None:
-            dates.append(name)
-            values[name] = stamps
+        read, units, written = _read_csv(path, table or Table())
+    found = TableColumns(path, {}, units, (), {}, written)
+    thousands: dict[str, tuple[str, str]] = {}
+    decimals: set[str] = set()
+    unclear: dict[str, str] = {}
+    for name, column in read.items():
+        if isinstance(column, np.ndarray):
+            found.values[name] = column
+            if shows_decimals(column):
+                decimals.add(written.decimal or ".")
+        elif (times := read_times(column)) is not None:
+            found = _with_times(found, name, times)
         elif pd.api.types.is_timedelta64_dtype(column.dtype):
-            values[name] = column.dt.total_seconds().to_numpy(float)
+            found.values[name] = column.dt.total_seconds().to_numpy(float)
             units[name] = "s"
         elif pd.api.types.is_numeric_dtype(column.dtype):
             # A missing whole number has no place in an array of these.
             missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
-            values[name] = column.to_numpy(**missing)
+            found.values[name] = column.to_numpy(**missing)
+            if shows_decimals(found.values[name]):
+                decimals.add(written.decimal or ".")
+        elif (numbers := read_numbers(column, written.decimal or ".")) is not None:
+            found.values[name] = numbers.values
+            decimals |= {numbers.decimal} - {""}
+            if numbers.problem:
+                found.problems[name] = numbers.problem
+            if numbers.thousands:
+                thousands[name] = numbers.thousands, numbers.example
+            if numbers.unclear:
+                unclear[name] = numbers.unclear
         else:
-            points = column.astype(str).str.replace(",", ".") if written.decimal == "," else column
-            numbers = pd.to_numeric(points, errors="coerce")
-            if numbers.notna().mean() > 0.5:
-                values[name] = numbers.to_numpy(float)
-            else:
-                texts[name] = column.to_numpy(object)
+            found.texts[name] = column.to_numpy(object)
         if unit := _UNIT_OF_NAME.search(str(name)):
             units.setdefault(name, unit[1])
-    if not values or not len(frame):
-        raise ValueError(f"{path} has no columns of numbers: {len(frame)} lines were read")
-    return TableColumns(path, values, units, tuple(dates), texts, written)
+    for name, (mark, example) in thousands.items():
+        if mark in decimals:
+            found.problems.setdefault(name, f"{example}: {mark!r} is the decimal sign elsewhere")
+        found.notes[name] = f"{example} is read with {mark!r} between thousands"
+    if not decimals and not (table and table.decimal):
+        for name, example in unclear.items():
+            found.problems[name] = (
+                f"{example} may have thousands or decimals: give table: {{decimal: '.'}} or "
+                "{decimal: ','} in the mapping"
+            )
+    lines = len(next(iter(read.values()), ()))
+    if not found.values or not lines:
+        raise ValueError(f"{path} has no columns of numbers: {lines} lines were read")
+    return found
+
+
+def _with_times(found: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
+    """Return a table with another column of times."""
+    found.values[name] = times.values
+    if times.problem:
+        found.problems[name] = times.problem
+    if times.exchanged is not None:
+        found.exchanged[name] = times.exchanged
+        found.notes[name] = f"{times.example} has day and month in an order that no row shows"
+    of_day = (*found.of_day, *[name] * times.is_of_day)
+    return replace(found, dates=(*found.dates, name), of_day=of_day)
 
 
 def table_series(columns: TableColumns, mapping: Mapping) -> Series:
@@ -182,7 +305,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     ValueError
         When a column is not there.
     """
-    if columns.is_newest_first(mapping.clock.source):
+    if columns.is_newest_first(mapping.clock):
         columns = columns.reversed()
     values = {key: columns.column(text).astype(float) for key, text, _ in mapping.wanted()}
     clock = mapping.clock
@@ -192,9 +315,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
         stamps = np.rint(rows * (1e9 / clock.rate_hz)).astype(np.int64)
         stamps = _paused(stamps, stamps, bounds)
         return Series(stamps, stamps, values)
-    times = columns.column(clock.source)
-    unit = 1 if clock.source in columns.dates else TIMES_NS[clock.unit]
-    stamps = stamps_of(times, unit)
+    stamps = columns.stamps(clock)
     known = stamps != NO_STAMP
     if np.count_nonzero(known) < 2:
         raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
@@ -217,33 +338,45 @@ def _paused(
     return stamps + shifts
 
 
-def stamps_of(times: NDArray[Any], unit_ns: int) -> NDArray[np.int64]:
-    """Return times as stamps, ``(n,)`` [ns]; ``NO_STAMP`` where a time is not a number."""
+def stamps_of(times: NDArray[Any], unit_ns: int, epoch: int = 0) -> NDArray[np.int64]:
+    """Return times as stamps, ``(n,)`` [ns]; ``NO_STAMP`` where a time is not a number.
+
+    Parameters
+    ----------
+    epoch
+        The year 1970 in the unit of the times.
+    """
     if np.issubdtype(times.dtype, np.integer):
-        return times.astype(np.int64) * unit_ns
+        return (times.astype(np.int64) - epoch) * unit_ns
     finite = np.isfinite(times)
     whole = np.where(finite, np.floor(times), 0.0)
     # Whole units and their fraction apart: a product would lose the last digits of late times.
     fraction = np.where(finite, times - whole, 0.0)
-    stamps = whole.astype(np.int64) * unit_ns + np.rint(fraction * unit_ns).astype(np.int64)
+    stamps = (whole.astype(np.int64) - epoch) * unit_ns + np.rint(fraction * unit_ns).astype(
+        np.int64
+    )
     return np.where(finite, stamps, NO_STAMP)
 
 
-def _read_parquet(path: Path) -> pd.DataFrame:
+def _read_parquet(path: Path) -> _Columns:
     import pyarrow as pa
     from pyarrow import parquet
 
     try:
-        frame = parquet.read_table(path).to_pandas()
+        stored = parquet.read_table(path)
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is not a Parquet file: {error}") from error
+    if (columns := plain_parquet(stored)) is not None:
+        return columns
+    frame = stored.to_pandas()
     frame.columns = _flat(frame.columns)
     index = frame.index
     is_time = pd.api.types.is_datetime64_any_dtype(index) or isinstance(index, pd.TimedeltaIndex)
-    name = str(index.name or ("time" if is_time else ""))
+    is_row = isinstance(index, pd.RangeIndex)
+    name = str(index.name or ("time" if is_time else "" if is_row else "index"))
     if name and name not in frame.columns and not isinstance(index, pd.MultiIndex):
         frame.insert(0, name, index)
-    return frame
+    return dict(frame.items())
 
 
 def _flat(names: "pd.Index[Any]") -> list[str]:
@@ -259,32 +392,51 @@ def _flat(names: "pd.Index[Any]") -> list[str]:
     ]
 
 
-def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], Table]:
+def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table]:
     encoding, lines = _first_lines(path)
     if not any(line.strip() for line in lines):
         raise ValueError(f"{path} is empty: expected lines of numbers below a line of names")
     separator, decimal = _style(path, lines, table)
+    written = Table(separator, decimal)
     try:
-        names, units, first = _head(lines, separator, decimal)
-        frame = pd.read_csv(
-            path,
-            sep=r"\s+" if separator == " " else separator,
-            decimal=decimal,
-            header=None,
-            names=names,
-            index_col=False,
-            skiprows=first,
-            encoding=encoding,
-            skipinitialspace=True,
-            low_memory=False,
-        )
+        names, units, first = _head(lines, separator)
+        rows = [_cells(line, separator) for line in lines[first:] if line.strip()]
+        plain = None
+        if decimal == ".":
+            plain = read_plain_csv(path, names, rows, separator, skiprows=first, encoding=encoding)
+        if plain is not None and not any(map(_may_have_thousands, plain.values())):
+            return plain, units, written
+        given: dict[str, Any] = {
+            "sep": r"\s+" if separator == " " else separator,
+            "header": None,
+            "names": names,
+            "index_col": False,
+            "skiprows": first,
+            "encoding": encoding,
+            "skipinitialspace": True,
+            "low_memory": False,
+        }
+        frame = pd.read_csv(path, decimal=decimal, **given)
+        if doubtful := [name for name in names if _may_have_thousands(frame[name])]:
+            cells = pd.read_csv(path, dtype=str, usecols=doubtful, **given)
+            frame = frame.assign(**{name: cells[name] for name in doubtful})
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         raise ValueError(f"{path} is not a table: {error}") from error
     # A separator at the end of each line makes a last column of nothing.
     last = names[-1]
     if last == _unnamed(len(names)) and len(names) > 1 and frame[last].isna().all():
         frame = frame.drop(columns=last)
-    return frame, units, Table(separator, decimal)
+    return dict(frame.items()), units, written
+
+
+def _may_have_thousands(column: "pd.Series[Any] | NDArray[Any]") -> bool:
+    """Return whether numbers that were read as 1.885 and 885 may be 1885 and 885."""
+    if getattr(column.dtype, "kind", "") != "f":
+        return False
+    values = np.asarray(column, dtype=float)
+    values = values[np.isfinite(values)]
+    whole = values % 1.0 == 0.0
+    return bool(np.any(whole) and not np.all(whole)) and not shows_decimals(values)
 
 
 def _first_lines(path: Path) -> tuple[str, list[str]]:
@@ -318,7 +470,7 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
             if width < 2:
                 continue
             whole = [row for row in cells if len(row) == width]
-            numbers = sum(_is_number(cell, decimal) for row in whole for cell in row)
+            numbers = sum(_likelihood(cell, decimal) for row in whole for cell in row)
             share = numbers / (width * len(cells))
             if share > best + 1e-9:
                 best, chosen = share, (separator, decimal)
@@ -330,9 +482,7 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
     return chosen
 
 
-def _head(
-    lines: Sequence[str], separator: str, decimal: str
-) -> tuple[list[str], dict[str, str], int]:
+def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, str], int]:
     """Return names and units of the columns and the number of the first line of numbers."""
     rows = [_cells(_COMMENT.sub("", line), separator) for line in lines]
     width = max((len(row) for row in rows[-20:]), default=0)
@@ -340,7 +490,9 @@ def _head(
     def is_data(line: str, row: list[str]) -> bool:
         if len(row) < 2 or _COMMENT.match(line):
             return False
-        return sum(_is_number(cell, decimal) for cell in row) >= 0.5 * sum(map(bool, row)) > 0
+        filled, numbers = sum(map(bool, row)), sum(map(may_be_number, row))
+        times = sum(map(is_time, row)) if len(row) == width else 0
+        return numbers > 0 and numbers + times >= 0.5 * filled
 
     first = next((i for i, row in enumerate(rows) if is_data(lines[i], row)), None)
     if first is None:
@@ -373,28 +525,8 @@ def _cells(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 
 
-def _is_number(cell: str, decimal: str) -> bool:
-    if decimal == ",":
-        if "." in cell:
-            return False
-        cell = cell.replace(",", ".")
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _dates(column: "pd.Series[Any]") -> NDArray[np.int64] | None:
-    """Return a column of dates, or texts that are dates [ns]; None when it is none."""
-    if not pd.api.types.is_datetime64_any_dtype(column.dtype):
-        there = column.dropna()
-        if not len(there) or not re.match(r"\s*\d{4}-\d\d-\d\d([T ]\d\d:|$)", str(there.iloc[0])):
-            return None
-        try:
-            column = pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce")
-        except ValueError:
-            return None
-    moments = pd.DatetimeIndex(column)
-    moments = moments.tz_convert(None) if moments.tz is not None else moments
-    return moments.to_numpy().astype("datetime64[ns]").astype(np.int64)
+def _likelihood(cell: str, decimal: str) -> float:
+    """Return 1 for a time or a number with a decimal sign, less where another one is likelier."""
+    if is_number(cell, decimal) or is_time(cell):
+        return 1.0
+    return 0.5 * may_be_number(cell)

@@ -1,0 +1,172 @@
+"""Numbers of cells as people write them: decimal commas, thousands, other minus signs."""
+
+import re
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.on_demand import pd
+
+_MINUS: Final = str.maketrans(dict.fromkeys("\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d", "-"))
+_SPACES: Final = str.maketrans(dict.fromkeys("\u00a0\u2007\u2009\u202f", " ") | {"\u2019": "'"})
+_SIGNED: Final = re.compile(r"^\(\s*([^()+-]+?)\s*\)$|^([\d.,' ]+)-$|^-\s+(?=[\d.,])")
+_MISSING: Final = frozenset(("", "-", "--", "---", "nan", "na", "n/a", "none", "null", "<na>"))
+_LITERAL: Final = frozenset(("nan", "inf", "+inf", "-inf", "infinity", "-infinity"))
+_MOSTLY: Final = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenNumbers:
+    """Numbers of a column of cells.
+
+    Attributes
+    ----------
+    values
+        ``(n,)``; not a number where a cell holds none.
+    problem
+        Row and cell that cannot be read; empty if all cells can be.
+    decimal
+        Mark that a cell shows to be the decimal sign; empty if none does.
+    thousands
+        Mark that is read as the separator of thousands, and may be the decimal sign in
+        another country; empty if none is.
+    example
+        Row and cell with that mark.
+    unclear
+        Row and cell whose decimal sign may separate thousands; empty if a cell shows that it does
+        not: 0.5, 12.75 or 1234.500 do.
+    """
+
+    values: NDArray[np.float64]
+    problem: str = ""
+    decimal: str = ""
+    thousands: str = ""
+    example: str = ""
+    unclear: str = ""
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Return whether a cell is a number with a decimal sign, and certainly with this one."""
+    text = _plain(cell)
+    return bool(re.match(_number(decimal), text)) or text.lower() in _LITERAL
+
+
+def may_be_number(cell: str) -> bool:
+    """Return whether a cell is a number with either decimal sign, or with thousands."""
+    text = _plain(cell)
+    return any(is_number(cell, mark) or re.match(_grouped(mark), text) for mark in ".,")
+
+
+def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | None:
+    """Return the numbers of a column of texts; None if most cells are none.
+
+    A cell with digits that is no number makes a ``problem``; a word is not a number.
+
+    Parameters
+    ----------
+    decimal
+        Decimal sign of the table, "." or ",". A column whose cells contradict it is read with
+        the other sign if that one fits all cells.
+    """
+    texts = _texts(column)
+    missing = (column.isna() | texts.str.lower().isin(_MISSING)).to_numpy(bool)
+    if missing.all():
+        return None
+    own = _read(texts, missing, decimal)
+    if own.problem:
+        swapped = _read(texts, missing, "," if decimal == "." else ".")
+        if not swapped.problem and swapped.decimal:
+            own = swapped
+    is_known = np.isfinite(own.values) | texts.str.contains(r"\d", regex=True).to_numpy(bool)
+    share = np.isfinite(own.values).sum() / (~missing).sum()
+    if share > _MOSTLY or (own.problem and is_known.all() and share > 0.0):
+        return own
+    return None
+
+
+def shows_decimals(values: NDArray[Any]) -> bool:
+    """Return whether numbers have fractions that no separator of thousands can be taken for."""
+    parts = np.abs(values[np.isfinite(values)])
+    parts = parts[parts % 1.0 != 0.0]
+    thousands = parts * 1e3
+    return bool(np.any((parts < 1.0) | (np.abs(thousands - np.rint(thousands)) > 1e-6 * parts)))
+
+
+def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> WrittenNumbers:
+    mark = "," if decimal == "." else "."
+    grouped = texts.str.match(_grouped(decimal)).to_numpy(bool)
+    plain = texts.where(~grouped, texts.str.replace(rf"[ '{mark}]", "", regex=True))
+    if decimal == ",":
+        # A point is no decimal sign here.
+        plain = plain.where(~plain.str.contains(".", regex=False), "x0")
+        plain = plain.str.replace(",", ".")
+    values = pd.to_numeric(plain.where(~missing), errors="coerce").to_numpy(float)
+    has_digits = texts.str.contains(r"\d", regex=True).to_numpy(bool)
+    bad = has_digits & ~missing & np.isnan(values)
+    marked = grouped & texts.str.contains(mark, regex=False).to_numpy(bool)
+    problem, example = "", ""
+    if np.any(bad):
+        problem = f"{_place(texts, int(np.argmax(bad)))} is no number"
+    elif np.any(marked):
+        example = _place(texts, int(np.argmax(marked)))
+        # A writer of thousands separates those of all numbers of so many digits.
+        least = np.min(np.abs(values[marked]))
+        bare = ~grouped & np.isfinite(values) & (np.abs(values) >= least)
+        bare &= ~texts.str.contains("e", case=False, regex=False).to_numpy(bool)
+        if np.any(bare):
+            problem = (
+                f"{example} has {mark!r} between thousands, and "
+                f"{_place(texts, int(np.argmax(bare)))} has none"
+            )
+    cells = texts[~missing]
+    shown = cells[cells.str.contains(decimal, regex=False)]
+    # Two groups, or both marks, leave no doubt.
+    doubtful = cells[marked[~missing]]
+    is_sure = bool(
+        (doubtful.str.count(re.escape(mark)) > 1).any()
+        or doubtful.str.contains(decimal, regex=False).any()
+    )
+    is_decimal = len(shown) and not shown.str.match(_grouped(mark)).all()
+    others = cells.drop(shown.index)
+    is_unclear = len(shown) and len(others) and not is_decimal
+    is_unclear = is_unclear and bool(others.str.match(r"^[+-]?\d{1,3}$").all())
+    unclear = _place(texts, int(np.argmax(texts.index == shown.index[0]))) if is_unclear else ""
+    return WrittenNumbers(
+        values,
+        problem,
+        decimal if is_decimal or is_sure else "",
+        mark if np.any(marked) and not is_sure else "",
+        example,
+        unclear,
+    )
+
+
+def _texts(column: "pd.Series[Any]") -> "pd.Series[Any]":
+    # As objects: the expressions of Arrow know no references back.
+    return pd.Series([_plain(str(cell)) for cell in column], column.index, dtype=object)
+
+
+def _plain(cell: str) -> str:
+    """Return a cell with ASCII signs and a leading minus."""
+    text = cell.strip().translate(_MINUS).translate(_SPACES)
+    match = _SIGNED.match(text)
+    if match is None:
+        return text
+    return "-" + (match[1] or match[2] or text[match.end() :]).strip()
+
+
+def _number(decimal: str) -> str:
+    point = re.escape(decimal)
+    return rf"^[+-]?(?:\d+{point}?\d*|{point}\d+)(?:[eE][+-]?\d+)?$"
+
+
+def _grouped(decimal: str) -> str:
+    """Return the pattern of a number whose thousands are separated."""
+    mark = re.escape("," if decimal == "." else ".")
+    return rf"^[+-]?[1-9]\d{{0,2}}([{mark} '])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(decimal)}\d*)?$"
+
+
+def _place(texts: "pd.Series[Any]", row: int) -> str:
+    return f"row {row + 1}: {str(texts.iloc[row]).strip()!r}"
