@@ -242,6 +242,23 @@ def test_defect_that_more_motion_may_refute_is_a_warning_that_withholds_nothing(
     assert "to be judged again after more motion, not withheld: speed_unit: rpm" in task.message
 
 
+@pytest.mark.parametrize(
+    ("needs_action", "accept", "level"),
+    [(True, (), WARN), (True, ("command_position",), OK), (False, (), OK)],
+)
+def test_note_is_a_warning_only_while_it_asks_for_something(
+    session, monkeypatch, needs_action, accept, level
+):
+    session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
+    note = InputDefect("command_position", "1.1 times", "used", False, needs_action=needs_action)
+    notes = property(lambda _: [note], lambda _, value: None)
+    monkeypatch.setattr(Bridge, "defects", notes, raising=False)
+    session.bridge._mapping = replace(session.bridge._mapping, accept=accept)
+    words = "command_position: 1.1 times: used"
+    session.publish_until(lambda: words in session.task("mapping").message, words)
+    assert session.task("mapping").level == level
+
+
 def test_joint_without_a_command_is_published_without_a_command(graph, mapping_file, tmp_path):
     actuator = tmp_path / "joint.yaml"
     actuator.write_text("actuator_id: wheel\nserial_number: W-1\ndrive: unknown\n")

@@ -204,7 +204,12 @@ class BridgeNode(ManagedNode):
             words = "; ".join(map(str, uncertain))
             level, text = WARN, f"to be judged again after more motion, not withheld: {words}"
         elif defects:
-            level, text = WARN, "; ".join(map(str, defects))
+            asking = [
+                item
+                for item in defects
+                if item.needs_action and item.name not in self._mapping.accept
+            ]
+            level, text = WARN if asking else OK, "; ".join(map(str, asking or defects))
         return Task("mapping", level, text, self.hardware_id, values)
 
     def _discover(self) -> None:

@@ -19,6 +19,8 @@ class InputDefect:
         Whether estimates would be wrong; else it costs some data, or is worth knowing.
     is_certain
         Whether more motion cannot refute it: only then live telemetry is withheld.
+    needs_action
+        Whether the user should change or check something; else it is worth knowing only.
     """
 
     name: str
@@ -26,6 +28,7 @@ class InputDefect:
     remedy: str
     is_error: bool = True
     is_certain: bool = True
+    needs_action: bool = True
 
     def __str__(self) -> str:
         return f"{self.name}: {self.text}: {self.remedy}"
