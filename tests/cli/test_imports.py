@@ -1,8 +1,13 @@
 """Commands import what they need and no more: they start quickly."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
+
+import pandas as pd
+import pytest
+from tests.monitor.joint.plant import Joint, Sensors, telemetry_of, tones
 
 from ..commands import SAMPLE
 
@@ -47,3 +52,51 @@ def test_estimate_imports_no_pictures_no_node_and_no_prognosis():
     modules = imported("estimate", SAMPLE)
     assert not modules & (PICTURES_TABLES_ROS - {"sqlite3"})
     assert not any(name.startswith(("ema_monitor.prognosis", "ema_sim")) for name in modules)
+
+
+MAPPING = """
+position: {source: position}
+current: {source: current, unit: A}
+clock: {source: time}
+"""
+
+
+@pytest.fixture(scope="module")
+def tables(ema, tmp_path_factory):
+    """Write and calibrate records of a joint as CSV and Parquet files; return their folder."""
+    folder = tmp_path_factory.mktemp("joint")
+    (folder / "mapping.yaml").write_text(MAPPING)
+    (folder / "actuator.yaml").write_text("actuator_id: a\nserial_number: A-1\ndrive: unknown\n")
+    for name, day, friction in [*((f"healthy_{i}", i, 1.0) for i in range(6)), ("test", 30, 1.3)]:
+        joint = Joint().times(coulomb=friction)
+        record = telemetry_of(joint, tones(30.0), Sensors(), seed=day, day=day)
+        columns = {"position": record.position, "current": record.current}
+        frame = pd.DataFrame({"time": record.stamps_ns * 1e-9, **columns})
+        frame.to_csv(folder / f"{name}.csv", index=False)
+        frame.to_parquet(folder / f"{name}.parquet", index=False)
+    healthy = sorted(folder.glob("healthy_*.csv"))
+    made = ema("calibrate", *healthy, "-o", folder / "calibration.yaml")
+    assert made.exit_code == 0, made.output
+    return folder
+
+
+@pytest.mark.parametrize("name", ["test.csv", "test.parquet"])
+def test_estimate_of_a_table_imports_no_compiler_no_pandas_and_no_bag(tables, name):
+    modules = imported("estimate", tables / name)
+    unwanted = {"numba", "pandas", "rclpy", "mcap", "rosbags", "numpy.random"}
+    assert not modules & unwanted
+    assert "ema_monitor.joint.comparing" in modules
+
+
+@pytest.mark.parametrize("name", ["test.csv", "test.parquet"])
+def test_estimate_of_a_table_is_that_of_the_bag_that_import_makes_of_it(ema, tables, name):
+    bag, mapping = tables / f"{name}.mcap", tables / "mapping.yaml"
+    given = ("--mapping", mapping, "--actuator", tables / "actuator.yaml")
+    assert ema("import", tables / name, *given, "-o", bag).exit_code == 0
+    of_table, of_bag = (
+        json.loads(ema("estimate", path, "--json").stdout) for path in (tables / name, bag)
+    )
+    for one in (*of_table, *of_bag):
+        one.pop("computing_time_s")
+    assert of_table == of_bag
+    assert of_table[0]["comparison"]["quantities"][0]["judgement"] == "changed"

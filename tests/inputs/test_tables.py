@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ema_bags.inputs import tables
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.mapping import Clock, Table
 from ema_bags.inputs.series import NO_STAMP
@@ -407,3 +408,80 @@ def test_table_without_a_command_is_guessed_for_an_unknown_drive(telemetry, tmp_
     assert "no command seems to be there: tracking is then not judged" in guess.remarks
     with pytest.raises(ValueError, match=r"with drive: unknown in the actuator file, no command"):
         source.guess(described(1000))
+
+
+PLAIN = "t,n,x\n0.1,3,1e-3\n0.2,4,-0.25\n0.3,5,nan\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "is_plain"),
+    [
+        (PLAIN, True),
+        (PLAIN.replace(",", ";"), True),
+        (PLAIN.replace(",", " "), True),
+        (PLAIN + "0.4,6.0,2\n", True),
+        (PLAIN + 500 * "0.4,6,2\n", True),
+        (PLAIN + 500 * "0.4,6,2\n" + "0.4,6.0,2\n", False),
+        (PLAIN + 500 * "0.4,6,2\n" + "0.4,12345678901234567890,2\n", False),
+        (PLAIN + "0.4,,2\n", False),
+        (PLAIN + "0.4,6,up\n", False),
+        (PLAIN + "\n0.4,6,2\n", True),
+        (PLAIN + '"0.4",6,2\n', False),
+        (PLAIN.replace("4,", "12345678901234567890,"), False),
+        (PLAIN.replace("\n", ",\n"), False),
+        ("# made by hand\n" + PLAIN, True),
+    ],
+)
+def test_columns_without_pandas_are_those_of_pandas(tmp_path, monkeypatch, text, is_plain):
+    path, plain = written(tmp_path / "a.csv", text), []
+    read = tables.read_plain_csv
+    monkeypatch.setattr(
+        tables, "read_plain_csv", lambda *a, **b: plain.append(read(*a, **b)) or plain[-1]
+    )
+    fast = read_columns(path)
+    assert (plain[-1] is not None) == is_plain
+    monkeypatch.setattr(tables, "read_plain_csv", lambda *_, **__: None)
+    slow = read_columns(path)
+    assert (fast.units, fast.dates, fast.texts.keys()) == (
+        slow.units,
+        slow.dates,
+        slow.texts.keys(),
+    )
+    assert fast.values.keys() == slow.values.keys()
+    for name, values in fast.values.items():
+        assert values.dtype == slow.values[name].dtype
+        np.testing.assert_array_equal(values, slow.values[name])
+
+
+def test_every_digit_of_a_plain_table_is_read_as_by_pandas(tmp_path):
+    rng = np.random.default_rng(1)
+    frame = pd.DataFrame(
+        {
+            "t": 1.7e9 + np.cumsum(rng.uniform(0.0, 1e-3, 2000)),
+            "x": rng.standard_normal(2000) * 10.0 ** rng.integers(-20, 20, 2000),
+            "n": rng.integers(-(2**53), 2**53, 2000),
+        }
+    )
+    frame.to_csv(path := tmp_path / "a.csv", index=False)
+    found = read_columns(path)
+    for name in frame:
+        np.testing.assert_array_equal(found.values[name], frame[name].to_numpy())
+        assert found.values[name].dtype == frame[name].dtype
+
+
+@pytest.mark.parametrize("missing", [False, True])
+@pytest.mark.parametrize("index", [None, "step"])
+def test_parquet_without_pandas_is_as_by_pandas(tmp_path, monkeypatch, missing, index):
+    frame = pd.DataFrame({"t": [0.1, 0.2, 0.3], "n": [1, 2, 3], "f": np.float32([1.5, 2.5, 3.1])})
+    if missing:
+        frame["n"] = pd.array([1, None, 3], dtype="Int64")
+    if index:
+        frame.index = pd.RangeIndex(5, 8, name=index)
+    frame.to_parquet(path := tmp_path / "a.parquet")
+    fast = read_columns(path)
+    monkeypatch.setattr(tables, "plain_parquet", lambda _: None)
+    slow = read_columns(path)
+    assert list(fast.values) == list(slow.values)
+    for name, values in fast.values.items():
+        assert values.dtype == slow.values[name].dtype
+        np.testing.assert_array_equal(values, slow.values[name])

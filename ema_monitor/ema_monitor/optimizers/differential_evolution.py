@@ -40,7 +40,7 @@ class DifferentialEvolution(Population):
     def __init__(
         self,
         start: Array,
-        rng: np.random.Generator,
+        rng: "np.random.Generator",
         hints: Hints = NO_HINTS,
         *,
         population: int = 50,

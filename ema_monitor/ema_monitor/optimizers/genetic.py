@@ -80,7 +80,7 @@ def expected_children(population: int, parents: int) -> Array:
     return parents * share / np.sum(share)
 
 
-def stochastic_uniform(expected: Array, rng: np.random.Generator) -> NDArray[np.intp]:
+def stochastic_uniform(expected: Array, rng: "np.random.Generator") -> NDArray[np.intp]:
     """Draw individuals, each as often as expected, rounded up or down.
 
     The expectations are laid end to end; marks at a distance of 1, from a random place in the first
@@ -92,12 +92,12 @@ def stochastic_uniform(expected: Array, rng: np.random.Generator) -> NDArray[np.
     return np.searchsorted(np.cumsum(expected[:-1]), marks, side="right")
 
 
-def scattered(mothers: Array, fathers: Array, rng: np.random.Generator) -> Array:
+def scattered(mothers: Array, fathers: Array, rng: "np.random.Generator") -> Array:
     """Return children, ``(m, d)``, with each gene from one of their parents, ``(m, d)``."""
     return np.where(rng.random(mothers.shape) < 0.5, mothers, fathers)
 
 
-def mutated(parents: Array, step: float, rng: np.random.Generator) -> Array:
+def mutated(parents: Array, step: float, rng: "np.random.Generator") -> Array:
     """Return points a step away from the parents, ``(m, d)``, cut at the walls of the unit box."""
     directions = rng.normal(size=parents.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

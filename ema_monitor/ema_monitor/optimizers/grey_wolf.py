@@ -86,7 +86,7 @@ def shrinking(generation: int, generations: int) -> float:
     return max(0.0, 2.0 * (1.0 - generation / generations))
 
 
-def encircled(points: Array, leaders: Array, a: float, rng: np.random.Generator) -> Array:
+def encircled(points: Array, leaders: Array, a: float, rng: "np.random.Generator") -> Array:
     """Return where wolves at ``points``, ``(m, d)``, go, within [0, 1].
 
     ``leaders`` are those of all, ``(3, 1, d)``, or of each, ``(3, m, d)``; ``a`` is how far beyond

@@ -58,7 +58,9 @@ class Optimizer(Protocol):
     uses_residuals: bool
     converged: bool
 
-    def __init__(self, start: Array, rng: np.random.Generator, hints: Hints = NO_HINTS) -> None: ...
+    def __init__(
+        self, start: Array, rng: "np.random.Generator", hints: Hints = NO_HINTS
+    ) -> None: ...
 
     def ask(self) -> Array:
         """Return the points to evaluate next, ``(m, d)``, each within [0, 1]."""

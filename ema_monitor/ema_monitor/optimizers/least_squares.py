@@ -88,7 +88,7 @@ class ScreenedLeastSquares:
 
     uses_residuals = True
 
-    def __init__(self, start: Array, rng: np.random.Generator, hints: Hints = NO_HINTS) -> None:
+    def __init__(self, start: Array, rng: "np.random.Generator", hints: Hints = NO_HINTS) -> None:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)
         self._rng = rng

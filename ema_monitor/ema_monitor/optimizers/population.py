@@ -34,7 +34,7 @@ class Population(ABC):
     def __init__(
         self,
         start: Array,
-        rng: np.random.Generator,
+        rng: "np.random.Generator",
         hints: Hints = NO_HINTS,
         *,
         population: int = 50,

@@ -23,12 +23,7 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Metad
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from ema_bags.gaps import GAP, Gap
-
-CONVERT: Final = (
-    "`ros2 bag convert -i BAG -o FILE`, with "
-    "`output_bags: [{uri: NEW, storage_id: mcap, all: true}]` in FILE, rewrites it as MCAP"
-)
-"""Remedy for a bag in a storage or compression that is not read."""
+from ema_bags.messages import CONVERT
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 # The end of a file, at which mcap's reader stops.

@@ -6,10 +6,16 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from ema_bags.message_type import is_installed
 from ema_core.wording import counted
+
+CONVERT: Final = (
+    "`ros2 bag convert -i BAG -o FILE`, with "
+    "`output_bags: [{uri: NEW, storage_id: mcap, all: true}]` in FILE, rewrites it as MCAP"
+)
+"""Remedy for a bag in a storage or compression that is not read."""
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,18 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
+from typing import TYPE_CHECKING, TypeAlias
 
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.messages import MalformedMessages, MessagePlace, Recorded, Topic
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
-from ema_bags.reader import Bag
 from ema_core.wording import unknown_name
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+    from ema_bags.reader import Bag
 
 
 def is_bag(path: Path) -> bool:
@@ -77,8 +79,11 @@ class SqliteBag:
                 yield item
 
     @contextmanager
-    def _opened(self) -> Iterator[AnyReader]:
+    def _opened(self) -> Iterator["AnyReader"]:
         """Yield a reader; a bag without definitions of its types is read with those of Jazzy."""
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+
         try:
             store = get_typestore(Stores.ROS2_JAZZY)
             with AnyReader([self.path], default_typestore=store) as reader:
@@ -87,11 +92,13 @@ class SqliteBag:
             raise ValueError(f"{self.path} cannot be read: {error}") from error
 
 
-AnyBag = Bag | SqliteBag
+AnyBag: TypeAlias = "Bag | SqliteBag"
 
 
 def open_bag(path: Path) -> AnyBag:
     """Open a bag of rosbag2, of either storage."""
+    from ema_bags.reader import Bag  # rosbags and mcap only for bags
+
     is_whole = (path / METADATA_FILE).exists()
     is_sqlite = path.suffix == ".db3" or (
         is_whole and any(path.glob("*.db3*")) and not any(path.glob("*.mcap*"))

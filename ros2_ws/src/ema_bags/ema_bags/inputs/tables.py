@@ -363,7 +363,7 @@ def _read_parquet(path: Path) -> _Columns:
     from pyarrow import parquet
 
     try:
-        stored = parquet.read_table(path)
+        stored = parquet.ParquetFile(path).read()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is not a Parquet file: {error}") from error
     if (columns := plain_parquet(stored)) is not None:

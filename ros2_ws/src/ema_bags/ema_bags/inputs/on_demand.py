@@ -1,0 +1,17 @@
+"""pandas, imported with its first use: a table of plain numbers needs none."""
+
+from typing import TYPE_CHECKING, Any
+
+__all__ = ["pd"]
+
+if TYPE_CHECKING:
+    import pandas as pd
+else:
+
+    class _Pandas:
+        def __getattr__(self, name: str) -> Any:
+            import pandas
+
+            return getattr(pandas, name)
+
+    pd = _Pandas()

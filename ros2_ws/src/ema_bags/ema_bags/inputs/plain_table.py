@@ -1,0 +1,68 @@
+"""Tables of plain numbers, read without pandas, with the same columns as by pandas."""
+
+import re
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_WHOLE: Final = re.compile(r"\s*[+-]?\d+\s*")
+_MOST_DIGITS: Final = 18  # of any whole number of 64 bits
+
+
+def read_plain_csv(
+    path: Path, names: Sequence[str], rows: Sequence[Sequence[str]], separator: str, **given: Any
+) -> dict[str, NDArray[Any]] | None:
+    """Return the columns of a CSV file whose cells are all plain numbers; None of any other file.
+
+    Parameters
+    ----------
+    rows
+        Cells of the first rows: a column of whole numbers is one of integers.
+    given
+        Further arguments of ``numpy.loadtxt``.
+    """
+    if not rows or any(len(row) != len(names) for row in rows):
+        return None
+    cells = [cell for row in rows for cell in row]
+    if any(len(cell) > _MOST_DIGITS and _WHOLE.fullmatch(cell) for cell in cells):
+        return None
+    are_whole = [all(map(_WHOLE.fullmatch, column)) for column in zip(*rows, strict=True)]
+    kinds = [(f"f{i}", np.int64 if whole else float) for i, whole in enumerate(are_whole)]
+    delimiter = None if separator == " " else separator
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a fraction in a column of integers
+            table = np.loadtxt(path, kinds, comments=None, delimiter=delimiter, ndmin=1, **given)
+    except (ValueError, OverflowError, Warning):
+        return None
+    return {
+        name: np.ascontiguousarray(table[field])
+        for name, (field, _) in zip(names, kinds, strict=True)
+    }
+
+
+def plain_parquet(table: Any) -> dict[str, NDArray[Any]] | None:
+    """Return the columns of a ``pyarrow.Table`` of numbers; None where pandas makes others of it.
+
+    pandas reads missing numbers, an index and several levels of headings otherwise.
+    """
+    import pyarrow as pa
+
+    stored = table.schema.pandas_metadata or {}
+    indices = stored.get("index_columns", [])
+    is_of_rows = all(isinstance(one, dict) and one.get("name") is None for one in indices)
+    types = [field.type for field in table.schema]
+    are_numbers = all(pa.types.is_integer(one) or pa.types.is_floating(one) for one in types)
+    is_whole = not any(column.null_count for column in table.columns)
+    has_one_heading = len(stored.get("column_indexes", [])) <= 1
+    if not (table.num_rows and is_of_rows and are_numbers and is_whole and has_one_heading):
+        return None
+    return {
+        # pyarrow's own conversion imports pandas.
+        name: np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
