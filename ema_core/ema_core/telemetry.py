@@ -1,9 +1,10 @@
 """Telemetry of an actuator in contiguous columns."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,11 @@ OPTIONAL = ("command", "current", "speed")
 
 PERIODS = (1e-9, 1.0)
 """Shortest and longest permitted sample period [s]."""
+
+PAUSE_S: Final = 1.0
+"""A longer time without samples is a pause: nothing is lost in it [s]."""
+
+_NO_SAMPLES: Final = np.zeros(0, dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,9 @@ class Telemetry:
         Equivalent current, ``(n,)`` [A], or ``(0,)`` where it is not measured.
     speed
         Speed of the motor shaft, ``(n,)`` [rad/s], or ``(0,)`` where it is not measured.
+    interpolated
+        Whether a sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` where all
+        samples were measured.
 
     Raises
     ------
@@ -60,11 +69,12 @@ class Telemetry:
     current: NDArray[np.float64]
     position: NDArray[np.float64]
     speed: NDArray[np.float64]
+    interpolated: NDArray[np.bool_] = field(default_factory=_NO_SAMPLES.copy)
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
         n = len(self)
-        if not n or {len(getattr(self, name)) for name in OPTIONAL} - {0, n}:
+        if not n or {len(getattr(self, name)) for name in (*OPTIONAL, "interpolated")} - {0, n}:
             listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
             raise ValueError(
                 f"telemetry columns must have one length of at least 1, not {listed}; only "
@@ -109,6 +119,7 @@ class Telemetry:
             self.sample_period,
             self.first_index + start,
             *(getattr(self, name)[start:stop] for name in COLUMNS),
+            self.interpolated[start:stop],
         )
 
 
@@ -149,9 +160,49 @@ def _period_ns(sample_period: float) -> tuple[int, int, int]:
 def join(blocks: list[Telemetry]) -> Telemetry:
     """Return blocks, each beginning where the one before ends, as one."""
     first = blocks[0]
+    interpolated = _NO_SAMPLES
+    if any(len(block.interpolated) for block in blocks):
+        interpolated = np.concatenate(
+            [
+                block.interpolated if len(block.interpolated) else np.zeros(len(block), dtype=bool)
+                for block in blocks
+            ]
+        )
     return Telemetry(
         first.stamp_ns,
         first.sample_period,
         first.first_index,
         *(np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS),
+        interpolated,
     )
+
+
+def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
+    """Return the samples lost between two blocks, on the line between their neighbours.
+
+    None if nothing is missing, or if it cannot be interpolated: more than ``PAUSE_S`` is missing,
+    the period or the measured columns differ, or the stamps contradict the number of samples.
+    """
+    h, begin = last.sample_period, last.first_index + len(last)
+    count = block.first_index - begin
+    if not 0 < count * h <= PAUSE_S or abs(block.sample_period / h - 1.0) > 1e-6:
+        return None
+    elapsed_s = 1e-9 * (block.stamp_ns - last.stamp_at(len(last) - 1))
+    if block.missing != last.missing or not h / 2.0 < elapsed_s < (2 * count + 1) * h:
+        return None
+    part = np.arange(1, count + 1) / (count + 1)
+    columns = [
+        before[-1] + part * (after[0] - before[-1]) if len(before) else before
+        for before, after in ((getattr(last, name), getattr(block, name)) for name in COLUMNS)
+    ]
+    stamp_ns = last.stamp_at(len(last))
+    return Telemetry(stamp_ns, h, begin, *columns, np.ones(count, dtype=bool))
+
+
+def bridged(blocks: Sequence[Telemetry]) -> list[Telemetry]:
+    """Return blocks with the samples that are lost between them (`lost_between`)."""
+    found = [blocks[0]]
+    for block in blocks[1:]:
+        lost = lost_between(found[-1], block)
+        found += [block] if lost is None else [lost, block]
+    return found

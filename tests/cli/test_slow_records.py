@@ -66,6 +66,21 @@ def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, desc
     assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
 
 
+@pytest.mark.parametrize(
+    ("parameters", "shown"),
+    [("{tau: 1.0}", None), ("{lead: 0.005, k_t: 0.5}", "nominal parameters: k_t 0.5, lead 0.005")],
+)
+def test_info_shows_the_parameters_of_an_unknown_drive_that_are_used(
+    ema, tmp_path, described, parameters, shown
+):
+    unit = tmp_path / "slide.yaml"
+    unit.write_text(unit.read_text().replace("{tau: 1.0}", parameters))
+    table = written(tmp_path / "short.csv", 25, 5.0)
+    assert ema("import", table, *described, "-o", tmp_path / "short.mcap").exit_code == 0
+    lines = ema("info", tmp_path / "short.mcap").stdout.splitlines()
+    assert [line for line in lines if "parameters" in line] == ([shown] if shown else [])
+
+
 def test_record_that_is_too_short_says_what_it_has_and_needs(ema, tmp_path, described):
     table = written(tmp_path / "short.csv", 25, 5.0)
     frame = pd.read_csv(table)
@@ -152,3 +167,41 @@ def test_cycles_with_too_few_strokes_are_refused_with_their_number(ema, tmp_path
     result = ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration)
     assert result.exit_code == 1
     assert "2 strokes forward, at least 3 in each direction are needed" in result.stderr
+
+
+def spoilt(frame, way, rng):
+    """Return a table as an irregular logger leaves it."""
+    if way == "lost":
+        return frame[rng.random(len(frame)) > 0.02]
+    if way == "jitter":  # sampled at these times
+        times = frame.time_s + 0.005 * rng.uniform(-0.9, 0.9, len(frame))
+        columns = {name: np.interp(times, frame.time_s, frame[name]) for name in frame}
+        return pd.DataFrame(columns | {"time_s": times})
+    if way == "twice":
+        return frame.loc[frame.index.repeat(1 + (rng.random(len(frame)) < 0.05))]
+    begins = [8.1, 14.2, 21.0]
+    return frame[~np.any([frame.time_s.between(at, at + 0.2) for at in begins], axis=0)]
+
+
+@pytest.mark.parametrize("way", ["lost", "jitter", "twice", "bursts"])
+def test_irregular_log_gives_the_estimate_of_the_intact_log(ema, tmp_path, described, way):
+    rng = np.random.default_rng(3)
+    written(tmp_path / "healthy.csv", 100, 30.0)
+    frame = pd.read_csv(written(tmp_path / "intact.csv", 100, 30.0, friction_a=0.9, seed=1))
+    spoilt(frame, way, rng).to_csv(tmp_path / "irregular.csv", index=False)
+    found = {}
+    for name in ("healthy", "intact", "irregular"):
+        result = ema(
+            "import", tmp_path / f"{name}.csv", *described, "-o", tmp_path / f"{name}.mcap"
+        )
+        assert result.exit_code == 0, result.output
+    calibration = tmp_path / "calibration.yaml"
+    assert ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration).exit_code == 0
+    for name in ("intact", "irregular"):
+        result = ema("estimate", tmp_path / f"{name}.mcap", "--calibration", calibration, "--json")
+        [found[name]] = json.loads(result.stdout)
+        assert found[name]["verdict"] == "departed", result.output
+    friction = [one["faults"]["friction"] for one in found.values()]
+    assert 1.0 + 2.0 * friction[1] == pytest.approx(1.0 + 2.0 * friction[0], rel=0.01)
+    counts = re.search(r"(\d+) lost samples of \d+ interpolated", found["irregular"]["reason"])
+    assert bool(counts) == (way in ("lost", "bursts"))

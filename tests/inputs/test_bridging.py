@@ -9,6 +9,8 @@ import pytest
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.defects import not_finite
 from ema_core.acquisition import Acquisition
+from ema_monitor.windows.finder import WindowFinder
+from ema_monitor.windows.trigger import TriggerSettings
 
 from .conftest import cycle, described, mapping_from
 from .joint_motion import TAU as JOINT_TAU
@@ -179,12 +181,14 @@ def joint_bridge(of=None, **settings):
     return Bridge(given, description, BridgeSettings(**settings))
 
 
-def send_moves(target, seconds, *, begin=0, speed_factor=1.0, position=None):
-    """Send states of a joint at 200 Hz; return the blocks that come out."""
+def send_moves(target, seconds, *, begin=0, speed_factor=1.0, position=None, lost=()):
+    """Send states of a joint at 200 Hz, but the lost ones; return the blocks that come out."""
     columns, stamps = moves(seconds)
     place = columns["position"] if position is None else position
     blocks = []
     for i in range(begin, len(stamps)):
+        if i in lost:
+            continue
         stamp = int(stamps[i])
         header = SimpleNamespace(stamp=SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9))
         message = SimpleNamespace(
@@ -197,6 +201,26 @@ def send_moves(target, seconds, *, begin=0, speed_factor=1.0, position=None):
         target.collector.add(STATES, message, stamp, stamp + 10_000)
         blocks += target.advance()
     return blocks
+
+
+def test_lost_messages_end_no_record_and_are_counted():
+    """Neither messages that the bridge misses, nor blocks of telemetry that the monitor misses."""
+    rng, target = np.random.default_rng(0), joint_bridge()
+    lost = {*np.flatnonzero(rng.random(2400) < 0.02).tolist(), *range(1000, 1020)} - {0, 2399}
+    blocks = send_moves(target, 12.0, lost=lost)
+    assert {item.name for item in target.defects} == {"lost_samples"}
+    kept = [block for block in blocks if rng.random() > 0.02 or block in (blocks[0], blocks[-1])]
+    assert len(kept) < len(blocks)
+    finder = WindowFinder(TriggerSettings(), target.description)
+    events = [event for block in kept for event in finder.feed(block)]
+    [segment] = [*events, *finder.finish()]
+    record = segment.window.telemetry
+    assert len(record) > 2300
+    measured = sum(len(block) for block in kept)
+    assert finder.interpolated_samples == 2400 - measured
+    assert np.count_nonzero(record.interpolated) == len(record) - sum(
+        len(block) for block in kept if block.first_index >= record.first_index
+    )
 
 
 def test_joint_without_a_command_becomes_telemetry_without_a_command():

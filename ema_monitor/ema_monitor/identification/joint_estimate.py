@@ -10,6 +10,7 @@ import numpy as np
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_BY_NAME, FRICTION, N_FAULTS, FaultVector
+from ema_core.wording import counted
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
 from ema_monitor.identification.estimate import (
     DEPARTED,
@@ -95,7 +96,7 @@ def identify_record(
         evaluations=1,
         computing_time_s=time.perf_counter() - started,
         valid=True,
-        reason=". ".join([*caveat, summary(comparison)]),
+        reason=". ".join([*caveat, summary(comparison), *_notes(window)]),
         calibration_windows=calibration.windows,
         verdict=DEPARTED if comparison.has_departed else VALID,
         causes=tuple(_causes(comparison, calibration)),
@@ -188,6 +189,13 @@ def _other_unit(record: JointRecord, baseline: Baseline) -> str:
             "healthy records"
         )
     return ""
+
+
+def _notes(window: Window) -> list[str]:
+    """Return what qualifies the samples of a record, as sentences."""
+    lost = int(np.count_nonzero(window.telemetry.interpolated))
+    count = counted(lost, "lost sample")
+    return [f"{count} of {len(window.telemetry)} interpolated"] * bool(lost)
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:

@@ -68,6 +68,8 @@ def figures_of(
     for way, sign in WAYS.items():
         rows = np.sign(signals.direction) == sign
         moving = sign * speed > fast
+        if len(telemetry.interpolated):
+            moving &= ~telemetry.interpolated
         if np.sum(rows) >= _FEWEST:
             found[f"effort_scatter_{way}"] = log_rms(residuals[rows])
         if np.sum(moving) >= _FEWEST:

@@ -61,6 +61,9 @@ def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, 
     width = max(_SMOOTH, _SMOOTH_OF_CUTOFF / (preparation.cutoff_hz * h))
     speed = np.gradient(smoothed(telemetry.position, width), h)
     way = np.sign(speed) * (np.abs(speed) > _FAST * preparation.usual_speed)
+    measured = way
+    if len(telemetry.interpolated):
+        measured = np.where(telemetry.interpolated, 0.0, way)
     found = []
     for begin, end in _bounds(way):
         chosen = slice(begin, end)
@@ -68,7 +71,7 @@ def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, 
             telemetry.position[chosen],
             telemetry.current[chosen],
             (telemetry.command - telemetry.position)[chosen] if telemetry.has_command else None,
-            way[chosen],
+            measured[chosen],
         )
         if part:
             found.append(part)

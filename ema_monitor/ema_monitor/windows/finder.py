@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ema_core.description import ActuatorDescription
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import Telemetry, lost_between
 from ema_core.wording import counted
 from ema_monitor.windows.records import (
     LEAST_MOTION_S,
@@ -145,6 +145,11 @@ class WindowFinder:
         return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else ""
 
     @property
+    def interpolated_samples(self) -> int:
+        """Number of lost samples that records bridge."""
+        return self._trigger.interpolated if isinstance(self._trigger, RecordTrigger) else 0
+
+    @property
     def has_rested(self) -> bool:
         """Whether the command, or for records the position, was ever at rest."""
         return self._trigger is not None and self._trigger.has_rested
@@ -230,7 +235,8 @@ class WindowFinder:
         if self._last is not None:
             missing = block.first_index - self._last.first_index - len(self._last)
             self.lost_samples += max(0, missing)
-            self._run *= missing == 0
+            is_bridged = self.finds_records and lost_between(self._last, block) is not None
+            self._run = self._run + missing if missing == 0 or is_bridged else 0
         self._run += len(block)
         self._longest_run = max(self._longest_run, self._run)
         self._last, self._sample_period = block, block.sample_period

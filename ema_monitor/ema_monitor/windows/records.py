@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.parameters import ActuatorParameters
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import Telemetry, lost_between
 from ema_monitor.windows.blocks import LatestBlocks
 from ema_monitor.windows.rest import PositionBin, PositionBins, SteadyRun
 from ema_monitor.windows.trigger import (
@@ -72,7 +72,7 @@ class RecordTrigger(WindowTrigger):
     - at the first rest after ``record_s``, unless it ends for another reason within a quarter of
       ``record_s`` from there: a short remainder belongs to the record,
     - when the position has rested for 5 s; the record keeps 0.5 s of the rest,
-    - where the telemetry ends or breaks off,
+    - where the telemetry ends or breaks off; samples lost for 1 s at most are interpolated,
     - after twice ``record_s``, even in motion.
 
     If ``MOST_RECORD_SAMPLES`` samples are shorter than twice ``record_s``, half of them replace it.
@@ -84,12 +84,15 @@ class RecordTrigger(WindowTrigger):
     ----------
     shortfall
         Why the piece with the longest motion that was passed over is no record; empty without one.
+    interpolated
+        Number of lost samples that were interpolated.
     """
 
     def __init__(
         self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
     ) -> None:
         self.shortfall = ""
+        self.interpolated = 0
         super().__init__(parameters, settings)
 
     def reset(self) -> None:
@@ -118,17 +121,27 @@ class RecordTrigger(WindowTrigger):
             begin = self._piece_begin = self._free_from = block.first_index
             self._bins = PositionBins(block.sample_period, begin)
             self._run, self._recent = SteadyRun(begin), SteadyRun(begin)
+        return events + self._take(block)
+
+    def _take(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Follow the next samples; return the records that they complete."""
+        assert self._bins is not None
         self._latest.add(block)
-        events += self._follow(self._bins.add(block.position), block.sample_period)
+        bins = self._bins.add(block.position, block.interpolated)
+        events: list[Window | Refusal | Defect] = [*self._follow(bins, block.sample_period)]
         self._forget()
         return events
 
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """End the telemetry so far if a block does not continue it; return what that completes."""
         last = self._latest.last
-        if last is not None and (reason := break_between(last, block)):
+        if last is None or not (reason := break_between(last, block)):
+            return []
+        lost = None if not_finite(block) else lost_between(last, block)
+        if lost is None:
             return self.end_piece(block.stamp_ns, reason)
-        return []
+        self.interpolated += len(lost)
+        return self._take(lost)
 
     def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
         """End the telemetry so far at a stamp [ns], for a reason; return what that completes."""

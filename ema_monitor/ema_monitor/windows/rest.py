@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ema_core.arrays import Array
+from ema_core.arrays import Array, Flags
 
 BINS_AT_ONCE: Final = 12
 """Number of bins that are followed at once; a decision waits for so many."""
@@ -70,17 +70,28 @@ class PositionBins:
         self.size = max(1, int(_BIN_S / sample_period * (1.0 + 1e-9)))
         self._noise_samples = max(_NOISE_SAMPLES, round(_NOISE_S / sample_period))
         self.next_index = first_index
+        # Positions, and whether they are interpolated.
         self._pending: list[Array] = []
         self._pending_count = 0
-        self._previous = np.empty(0)
+        self._previous = np.empty((2, 0))
         self._resolution = np.inf
         self._power = self._power_count = 0.0
         self._noises: deque[float] = deque(maxlen=_NOISE_WINDOWS)
         self._noise = 0.0
 
-    def add(self, position: Array) -> list[PositionBin]:
-        """Return the bins completed by the next positions, ``(n,)`` [rad]; several at once."""
-        self._pending.append(position)
+    def add(self, position: Array, interpolated: Flags) -> list[PositionBin]:
+        """Return the bins completed by the next positions, several at once.
+
+        Parameters
+        ----------
+        position
+            Positions, ``(n,)`` [rad].
+        interpolated
+            Whether each is interpolated, ``(n,)``, or ``(0,)`` if none is. Its distance to its
+            neighbours is no resolution.
+        """
+        flags = interpolated if len(interpolated) else np.zeros(len(position))
+        self._pending.append(np.stack([position, flags]))
         self._pending_count += len(position)
         whole = (self.next_index + self._pending_count) // self.size * self.size - self.next_index
         return self._reduce(whole) if whole >= BINS_AT_ONCE * self.size else []
@@ -90,27 +101,29 @@ class PositionBins:
         return self._reduce(self._pending_count) if self._pending_count else []
 
     def _reduce(self, count: int) -> list[PositionBin]:
-        pending = np.concatenate(self._pending)
-        position, rest = pending[:count], pending[count:]
-        self._pending, self._pending_count = [rest], len(rest)
+        pending = np.concatenate(self._pending, axis=1)
+        rest = pending[:, count:]
+        self._pending, self._pending_count = [rest], rest.shape[1]
+        position = pending[0, :count]
         first = self.next_index
         starts = np.arange(-(first % self.size), count, self.size)
         starts[0] = 0
         lengths = np.append(starts[1:], count) - starts
         means = np.add.reduceat(position, starts) / lengths
-        joined = np.concatenate([self._previous, position])
-        self._previous = joined[-4:]
+        joined, flags = both = np.concatenate([self._previous, pending[:, :count]], axis=1)
+        self._previous = both[:, -4:]
         differences = joined[1:] - joined[:-1]
-        steps = _aligned(np.abs(differences), count)
+        measured = (flags[1:] + flags[:-1]) == 0.0
+        steps = _aligned(np.where(measured, np.abs(differences), np.inf), count)
         steps[steps <= _RELATIVE_ROUNDING * np.abs(position)] = np.inf
         fourth = differences
         for _ in range(3):
             fourth = fourth[1:] - fourth[:-1]
         powers = np.add.reduceat(_aligned(fourth**2, count), starts)
-        measured = np.add.reduceat(_aligned(np.ones(len(fourth)), count), starts)
+        counts = np.add.reduceat(_aligned(np.ones(len(fourth)), count), starts)
         smallest = np.minimum.reduceat(steps, starts)
         bins = []
-        columns = (array.tolist() for array in (starts, lengths, means, smallest, powers, measured))
+        columns = (array.tolist() for array in (starts, lengths, means, smallest, powers, counts))
         for start, length, mean, step, power, power_count in zip(*columns, strict=True):
             self._resolution = min(self._resolution, step)
             self._measure_noise(power, power_count)

@@ -16,6 +16,7 @@ from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.rate import Rate
 from ema_bags.inputs.resampling import Losses
 from ema_core.description import ActuatorDescription
+from ema_core.telemetry import PAUSE_S
 from ema_core.wording import counted
 
 _LEAST_TRAVEL: Final = 1e-3
@@ -67,12 +68,12 @@ def find_defects(
     if mapping.position.shaft == "motor":
         text = "the position is measured at the motor, before the backlash"
         remedy = "backlash cannot be seen in it; an encoder at the user shaft shows it"
-        found.append(InputDefect("position_at_motor", text, remedy, False))
+        found.append(InputDefect("position_at_motor", text, remedy, False, needs_action=False))
     return found
 
 
 def stream_defects(
-    losses: Losses, rebuilt: int, *, of_table: bool = False
+    losses: Losses, rebuilt: int, *, of_table: bool = False, is_unknown: bool = False
 ) -> Iterator[InputDefect]:
     """Yield what is wrong with the stamps and the completeness of samples.
 
@@ -80,6 +81,8 @@ def stream_defects(
     ----------
     of_table
         Whether they are rows of a table, which have no arrival.
+    is_unknown
+        Whether the drive is unknown: its records bridge short gaps.
     """
     n = max(losses.samples, 1)
     if losses.lost:
@@ -88,6 +91,8 @@ def stream_defects(
             f"{counted(losses.gaps, 'place')}"
         )
         remedy = "no window spans a gap; fill_lost of the mapping fills short ones"
+        if is_unknown:
+            remedy = f"records are interpolated across gaps of at most {PAUSE_S:g} s"
         yield InputDefect("lost_samples", text, remedy, False)
     if losses.filled:
         text = f"{counted(losses.filled, 'lost sample')} beside {n} put on a line (fill_lost)"
@@ -104,15 +109,20 @@ def stream_defects(
             rebuild = "clock: {source: arrival} rebuilds the stamps"
             remedy = f"is clock.source the right one? {order if of_table else rebuild}"
         yield InputDefect("time_not_monotonic", text, remedy, is_error)
+    if losses.duplicates:
+        text = f"{counted(losses.duplicates, 'sample')} of {n} published twice"
+        yield InputDefect("duplicate_samples", text, "each is used once", False, needs_action=False)
     if losses.impossible:
         text = f"{counted(losses.impossible, 'sample')} of {n} that no actuator can give"
         remedy = "the line between their neighbours stands for them"
         if is_error := losses.impossible > _MANY * n:
             remedy = "repair the source: these are too many"
-        yield InputDefect("impossible_samples", text, remedy, is_error)
+        yield InputDefect("impossible_samples", text, remedy, is_error, needs_action=is_error)
     if losses.wraps:
         text = f"an angle begins again {counted(losses.wraps, 'time')} at the end of its register"
-        yield InputDefect("angle_wraps", text, "it is continued over each wrap", False)
+        yield InputDefect(
+            "angle_wraps", text, "it is continued over each wrap", False, needs_action=False
+        )
     if rebuilt:
         text = f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival"
         remedy = "have the source fill header.stamp, if it can"
@@ -141,7 +151,9 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
     described = description.sample_period
     if _SAME_RATE < abs(rate.period / described - 1.0) < _SIMILAR_RATE:
         text = f"the samples come at {1.0 / rate.period:.5g} Hz, described are {1.0 / described:g}"
-        yield InputDefect("other_rate", text, "the rate of the samples is used", False)
+        yield InputDefect(
+            "other_rate", text, "the rate of the samples is used", False, needs_action=False
+        )
 
 
 def renewed_slowly(rate: Rate, published: Rate) -> InputDefect:
@@ -152,7 +164,7 @@ def renewed_slowly(rate: Rate, published: Rate) -> InputDefect:
         f"{1.0 / published.period:.5g} Hz"
     )
     remedy = f"the telemetry has {1.0 / rate.period:.5g} Hz, the rate at which values are renewed"
-    return InputDefect("values_repeat", text, remedy, False)
+    return InputDefect("values_repeat", text, remedy, False, needs_action=False)
 
 
 def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
@@ -190,7 +202,7 @@ def _held(
         for name, count in held.items()
     ]
     remedy = "it is used as it is; have the driver publish each value once"
-    yield InputDefect("values_repeat", ", ".join(parts), remedy, False)
+    yield InputDefect("values_repeat", ", ".join(parts), remedy, False, needs_action=False)
 
 
 def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
@@ -287,7 +299,7 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
         why = "elasticity, lag or sampling" if is_near else "no unit, sign or shaft explains it"
         remedy = "the speed is used as it is" if is_near else "is the speed of the same joint?"
         text = f"the speed is {1.0 / ratio:.3g} times the derivative of the position {over}: {why}"
-        yield InputDefect("speed_ratio", text, remedy, False)
+        yield InputDefect("speed_ratio", text, remedy, False, needs_action=not is_near)
     if gain is not None and not 1.0 / _GAIN < gain < _GAIN:
         text = f"the position moves {gain:.3g} times as far as the command {over}"
         remedy = "lag or elasticity, or the command of another joint; it is used as it is"

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-PAUSE_S: Final = 1.0
-"""A longer time without samples is a pause: nothing is lost in it."""
+from ema_core.telemetry import PAUSE_S
+
 NEAR: Final = 0.3
 """Samples that are nearer than this share of a period are the same one."""
 

@@ -6,9 +6,9 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.filling import NEAR, PAUSE_S, GapFiller
+from ema_bags.inputs.filling import NEAR, GapFiller
 from ema_bags.inputs.rate import Rate
-from ema_core.telemetry import elapsed_ns
+from ema_core.telemetry import PAUSE_S, elapsed_ns
 
 
 @dataclass
@@ -28,7 +28,9 @@ class Losses:
     jumps
         Times at which the stamps went back.
     repeated
-        Samples left out because they have the stamp of the one before.
+        Samples left out because they have the stamp of the one before, and other values.
+    duplicates
+        Samples left out because they have stamp and values of the one before.
     missing
         Samples left out because a value is not a finite number.
     impossible
@@ -44,6 +46,7 @@ class Losses:
     pauses: int = 0
     jumps: int = 0
     repeated: int = 0
+    duplicates: int = 0
     missing: int = 0
     impossible: int = 0
     wraps: int = 0
@@ -76,9 +79,18 @@ class Resampler:
         How many lost samples in a row are filled in (``GapFiller``).
     motion
         Columns of command and position, for that.
+    nearest
+        Columns that are not interpolated between samples with jitter, but taken from the nearest
+        sample: their noise counts, which interpolation would smooth.
     """
 
-    def __init__(self, rate: Rate, most_filled: int = 0, motion: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self,
+        rate: Rate,
+        most_filled: int = 0,
+        motion: tuple[int, ...] = (),
+        nearest: tuple[int, ...] = (),
+    ) -> None:
         self.losses = Losses()
         self._rate = rate
         self._period_ns = rate.period * 1e9
@@ -91,9 +103,10 @@ class Resampler:
             if most_filled
             else None
         )
+        self._nearest = [*nearest]
         self._index = 0
         self._last_ns: int | None = None
-        self._last_values: NDArray[np.float64] | None = None
+        self._last_values = np.empty(0)
         self._origin_ns = 0
         self._origin_index = 0
         self._next = 0
@@ -137,13 +150,17 @@ class Resampler:
                 steps[0] = round(self._period_ns)
             repeated = np.abs(steps) < nearest
             if np.any(repeated):
-                self.losses.repeated += int(np.count_nonzero(repeated))
+                before = np.nan * values[0] if self._last_ns is None else self._last_values
+                same = np.all(values == np.vstack([before, values[:-1]]), axis=1)
+                self.losses.duplicates += int(np.count_nonzero(repeated & same))
+                self.losses.repeated += int(np.count_nonzero(repeated & ~same))
                 stamps_ns, values = stamps_ns[~repeated], values[~repeated]
                 continue
             back = np.flatnonzero(steps < 0)
             stop = len(stamps_ns) if not len(back) else int(back[0])
             if stop:
                 yield stamps_ns[:stop], values[:stop]
+                self._last_values = values[stop - 1]
             if stop < len(stamps_ns):
                 self.losses.jumps += 1
                 self._last_ns = None
@@ -165,14 +182,13 @@ class Resampler:
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> list[GaplessRun]:
         """Return runs of values between the samples, at regular times."""
-        if self._last_ns is None or self._last_values is None:
+        if self._last_ns is None:
             self._origin_ns, self._next = int(stamps_ns[0]), 0
             self._origin_index = self._index + (2 if self._index else 1)
         else:
             stamps_ns = np.concatenate([[self._last_ns], stamps_ns])
             values = np.concatenate([self._last_values[None], values])
         self._note_gaps(np.diff(stamps_ns) / self._period_ns)
-        self._last_values = values[-1]
         last = int((int(stamps_ns[-1]) - self._origin_ns) / self._period_ns + 1e-6)
         numbers = np.arange(self._next, last + 1)
         self._next = last + 1
@@ -186,6 +202,10 @@ class Resampler:
         own = (stamps_ns - stamps_ns[0]).astype(float)
         at = (times - stamps_ns[0]).astype(float)
         resampled = np.column_stack([np.interp(at, own, column) for column in values.T])
+        if self._nearest:
+            left, right = left[known], right[known]
+            row = np.where(at - own[left] < own[right] - at, left, right)
+            resampled[:, self._nearest] = values[row][:, self._nearest]
         return self._runs(self._origin_index + numbers, times, resampled, stamps_ns[-1])
 
     def _runs(
