@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.arrays import Array
+from ema_core.arrays import Array, Flags
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.smoothing import smoothed
@@ -129,7 +129,10 @@ def motion_band(telemetry: Telemetry) -> float:
     power = np.abs(np.fft.rfft((position - trend) * window)) ** 2
     frequency = np.fft.rfftfreq(n, telemetry.sample_period)
     floor = float(np.median(power[3 * len(power) // 4 :])) / math.log(2.0)
+    lost = telemetry.interpolated
     steps = np.abs(np.diff(telemetry.position))
+    if len(lost):
+        steps = steps[~(lost[1:] | lost[:-1])]
     resolution = float(np.min(steps[steps > 0.0], initial=math.inf))
     least = max(_ABOVE_NOISE * floor, (resolution * n * _HANN_LINE) ** 2)
     speed = np.where(power > least, power - floor, 0.0) * frequency**2
@@ -148,7 +151,8 @@ def cutoff_of(band_hz: float, sample_period: float) -> float:
 class Fine(NamedTuple):
     """Columns of a record as block means at a rate far above the cut-off, ``(n,)`` each.
 
-    ``speed`` and ``command`` are None where they are not measured.
+    ``speed`` and ``command`` are None where they are not measured. ``is_measured`` is False in a
+    gap that is longer than the standard deviation of the filter: a shorter one is bridged.
     """
 
     step_s: float
@@ -156,6 +160,7 @@ class Fine(NamedTuple):
     position: Array
     speed: Array | None
     command: Array | None
+    is_measured: Flags
 
 
 def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_hz: float) -> Fine:
@@ -173,14 +178,30 @@ def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_h
         mean(telemetry.position),
         None if speed is None else mean(speed),
         mean(telemetry.command) if telemetry.has_command else None,
+        ~np.any(_long_gaps(telemetry, cutoff_hz)[: n * m].reshape(n, m), axis=1),
     )
+
+
+def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
+    """Return which samples are in a gap that is too long for the filter, ``(n,)``."""
+    lost = telemetry.interpolated
+    if not np.any(lost):
+        return np.zeros(len(telemetry), dtype=bool)
+    edges = np.diff(lost.astype(np.int8), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    is_long = (ends - begins) * telemetry.sample_period > _SIGMA_CUTOFF / cutoff_hz
+    found = np.zeros(len(telemetry), dtype=bool)
+    for begin, end in zip(begins[is_long], ends[is_long], strict=True):
+        found[begin:end] = True
+    return found
 
 
 def filtered(fine: Fine, preparation: Preparation) -> Signals:
     """Return the rows of steady motion in a record.
 
     Rows near a reversal, where the filter mixes both directions, and within three standard
-    deviations of the filter from the ends are left out; one row is kept for 1.5 of them.
+    deviations of the filter from the ends, or from a long gap, are left out; one row is kept for
+    1.5 of them.
     """
     step = fine.step_s
     sigma = _SIGMA_CUTOFF / preparation.cutoff_hz / step
@@ -207,6 +228,8 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     keep = moving & (np.abs(direction) > _ONE_WAY)
     ends = math.ceil(_ENDS * sigma)
     keep[:ends] = keep[-ends:] = False
+    if not np.all(fine.is_measured):
+        keep &= np.convolve(~fine.is_measured, np.ones(2 * ends + 1), mode="same") < 0.5
     every = max(1, round(_ROW * sigma))
     rows = np.flatnonzero(keep)[::every] if every > 1 else np.flatnonzero(keep)
     stroke = _strokes(np.sign(direction) * keep, step)
