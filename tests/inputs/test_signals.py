@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.held import find_held, held_samples, renewed_rows
-from ema_bags.inputs.importing import import_series
-from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.importing import SampleStream, import_series
+from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
+from ema_bags.inputs.rate import find_rate
 from ema_bags.inputs.series import Series
 from ema_bags.inputs.wrapping import Unwrapper
 
+from .conftest import described
 from .joint_motion import joint, moves
 
 
@@ -166,3 +168,86 @@ def test_rest_at_zero_is_not_impossible(mapped):
     for i in range(0, 2400, 10):
         target.push({name: values[i : i + 10] for name, values in still.items()})
     assert target.found == 0
+
+
+GLITCHES = [
+    ("position", 2.0 * np.pi),
+    ("position", -0.02),
+    ("speed", 1e5),
+    ("current", -32767.0),
+    ("speed", 9.9e37),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), GLITCHES)
+@pytest.mark.parametrize("length", [1, 3])
+@pytest.mark.parametrize("block", [1, 2, 7, 2000])
+def test_sample_that_no_motor_of_the_description_gives_is_bridged(
+    mapped, telemetry, columns, name, value, length, block
+):
+    """Of a modelled drive; in blocks as the bridge gets them, and as a whole."""
+    spoiled = {key: values.copy() for key, values in columns.items()}
+    for row in (300, 1000, 1201):
+        spoiled[name][row : row + length] += value
+    mapping, description = mapped(), described(1000)
+    stream = SampleStream(mapping, description, find_rate(telemetry.stamps_ns))
+    got = [
+        stream.push_joined(
+            {key: values[i : i + block] for key, values in spoiled.items()},
+            telemetry.stamps_ns[i : i + block],
+        )[0][name]
+        for i in range(0, len(telemetry), block)
+    ]
+    assert stream.losses.impossible == 3 * length
+    # At most the motion within the samples that were bridged or held.
+    most = 2 * length * np.max(np.abs(np.diff(columns[name])))
+    assert np.max(np.abs(np.concatenate(got) - columns[name])) <= most
+
+
+@pytest.mark.parametrize("block", [1, 3, 2000])
+def test_healthy_test_cycle_has_no_impossible_sample(mapped, telemetry, columns, block):
+    target = ImpossibleSamples(mapped(), limits_of(mapped(), described(1000), 1e-3))
+    for i in range(0, len(telemetry), block):
+        part = {name: values[i : i + block] for name, values in columns.items()}
+        for name, values in target.push(part).items():
+            np.testing.assert_array_equal(values, part[name])
+    assert target.found == 0
+
+
+def test_jump_that_stays_is_no_single_sample(mapped, telemetry, columns):
+    columns["position"] = np.where(np.arange(len(telemetry)) > 900, 0.5, 0.0) + columns["position"]
+    for block in (1, 2, 2000):
+        target = ImpossibleSamples(mapped(), limits_of(mapped(), described(1000), 1e-3))
+        for i in range(0, len(telemetry), block):
+            target.push({name: values[i : i + block] for name, values in columns.items()})
+        assert target.found == 0
+
+
+def test_turn_that_a_fast_motor_jumps_by_is_bridged(mapped):
+    """A joint whose range is wider than the glitch."""
+    position = 20.0 * np.sin(np.linspace(0.0, 12.0, 4000))
+    spoiled = position.copy()
+    spoiled[[700, 2100]] += 2.0 * np.pi
+    target = ImpossibleSamples(mapped(command=None))
+    found = target.push({"position": spoiled})["position"]
+    assert target.found == 2
+    assert np.max(np.abs(found - position)) < 0.01
+
+
+def test_limits_are_in_the_units_of_the_sources(mapped):
+    """In degrees of the motor, rpm and mA."""
+    mapping = mapped(
+        position={"source": "p", "unit": "deg", "shaft": "motor"},
+        speed={"source": "s", "unit": "rpm"},
+        current={"source": "i", "unit": "mA"},
+    )
+    parameters = described(1000).parameters
+    top = max(parameters.omega_max, parameters.V_max / parameters.k_e)
+    assert limits_of(mapping, described(1000), 1e-3) == pytest.approx(
+        {
+            "position": np.rad2deg(2.0 * top * 1e-3),
+            "speed": 3.0 * top * 30.0 / np.pi,
+            "current": 3.0 * parameters.I_max * 1e3,
+        }
+    )
+    assert limits_of(mapping, joint(1000.0), 1e-3) == {}

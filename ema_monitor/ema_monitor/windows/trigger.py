@@ -17,6 +17,7 @@ from ema_core.quantity import Checked, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.windows.blocks import BlockStamp
+from ema_monitor.windows.plausibility import impossible_motion
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
@@ -130,6 +131,7 @@ class WindowTrigger:
         self.longest_motion_s = 0.0
         self.has_rested = False
         self.short_motions = self.passed_over = 0
+        self._parameters = parameters
         self._approach_travel = approach_travel(parameters)
         self.reset()
 
@@ -237,7 +239,7 @@ class WindowTrigger:
         return [Window(telemetry, play)]
 
     def _cut(self, start: int, samples: int) -> tuple[Telemetry, Refusal | None]:
-        """Return the telemetry of a window, and its refusal where its stamps contradict it."""
+        """Return the telemetry of a window, and its refusal where stamps or samples are wrong."""
         # Stamped by the block that the window begins in: stamps counted on from the approach would
         # carry along how far the clock has drifted since.
         held = self._blocks_from(start)
@@ -249,6 +251,8 @@ class WindowTrigger:
             if start <= block.first_index <= start + samples
         ]
         if inside and (reason := rate_defect(telemetry.sample_period, inside[0], inside[-1])):
+            return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
+        if reason := impossible_motion(telemetry, self._parameters):
             return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
         return telemetry, None
 

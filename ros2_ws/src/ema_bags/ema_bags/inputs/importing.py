@@ -18,7 +18,7 @@ from ema_bags.inputs.defects import (
     stream_defects,
 )
 from ema_bags.inputs.held import renewed_rows
-from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
@@ -57,7 +57,8 @@ class SampleStream:
         )
         self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
         self._mapping = mapping
-        self._impossible, self._unwrapper = ImpossibleSamples(mapping), Unwrapper(mapping)
+        limits = limits_of(mapping, description, rate.period)
+        self._impossible, self._unwrapper = ImpossibleSamples(mapping, limits), Unwrapper(mapping)
         motion = tuple(
             self.filled.index(name) for name in ("command", "position") if name in self.filled
         )

@@ -2,18 +2,32 @@
 
 import math
 from collections.abc import Mapping as ByName
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import LENGTHS, UNITS, Mapping
+from ema_bags.inputs.mapping import (
+    CURRENTS,
+    LENGTHS,
+    LINEAR,
+    UNITS,
+    AngleSource,
+    Mapping,
+    SpeedSource,
+)
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.windows.plausibility import top_speed
 
 _ABSURD: Final = 1e15
 _MOST_IN_A_ROW: Final = 3
 _LEAST_KNOWN: Final = 50
 _REMEMBERED: Final = 1000
-_STEPS: Final = 30.0
+_STEPS: Final = 10.0
+_TOP_SPEEDS: Final = 2.0
+_LIMITS: Final = 3.0
 _LEAST_TURN: Final = 0.01
 _LEAST_LENGTH: Final = 1e-3
 _SENSORS: Final = ("position", "speed", "current")
@@ -22,9 +36,17 @@ _SENSORS: Final = ("position", "speed", "current")
 class ImpossibleSamples:
     """Finds samples that no actuator can give, and puts them on the line between their neighbours.
 
-    Such a sample is beyond 1e15, or 0 in all columns between samples that are not, or its position
-    is far off for three samples at most: by 30 usual steps, the usual range and 1 % of a turn.
-    More than three in a row are left as they are.
+    Such a sample is beyond 1e15, or 0 in all columns between samples that are not. Or its position
+    is off for three samples at most: by 10 usual steps and, of a modelled drive, twice what its
+    top speed allows in a sample; of another one by half a turn or the usual range, and 1 % of a
+    turn. Of a modelled drive, a speed or current beyond 3 times the limit is impossible, too. More
+    than three in a row are left as they are.
+
+    Parameters
+    ----------
+    limits
+        Largest step of the position, speed and current of a modelled drive, in the units of their
+        sources; empty for another drive.
 
     Attributes
     ----------
@@ -32,12 +54,16 @@ class ImpossibleSamples:
         Number of such samples so far.
     """
 
-    def __init__(self, mapping: Mapping) -> None:
+    def __init__(self, mapping: Mapping, limits: ByName[str, float] = MappingProxyType({})) -> None:
         self.found = 0
+        self._limits = limits
         source = mapping.position
         size = abs(source.scale) * UNITS[source.unit]
         least = _LEAST_LENGTH if source.unit in LENGTHS else 2.0 * math.pi * _LEAST_TURN
         self._least = least / size
+        self._half_turn = math.inf if source.unit in LENGTHS else math.pi / size
+        # Samples at the end of the last block that are held, as their position has jumped.
+        self._held = 0
         self._position = np.empty(0)
         self._before: dict[str, float] = {}
         self._open = 0
@@ -45,7 +71,7 @@ class ImpossibleSamples:
     def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
         """Return columns, ``(n,)`` each, without such samples, those of one block after another.
 
-        A spike is found only if the block shows that the position comes back.
+        If a block ends before a position that has jumped comes back, the value before is held.
         """
         keys = [name for name in _SENSORS if name in raw]
         columns = {name: np.array(values) for name, values in raw.items()}
@@ -54,6 +80,7 @@ class ImpossibleSamples:
             return columns
         bad = np.any([np.abs(columns[name]) > _ABSURD for name in keys], axis=0)
         bad |= self._empty([columns[name] for name in keys], [*keys])
+        bad |= self._excessive(columns)
         bad |= self._spikes(np.where(bad, np.nan, columns["position"]))
         good = np.flatnonzero(~bad)
         self._open = count - 1 - int(good[-1]) if len(good) else self._open + count
@@ -97,17 +124,79 @@ class ImpossibleSamples:
         if len(known) < _LEAST_KNOWN:
             return bad
         steps = np.abs(np.diff(known))
-        low, high = np.percentile(known, [1.0, 99.0])
-        far = max(_STEPS * float(np.percentile(steps, 98.0)), float(high - low), self._least)
+        far = self._far(known, steps)
         first = len(self._position)
+        held, self._held = self._held, 0
+        # At its start, fast motion of an unknown drive looks like a jump until it goes on.
+        sure = far if "position" in self._limits else max(far, self._half_turn)
         for row in np.flatnonzero(steps > far) + 1:
             if row < max(first, 1) or (row > first and bad[rows[row - 1 - first]]):
                 continue
-            after = np.abs(known[row + 1 : row + 1 + _MOST_IN_A_ROW] - known[row - 1])
+            most = _MOST_IN_A_ROW - (held if row == first else 0)
+            after = np.abs(known[row + 1 : row + 1 + most] - known[row - 1])
             back = np.flatnonzero(after <= 0.5 * far)
             if len(back):
                 bad[rows[row - first : row - first + back[0] + 1]] = True
+            elif len(known) - row <= most and steps[row - 1] > sure:
+                bad[rows[row - first :]] = True
+                self._held = _MOST_IN_A_ROW - most + len(known) - row
+            elif row == first:
+                # It does not come back: a jump, whose first samples were held.
+                self.found -= held
         return bad
+
+    def _far(self, known: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
+        """Return by how much a position is off that comes back, in the unit of the source."""
+        usual = _STEPS * float(np.percentile(steps, 98.0))
+        if "position" in self._limits:
+            return max(usual, self._limits["position"])
+        low, high = np.percentile(known, [1.0, 99.0])
+        return max(usual, min(float(high - low), self._half_turn), self._least)
+
+    def _excessive(self, columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+        """Return where a speed or current is beyond its limit for a few samples, ``(n,)``."""
+        beyond = np.zeros(len(columns["position"]), bool)
+        for name in ("speed", "current"):
+            if name in self._limits and name in columns:
+                beyond |= np.abs(columns[name]) > self._limits[name]
+        for start, end in _runs(beyond):
+            if end - start > _MOST_IN_A_ROW:
+                beyond[start:end] = False
+        return beyond
+
+
+def limits_of(
+    mapping: Mapping, description: ActuatorDescription, period: float
+) -> dict[str, float]:
+    """Return what no motor of a description exceeds, as ``ImpossibleSamples`` takes it.
+
+    Parameters
+    ----------
+    period
+        Sample period [s].
+    """
+    if description.drive == "unknown":
+        return {}
+    parameters = description.parameters
+    top = top_speed(parameters)
+    limits: dict[str, float] = {}
+    angle = _size(mapping.position, parameters)
+    if angle:
+        limits["position"] = _TOP_SPEEDS * top * period / angle
+    if mapping.speed and not mapping.speed.encoding and (size := _size(mapping.speed, parameters)):
+        limits["speed"] = _LIMITS * top / size
+    current = mapping.measured_current
+    if current and not current.encoding and current.unit in CURRENTS:
+        limits["current"] = _LIMITS * parameters.I_max / (abs(current.scale) * UNITS[current.unit])
+    return limits
+
+
+def _size(source: AngleSource | SpeedSource, parameters: ActuatorParameters) -> float:
+    """Return the angle or speed of the motor for 1 of a source [rad, rad/s]; 0 if unknown."""
+    size = abs(source.scale) * UNITS[source.unit]
+    if source.unit in LINEAR:
+        size *= 2.0 * math.pi / lead if (lead := source.lead or parameters.lead) else 0.0
+    return size if source.shaft == "motor" else size / parameters.tau
 
 
 def _runs(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
