@@ -1,11 +1,12 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
 import sys
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
 
-from ema_bags.windows import WindowsOnDemand
+from ema_bags.windows import RecordedWindow, WindowsOnDemand
 from ema_cli.bags.source import MEASURED_OPTION, Source, identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
@@ -15,9 +16,11 @@ from ema_core.wording import counted
 from ema_monitor import calibrations
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.identification.joint_estimate import comparable_record
 from ema_monitor.joint.wording import baseline_sentences
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
 
 _ENOUGH_WINDOWS = 5
 
@@ -26,23 +29,37 @@ _ENOUGH_WINDOWS = 5
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
 @settings_options(Source, more=[MEASURED_OPTION])
 @output_option("Calibration file to write", dir_okay=False)
-def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Path) -> None:
+@click.option(
+    "--accepted-by",
+    metavar="NAME",
+    default="",
+    help="Who accepts a unit whose figures are implausible for its description; else it is "
+    "refused.",
+)
+def calibrate(
+    bags: tuple[Path, ...], given: Source, overwrite: bool, output: Path, accepted_by: str
+) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.
 
     A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,
     is taken for known within its sigma. What the windows did not show is named at the end.
+
+    Four or more records of an unknown drive are compared with each other. A record that differs
+    from the others is named in a warning and in the calibration. It is used all the same.
 
     Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """
     read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
     require_free(output, read, overwrite=overwrite)
     descriptions, windows = [], []
+    names: dict[int, str] = {}
     for bag in bags:
         found = identifiable_windows(bag, given)
         for item in found.windows:
             if isinstance(item.place, Refusal):
                 click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
         windows += found.windows
+        names |= _names(bag, found.windows)
         descriptions.append(found.description)
         if found.description != descriptions[0]:
             raise ValueError(
@@ -58,7 +75,9 @@ def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Pa
             click.echo(f"warning: {words}", err=True)
     with progress_bar() as progress:
         progress.add_task("calibrating", total=None)
-        calibration = calibrations.calibrate(WindowsOnDemand(windows), descriptions[0])
+        calibration = calibrations.calibrate(
+            WindowsOnDemand(windows), descriptions[0], accepted_by=accepted_by
+        )
     calibration = _with_labels(calibration, output)
     calibration.save(output)
     used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
@@ -67,6 +86,9 @@ def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Pa
     click.echo(f"{output}: {calibration}")
     if isinstance(calibration, JointCalibration):
         click.echo("\n".join(baseline_sentences(calibration.comparer)))
+        remarks = [f"{names[one.stamp_ns]} {one.remark}" for one in calibration.outliers]
+        for remark in [*_unused(windows, names, calibration), *remarks]:
+            click.echo(f"warning: {remark}", err=True)
     elif calibration.windows < _ENOUGH_WINDOWS:
         windows = counted(calibration.windows, "window")
         click.echo(
@@ -74,6 +96,26 @@ def calibrate(bags: tuple[Path, ...], given: Source, overwrite: bool, output: Pa
             f"{_ENOUGH_WINDOWS} or more are better",
             err=True,
         )
+
+
+def _names(bag: Path, windows: Sequence[RecordedWindow]) -> dict[int, str]:
+    """Return the name of each window by its stamp: the bag, and the number in a bag of several."""
+    several = len(windows) > 1
+    return {
+        item.start_ns: f"record {item.number} of {bag}" if several else str(bag) for item in windows
+    }
+
+
+def _unused(
+    windows: Sequence[RecordedWindow], names: Mapping[int, str], calibration: JointCalibration
+) -> Iterator[str]:
+    """Yield which records are not part of the calibration, and why."""
+    used = {one.stamp_ns for one in calibration.baseline.records}
+    for item in windows:
+        if item.start_ns not in used and isinstance(window := item.window, Window):
+            reason = comparable_record(window, item.description, calibration)
+            if isinstance(reason, str):
+                yield f"{names[item.start_ns]} is not used: {reason}"
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:

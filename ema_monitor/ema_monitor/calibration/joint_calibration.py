@@ -3,8 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from datetime import UTC, datetime
 from functools import cached_property
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -16,15 +17,36 @@ from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.learning import learn
+from ema_monitor.joint.outliers import outliers
 from ema_monitor.joint.record import JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, Shape
 from ema_monitor.joint.signals import Preparation
+from ema_monitor.joint.wording import finding
 from ema_monitor.windows.window import Window
 
 _USED: Final = ("tau", "k_t", "lead")
 _N: Final = len(COEFFICIENTS)
 _UNITS: Final = {"A": ("rad", "A.s^2/rad"), "N.m": ("rad", "kg.m^2"), "N": ("m", "kg")}
 """By unit of the effort: that of the motion, and that of the inertia."""
+
+
+class OutlyingRecord(NamedTuple):
+    """A healthy record that differs from the others: its stamp [ns], and in what."""
+
+    stamp_ns: int
+    finding: str
+
+    def __str__(self) -> str:
+        time = datetime.fromtimestamp(self.stamp_ns // 1_000_000_000, UTC)
+        return f"the record of {time:%Y-%m-%d %H:%M:%S} UTC {self.remark}"
+
+    @property
+    def remark(self) -> str:
+        """What follows the name of the record in a warning."""
+        return (
+            f"differs from the other healthy records: {self.finding}. Leave it out, or confirm "
+            "that the unit was healthy"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +68,8 @@ class JointCalibration(StoredCalibration):
         Unit in which the effort was recorded.
     baseline
         Healthy records, and the model that they were fitted with.
+    outliers
+        Healthy records that differ from the others. They are used like the others.
     """
 
     FORMAT: ClassVar = "joint_1"
@@ -63,6 +87,7 @@ class JointCalibration(StoredCalibration):
     speed_measured: bool
     effort_unit: str
     baseline: Baseline = field(repr=False)
+    outliers: tuple[OutlyingRecord, ...] = ()
 
     @property
     def windows(self) -> int:
@@ -98,9 +123,10 @@ class JointCalibration(StoredCalibration):
 
     def __str__(self) -> str:
         days = counted(len(set(self.baseline.days)), "day")
+        unlike = f", {len(self.outliers)} of them unlike the others" if self.outliers else ""
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (controller not modelled) "
-            f"from {counted(self.windows, 'record')} on {days}: {self._healthy_in_words}"
+            f"from {counted(self.windows, 'record')} on {days}{unlike}: {self._healthy_in_words}"
         )
 
     @property
@@ -176,6 +202,8 @@ class JointCalibration(StoredCalibration):
             "shape": asdict(baseline.shape),
             "records": [_record_mapping(one) for one in baseline.records],
         }
+        if self.outliers:
+            content["outliers"] = [one._asdict() for one in self.outliers]
         if with_labels and baseline.labelled:
             content["labelled"] = [
                 {"state": one.state, "record": _record_mapping(one.record)}
@@ -197,6 +225,10 @@ class JointCalibration(StoredCalibration):
         if not baseline.records:
             raise ValueError("records is empty: expected healthy records")
         content["parameters"] = ActuatorParameters().replace(content["parameters"])
+        content["outliers"] = tuple(
+            OutlyingRecord(int(one["stamp_ns"]), str(one["finding"]))
+            for one in content.get("outliers", [])
+        )
         return cls(**content, baseline=baseline)
 
 
@@ -235,6 +267,10 @@ def calibrate_joint(
         speed_measured=description.acquisition.speed,
         effort_unit=description.acquisition.effort_unit,
         baseline=baseline,
+        outliers=tuple(
+            OutlyingRecord(one.record.stamp_ns, finding(one.comparison))
+            for one in outliers(baseline)
+        ),
     )
 
 

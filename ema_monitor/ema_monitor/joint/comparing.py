@@ -91,9 +91,10 @@ class Comparer:
     effort_unit: str = "A"
     effort_scale: float = 1.0
 
-    def compare(self, record: JointRecord) -> Comparison:
-        """Return what has changed in a record."""
-        return _Test(self, record).result()
+    def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
+        """Return what has changed in a record, and which healthy records would show more."""
+        found = _Test(self, record).result()
+        return replace(found, improvements=self.improvements) if with_improvements else found
 
     @cached_property
     def hypotheses(self) -> list[Hypothesis]:
@@ -252,10 +253,7 @@ class _Test:
         least = min(least, figures.probability, play.probability, tracking.probability)
         states = state_probabilities(self._baseline, self._record)
         ordered = tuple(quantities[name] for name in QUANTITIES)
-        improvements = self._comparer.improvements
-        return Comparison(
-            ordered, figures.figures, min(1.0, count * least), states or None, improvements
-        )
+        return Comparison(ordered, figures.figures, min(1.0, count * least), states or None)
 
     def _is_effect_of(self, play: QuantityChange) -> bool:
         """Return whether play that has changed explains what departs in the coefficients."""

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 
-from ema_core.wording import counted
+from ema_core.description import ActuatorDescription
+from ema_core.wording import counted, one_line
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate, ForgetActuator
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import calibrate
 from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
@@ -73,14 +75,21 @@ class MonitorCalls:
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
         _, description = self._node.units.find(request.actuator_id)
+        person = one_line("person", request.person, 60) if request.person or request.force else ""
         self._log.info(f"{description.actuator_id}: calibration is requested")
+        before = self._node.store.of(description)
+        if not request.force:
+            self._require_no_alarm(description)
         if request.load:
             calibration, path = self._node.store.load(description, request.file)
             message = f"loaded from {path}"
         else:
             path = self._node.store.prepare(description, request.file)
             windows = list(self._healthy_windows(description.actuator_id, request.windows))
-            calibration = calibrate(windows, description)
+            if not request.force:
+                self._require_no_alarm(description)
+            accepted_by = person if request.force else ""
+            calibration = calibrate(windows, description, accepted_by=accepted_by)
             self._node.store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"
             if taken := taken_for_known(window.measured for window in windows):
@@ -88,14 +97,29 @@ class MonitorCalls:
             message += f" and stored in {path}"
             if not self._node.store.is_used_again(description, path):
                 message += "; calibration_file has to name it for it to be used after a restart"
+            if isinstance(calibration, JointCalibration) and calibration.outliers:
+                message += f"; {'; '.join(map(str, calibration.outliers))}"
         if calibration.not_learned:
             words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
             message += f"; not learned from the healthy windows: {words}"
+        if isinstance(before, str) or before.calibration_id != calibration.calibration_id:
+            self._node.prognosis.change_baseline(
+                description, person, calibration.calibration_id, is_forced=request.force
+            )
         self._node.prognosis.describe(description)
         self._log.info(f"calibration: {message}")
         response.success, response.message = True, message
         response.calibration_id = calibration.calibration_id
         return response
+
+    def _require_no_alarm(self, description: ActuatorDescription) -> None:
+        """Raise ValueError if the newest test of the unit gives a warning or failure."""
+        if alarm := self._node.prognosis.alarm(description):
+            raise ValueError(
+                f"unit {description.serial_number!r} of {description.actuator_id!r} is not "
+                f"healthy: {alarm}; a calibration would take its present state for healthy: repair "
+                "it first, or set force and person"
+            )
 
     def _forget(
         self, request: ForgetActuator.Request, response: ForgetActuator.Response

@@ -157,6 +157,7 @@ DAMAGES = {
     "unknown parameter": (_with(1.0, "parameters", "colour"), "colour"),
     "no serial number": (_without("serial_number"), "serial_number"),
     "records of text": (_with("records", "records"), "damaged"),
+    "outlier without a finding": (_with([{"stamp_ns": 1}], "outliers"), "'finding'"),
     "label without a state": (_with([{"record": {}}], "labelled"), "'state'"),
 }
 
@@ -191,6 +192,32 @@ def test_any_entry_replaced_by_rubbish_is_refused_or_loaded(path, seed):
     at[key] = [None, "rubbish", -1, math.nan, [], {}, True, 10**400][rng.integers(8)]
     with suppress(ValueError):
         assert JointCalibration.of_content(path, content).calibration_id
+
+
+# Records unlike the others
+
+
+def test_record_unlike_the_others_is_named_in_the_calibration_and_kept(tmp_path):
+    records = healthy_telemetry(days=2, a_day=3)
+    worn = telemetry_of(Joint().times(coulomb=1.31), tones(), Sensors(), seed=5, day=1, second=50)
+    made = calibrate_joint(list(map(window_of, [*records, worn])), described())
+    (outlier,) = made.outliers
+    assert outlier.stamp_ns == worn.stamp_ns
+    assert "Coulomb friction rose 3" in outlier.finding
+    assert "the record of 2022-01-09 00:00:50 UTC differs from the other healthy records: " in str(
+        outlier
+    )
+    assert str(outlier).endswith("Leave it out, or confirm that the unit was healthy")
+    assert "from 7 records on 2 days, 1 of them unlike the others" in str(made)
+    made.save(tmp_path / "joint.yaml")
+    loaded = load(tmp_path / "joint.yaml")
+    assert (loaded.outliers, loaded.windows) == (made.outliers, 7)
+    assert loaded.calibration_id == made.calibration_id
+
+
+def test_records_like_each_other_are_not_mentioned(calibration, path):
+    assert calibration.outliers == ()
+    assert "outliers" not in path.read_text()
 
 
 # Whom it fits

@@ -8,7 +8,7 @@ from ema_monitor.joint.single import DOUBT, SIGNIFICANCE, Observation, SingleTes
 
 @pytest.mark.parametrize("days", [1, 2, 3, 8])
 def test_healthy_records_are_doubtful_as_rarely_as_their_probability_says(days):
-    """Also after one day, whose prediction has wide tails: three standard deviations are 1 % there."""
+    """Also after one day, whose prediction has wide tails."""
     rng = np.random.default_rng(days)
     healthy = [
         Observation(float(value), 0.004, day)

@@ -1,0 +1,54 @@
+"""Healthy records that differ from the other healthy records of their unit."""
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.comparing import Comparer
+from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.record import JointRecord
+
+FEWEST: Final = 4
+"""Healthy records below which none is compared with the others."""
+
+_UNLIKELY: Final = 1e-5
+"""Probability below which a healthy record does not differ as much from the others.
+
+A set has many records, and three others predict little: of healthy sets less than 1 % are to have
+an outlier.
+"""
+
+
+class Outlier(NamedTuple):
+    """A healthy record, and its comparison with the other healthy records."""
+
+    record: JointRecord
+    comparison: Comparison
+
+
+def outliers(baseline: Baseline) -> list[Outlier]:
+    """Return the healthy records in which a quantity differs, the least probable first.
+
+    An outlier is left out before the other records are compared again: it would make the healthy
+    records of its day differ, too. Records that are faulty in the same way hide each other.
+    """
+    found: list[Outlier] = []
+    rest = list(baseline.records)
+    while len(rest) >= FEWEST:
+        compared = [_left_out(baseline, rest, number) for number in range(len(rest))]
+        worst = min(range(len(rest)), key=lambda number: _probability(compared[number]))
+        if _probability(compared[worst]) >= _UNLIKELY:
+            break
+        found.append(Outlier(rest.pop(worst), compared[worst]))
+    return found
+
+
+def _left_out(baseline: Baseline, records: list[JointRecord], number: int) -> Comparison:
+    """Return the comparison of a record with the others."""
+    others = (*records[:number], *records[number + 1 :])
+    comparer = Comparer(replace(baseline, records=others, labelled=()))
+    return comparer.compare(records[number], with_improvements=False)
+
+
+def _probability(comparison: Comparison) -> float:
+    return comparison.probability if comparison.changed else 1.0

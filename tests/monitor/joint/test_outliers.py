@@ -1,0 +1,67 @@
+"""A faulty record among the healthy records is named, and records of a healthy set are not."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pytest
+
+from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.comparison import FRICTION, INERTIA, TORQUE
+from ema_monitor.joint.outliers import FEWEST, outliers
+
+from .baselines import baseline_of, changed
+
+
+def with_faults(baseline: Baseline, numbers: Iterable[int], **change: float) -> Baseline:
+    """Return the baseline with changes in some of its records."""
+    records = list(baseline.records)
+    for number in numbers:
+        records[number] = replace(records[number], values=changed(records[number].values, **change))
+    return replace(baseline, records=tuple(records))
+
+
+@pytest.mark.parametrize("number", [0, 4, 8])
+@pytest.mark.parametrize(
+    ("change", "name", "size"),
+    [
+        ({"friction": 1.31}, FRICTION, 0.31),
+        ({"friction": 0.8}, FRICTION, -0.2),
+        ({"torque": 0.8}, TORQUE, -0.2),
+        ({"inertia": 1.3}, INERTIA, 0.3),
+    ],
+)
+def test_faulty_record_is_named_with_its_quantity_and_change(number, change, name, size):
+    baseline = with_faults(baseline_of(), [number], **change)
+    (outlier,) = outliers(baseline)
+    assert outlier.record is baseline.records[number]
+    # Its own scatter between days and records, of 1 %, and their errors of 0.6 % are in it.
+    assert outlier.comparison[name] in outlier.comparison.changed
+    assert outlier.comparison[name].change == pytest.approx(size, abs=0.05)
+
+
+def test_two_faulty_records_of_different_days_are_both_named():
+    """The first, once it is left out, no longer hides the second."""
+    baseline = with_faults(baseline_of(), [0, 5], friction=1.5)
+    found = {baseline.records.index(one.record) for one in outliers(baseline)}
+    assert found == {0, 5}
+
+
+def test_healthy_record_beside_the_faulty_one_of_its_day_is_not_named():
+    """A day with two records: compared with the faulty one, the healthy one differs, too."""
+    baseline = with_faults(baseline_of(days=3, a_day=2), [2], friction=1.31)
+    (outlier,) = outliers(baseline)
+    assert outlier.record is baseline.records[2]
+
+
+def test_three_records_are_too_few_to_name_one():
+    baseline = with_faults(baseline_of(days=1, a_day=FEWEST - 1), [1], friction=2.0)
+    assert outliers(baseline) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scatter", [0.003, 0.01, 0.03])
+def test_healthy_sets_have_no_outlier(scatter):
+    for seed in range(20):
+        days, a_day = 1 + seed % 4, 2 + seed % 3
+        baseline = baseline_of(seed, days=days, a_day=a_day, scatter=scatter)
+        assert outliers(baseline) == [], seed
