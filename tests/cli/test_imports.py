@@ -67,7 +67,11 @@ def tables(ema, tmp_path_factory):
     folder = tmp_path_factory.mktemp("joint")
     (folder / "mapping.yaml").write_text(MAPPING)
     (folder / "actuator.yaml").write_text("actuator_id: a\nserial_number: A-1\ndrive: unknown\n")
-    for name, day, friction in [*((f"healthy_{i}", i, 1.0) for i in range(6)), ("test", 30, 1.3)]:
+    for name, day, friction in [
+        *((f"healthy_{i}", i, 1.0) for i in range(6)),
+        ("usual", 6, 1.0),
+        ("test", 30, 1.3),
+    ]:
         joint = Joint().times(coulomb=friction)
         record = telemetry_of(joint, tones(30.0), Sensors(), seed=day, day=day)
         columns = {"position": record.position, "current": record.current}
@@ -80,7 +84,7 @@ def tables(ema, tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", ["test.csv", "test.parquet"])
+@pytest.mark.parametrize("name", ["usual.csv", "usual.parquet"])
 def test_estimate_of_a_table_imports_no_compiler_no_pandas_and_no_bag(tables, name):
     modules = imported("estimate", tables / name)
     unwanted = {"numba", "pandas", "rclpy", "mcap", "rosbags", "numpy.random"}

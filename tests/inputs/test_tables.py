@@ -430,6 +430,7 @@ PLAIN = "t,n,x\n0.1,3,1e-3\n0.2,4,-0.25\n0.3,5,nan\n"
         (PLAIN.replace("4,", "12345678901234567890,"), False),
         (PLAIN.replace("\n", ",\n"), False),
         ("# made by hand\n" + PLAIN, True),
+        ("t,x\n1642118400.0,0.1\n1642118400.01,0.2\n", True),
     ],
 )
 def test_columns_without_pandas_are_those_of_pandas(tmp_path, monkeypatch, text, is_plain):

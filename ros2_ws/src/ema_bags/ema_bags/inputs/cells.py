@@ -91,7 +91,9 @@ def shows_decimals(values: NDArray[Any]) -> bool:
     parts = np.abs(values[np.isfinite(values)])
     parts = parts[parts % 1.0 != 0.0]
     thousands = parts * 1e3
-    return bool(np.any((parts < 1.0) | (np.abs(thousands - np.rint(thousands)) > 1e-6 * parts)))
+    is_other = np.abs(thousands - np.rint(thousands)) > 1e-6 * parts
+    # Before a separator of thousands there are one to three digits.
+    return bool(np.any((parts < 1.0) | (parts >= 1e3) | is_other))
 
 
 def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> WrittenNumbers:
