@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import click
 
@@ -9,8 +10,12 @@ from ema_bags.telemetry import described_actuators
 from ema_bags.windows import BagWindows
 from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
 from ema_cli.parameters import settings_options
+from ema_core.parameters import NEUTRAL
 from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
+
+_OF_UNKNOWN: Final = ("tau", "k_t", "lead")
+"""Parameters that a description with ``drive: unknown`` may give."""
 
 
 @click.command()
@@ -47,9 +52,15 @@ def info(bag: Path, given: Source) -> None:
 
 def _show(found: BagWindows) -> None:
     unit = found.description
-    click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")
+    words = f"actuator {unit.actuator_id}", f"serial number {unit.serial_number}", unit.model
+    click.echo(", ".join(filter(None, words)))
     nominal = unit.parameters.as_mapping()
-    click.echo("nominal parameters: " + ", ".join(f"{k} {v:g}" for k, v in nominal.items()))
+    if unit.drive == "unknown":
+        # All other parameters are of the built-in actuator, and nothing reads them.
+        used = (name for name in _OF_UNKNOWN if nominal[name] not in (0.0, NEUTRAL.get(name)))
+        nominal = {name: nominal[name] for name in used}
+    if nominal:
+        click.echo("nominal parameters: " + ", ".join(f"{k} {v:g}" for k, v in nominal.items()))
     click.echo(
         f"telemetry: {counted(found.samples, 'sample')} every {found.sample_period:g} s in "
         f"{counted(found.blocks, 'block')}, {found.samples * found.sample_period:.3f} s"
