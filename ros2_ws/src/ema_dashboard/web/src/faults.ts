@@ -12,6 +12,12 @@ export const ASSESSED = FAULTS.filter((fault) => fault.assessed);
 /** DRIVE_UNKNOWN of the description. */
 const UNKNOWN_DRIVE = 2;
 
+/** Faults that records of an unknown drive show. */
+const OF_RECORDS = new Set(["friction", "backlash"]);
+
+/** Units of the effort by `effort_kind` of the description. */
+const EFFORT_UNITS = ["A", "N.m", "N"];
+
 const byName = new Map(FAULTS.map((fault) => [fault.name, fault]));
 const causes: Record<string, string> = registry.causes;
 
@@ -22,6 +28,23 @@ export function labelOf(name: string): string {
 
 export function faultOf(name: string): Fault | undefined {
   return byName.get(name);
+}
+
+/** Whether a drive can show a fault. */
+export function isShown(name: string, description?: ActuatorDescription): boolean {
+  return description?.drive !== UNKNOWN_DRIVE || OF_RECORDS.has(name);
+}
+
+/** The measured effort: its name, its unit, and the effort for 1 A of telemetry. */
+export function effortOf(description?: ActuatorDescription): {
+  name: string; unit: string; scale: number;
+} {
+  const kind = description?.drive === UNKNOWN_DRIVE ? description.effort_kind ?? 0 : 0;
+  if (!description || kind === 0) return { name: "current", unit: "A", scale: 1 };
+  const torque = description.torque_constant / description.gear_ratio;
+  if (kind === 1) return { name: "torque", unit: EFFORT_UNITS[kind]!, scale: torque };
+  const scale = description.lead > 0 ? (2 * Math.PI * torque) / description.lead : torque;
+  return { name: "force", unit: EFFORT_UNITS[2]!, scale };
 }
 
 /** What a normalised value means: a change from nominal, or a share where nominal is none. */

@@ -24,6 +24,11 @@ function labelOf(name: string): string {
   return known[name]?.label ?? name.replaceAll("_", " ");
 }
 
+/** Whether an estimate is the comparison of a record: no model is fitted to it. */
+export function isOfRecord(estimate: { quantities?: readonly QuantityChange[] }): boolean {
+  return (estimate.quantities?.length ?? 0) > 0;
+}
+
 /** A row for each quantity of an estimate; recordings of earlier versions have none. */
 export function rowsOf(quantities: readonly QuantityChange[] | undefined): QuantityRow[] {
   return (quantities ?? []).map((one) => {

@@ -50,6 +50,21 @@ test("a record is a row for each quantity, in the words of the commands", () => 
   assert.deepEqual(rowsOf(undefined), []);
 });
 
+test("an unknown drive has the faults of its records, and the effort that was recorded", () => {
+  const of = (more) => ({ drive: 2, effort_kind: 0, torque_constant: 1, gear_ratio: 1, lead: 0, ...more });
+  const shown = (unit) => faults.ASSESSED.map(({ name }) => name).filter((name) => faults.isShown(name, unit));
+  assert.deepEqual(shown(of({})), ["friction", "backlash"]);
+  assert.deepEqual(shown(of({ drive: 0 })), shown(undefined));
+  assert.equal(shown(undefined).length, faults.ASSESSED.length);
+  assert.deepEqual(faults.effortOf(of({})), { name: "current", unit: "A", scale: 1 });
+  assert.deepEqual(faults.effortOf(of({ drive: 0, effort_kind: 1 })).unit, "A");
+  assert.deepEqual(faults.effortOf(of({ effort_kind: 1, torque_constant: 0.05, gear_ratio: 0.01 })),
+    { name: "torque", unit: "N.m", scale: 5 });
+  const force = faults.effortOf(of({ effort_kind: 2, lead: 0.005 }));
+  assert.deepEqual([force.name, force.unit], ["force", "N"]);
+  assert.ok(Math.abs(force.scale - (2 * Math.PI) / 0.005) < 1e-9);
+});
+
 test("faults of a linear actuator are in N and mm, too", () => {
   const screw = {
     lead: 0.005, gear_ratio: 0.1, backlash: 0.08 * Math.PI, drive: 0,

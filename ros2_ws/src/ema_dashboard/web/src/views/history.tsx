@@ -2,7 +2,7 @@
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
-import { ASSESSED, FAULTS, type Fault, inPercent } from "../faults.ts";
+import { ASSESSED, FAULTS, type Fault, inPercent, isShown } from "../faults.ts";
 import { fixed, hours as inHours, withSigma } from "../format.ts";
 import { UNKNOWN } from "../levels.ts";
 import type { HealthForecast } from "../messages.ts";
@@ -29,7 +29,7 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
         <Empty>{columns ? "No test of this unit has been kept yet." : "Loading the history…"}</Empty>
       ) : (
         <div class="plots many">
-          {ASSESSED.map((fault) => (
+          {ASSESSED.filter(({ name }) => isShown(name, actuator.description)).map((fault) => (
             <Trend key={fault.name} fault={fault} columns={columns} actuator={actuator} />
           ))}
         </div>

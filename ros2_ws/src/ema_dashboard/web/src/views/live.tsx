@@ -3,6 +3,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import uPlot from "uplot";
 import type { ActuatorDescription } from "../messages.ts";
+import { effortOf } from "../faults.ts";
 import { significant } from "../format.ts";
 import type { LiveSignals } from "../telemetry.ts";
 import { SHOWN_S } from "../telemetry.ts";
@@ -37,9 +38,11 @@ export function Live({ actuatorKey, description }: {
   paused.current = isPaused;
   const lead = description?.lead ?? 0;
   const way = lead > 0 ? (1e3 * lead) / (2 * Math.PI) : 1;
+  const effort = effortOf(description);
   const scale = useRef({ position: 1, command: 1, speed: 1, current: 1 });
   scale.current = {
-    position: way, command: way, speed: lead > 0 ? way * description!.gear_ratio : 1, current: 1,
+    position: way, command: way, speed: lead > 0 ? way * description!.gear_ratio : 1,
+    current: effort.scale,
   };
 
   useEffect(() => {
@@ -85,9 +88,9 @@ export function Live({ actuatorKey, description }: {
       {period === undefined && <Empty>No telemetry has come since this page was opened.</Empty>}
       <div class="plots" hidden={period === undefined}>
         <figure>
-          <figcaption><strong>current</strong></figcaption>
-          <Plot label="Current of the last ten seconds" height={190} x={X} y="current [A]"
-            series={[series("current", "data")]} data={EMPTY} legend={false} xRange={xRange}
+          <figcaption><strong>{effort.name}</strong></figcaption>
+          <Plot label={`The ${effort.name} of the last ten seconds`} height={190} x={X}
+            y={`${effort.name} [${effort.unit}]`} series={[series(effort.name, "data")]} data={EMPTY} legend={false} xRange={xRange}
             onPlot={keep("current", ["current"])} />
         </figure>
         <figure>

@@ -1,9 +1,10 @@
 // Requirements, and the fault vector with its covariance.
 
 import { useState } from "preact/hooks";
-import { FAULTS, faultOf, inPercent, labelOf, physical } from "../faults.ts";
+import { FAULTS, faultOf, inPercent, isShown, labelOf, physical } from "../faults.ts";
 import { fixed, shownUnit, significant, unit, withSigma } from "../format.ts";
 import type { ActuatorDescription, FaultEstimate, FaultHealth, Health } from "../messages.ts";
+import { isOfRecord } from "../quantities.ts";
 import type { Actuator } from "../state.ts";
 import { Life } from "./life.tsx";
 import { Badge, Empty, Section, itemLevel } from "./parts.tsx";
@@ -31,7 +32,8 @@ export function Requirements({ actuator, health }: OfHealth) {
 export function TrackedFaults({ actuator, health }: OfHealth) {
   return (
     <Section title="Faults after all tests" id="tracked">
-      <Items actuator={actuator} items={health.faults} heading="fault" />
+      <Items actuator={actuator} heading="fault"
+        items={health.faults.filter(({ name }) => isShown(name, actuator.description))} />
     </Section>
   );
 }
@@ -120,10 +122,12 @@ export function FaultVector({ estimate, description }: {
   }
   const n = FAULTS.length;
   const sigma = FAULTS.map((_, k) => Math.sqrt(estimate.covariance[k * n + k]!));
+  const shown = FAULTS.map((fault, k) => [fault, k] as const)
+    .filter(([{ name }]) => isShown(name, description));
   return (
     <Section title="Fault vector of the latest usable test" id="vector"
-      note={`window ${estimate.window}, identified by ${estimate.algorithm} in ` +
-        `${fixed(estimate.computing_time, 2)} s`}>
+      note={`${isOfRecord(estimate) ? "record" : "window"} ${estimate.window}, identified by ` +
+        `${labelOf(estimate.algorithm)} in ${fixed(estimate.computing_time, 2)} s`}>
       <div class="vector">
         <div class="scroll" tabIndex={0} role="region" aria-label="Table of the fault vector">
           <table class="items">
@@ -135,7 +139,7 @@ export function FaultVector({ estimate, description }: {
               </tr>
             </thead>
             <tbody>
-              {FAULTS.map((fault, k) => {
+              {shown.map(([fault, k]) => {
                 const value = estimate.faults[fault.name]!;
                 const isHidden = (estimate.unobservable >> k) & 1;
                 const isHealthy = (estimate.insignificant >> k) & 1;
@@ -146,7 +150,7 @@ export function FaultVector({ estimate, description }: {
                       {isHidden ? "–" : withSigma(value, sigma[k]!)}
                     </td>
                     <td>
-                      {isHidden ? "not observable in this window"
+                      {isHidden ? `not observable in this ${isOfRecord(estimate) ? "record" : "window"}`
                         : isHealthy ? "healthy (not significant)"
                           : physical(faultOf(fault.name)!, value, sigma[k]!, description)}
                     </td>
@@ -156,15 +160,18 @@ export function FaultVector({ estimate, description }: {
             </tbody>
           </table>
         </div>
-        <div>
-          <div class="choice" role="group" aria-label="Matrix">
-            {(["correlation", "covariance"] as const).map((one) => (
-              <button type="button" key={one} aria-pressed={shows === one}
-                onClick={() => setShows(one)}>{one}</button>
-            ))}
+        {/* A record gives each fault by itself. */}
+        {!isOfRecord(estimate) && (
+          <div>
+            <div class="choice" role="group" aria-label="Matrix">
+              {(["correlation", "covariance"] as const).map((one) => (
+                <button type="button" key={one} aria-pressed={shows === one}
+                  onClick={() => setShows(one)}>{one}</button>
+              ))}
+            </div>
+            <Matrix covariance={estimate.covariance} sigma={sigma} shows={shows} />
           </div>
-          <Matrix covariance={estimate.covariance} sigma={sigma} shows={shows} />
-        </div>
+        )}
       </div>
     </Section>
   );

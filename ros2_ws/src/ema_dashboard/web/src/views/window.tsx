@@ -5,6 +5,7 @@ import type uPlot from "uplot";
 import { labelOf } from "../faults.ts";
 import { dateTime, fixed, percent, significant, unit, withSigma } from "../format.ts";
 import { type FaultEstimate, type HiddenCause, VERDICTS, type WindowFit, seconds } from "../messages.ts";
+import { isOfRecord } from "../quantities.ts";
 import type { Actuator } from "../state.ts";
 import { Empty, Figure, Section } from "./parts.tsx";
 import { Plot } from "./plot.tsx";
@@ -18,7 +19,8 @@ export function LastWindow({ actuator }: { actuator: Actuator }) {
   }
   return (
     <Section title="Last test" id="window"
-      note={estimate && `window ${estimate.window}, ended ${dateTime(seconds(estimate.window_end))}`}>
+      note={estimate && `${isOfRecord(estimate) ? "record" : "window"} ${estimate.window}, ended ` +
+        dateTime(seconds(estimate.window_end))}>
       {estimate && <Trust estimate={estimate} />}
       <Shown estimate={estimate} fit={fit} />
     </Section>
@@ -37,6 +39,9 @@ function Shown({ estimate, fit }: { estimate?: FaultEstimate; fit?: WindowFit })
     );
   }
   if (fit && fit.position.length > 0) return <Signals fit={fit} />;
+  if (estimate && isOfRecord(estimate)) {
+    return <Empty>Monitors do not publish the signals of records. Telemetry shows the live signals.</Empty>;
+  }
   return <Empty>No signals of this window have been received.</Empty>;
 }
 
@@ -44,8 +49,7 @@ const MARKS = ["ok", "warn", "error", "error", "error", "warn"] as const;
 
 function Trust({ estimate }: { estimate: FaultEstimate }) {
   const verdict = VERDICTS[estimate.verdict] ?? "refused";
-  // A record is compared with healthy ones: no model is fitted to it.
-  const isRecord = (estimate.quantities?.length ?? 0) > 0;
+  const isRecord = isOfRecord(estimate);
   const isGood = estimate.goodness_of_fit <= estimate.goodness_limit;
   return (
     <>
@@ -80,7 +84,7 @@ function Trust({ estimate }: { estimate: FaultEstimate }) {
       <Causes title="Explained by what is no fault" causes={estimate.hidden_causes} />
       <Causes title="Measured, and taken for known" causes={estimate.measured_causes} />
       {estimate.confusions.length > 0 && (
-        <p class="remark">This window cannot tell apart: {estimate.confusions.join("; ")}.</p>
+        <p class="remark">This {isRecord ? "record" : "window"} cannot separate: {estimate.confusions.join("; ")}.</p>
       )}
     </>
   );
