@@ -28,6 +28,7 @@ _REMEMBERED: Final = 1000
 _STEPS: Final = 10.0
 _TOP_SPEEDS: Final = 2.0
 _LIMITS: Final = 3.0
+_WRAP: Final = 0.4
 _LEAST_TURN: Final = 0.01
 _LEAST_LENGTH: Final = 1e-3
 _SENSORS: Final = ("position", "speed", "current")
@@ -71,7 +72,8 @@ class ImpossibleSamples:
     def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
         """Return columns, ``(n,)`` each, without such samples, those of one block after another.
 
-        If a block ends before a position that has jumped comes back, the value before is held.
+        If a block ends before the position of a modelled drive comes back from a jump, the value
+        before is held.
         """
         keys = [name for name in _SENSORS if name in raw]
         columns = {name: np.array(values) for name, values in raw.items()}
@@ -127,8 +129,6 @@ class ImpossibleSamples:
         far = self._far(known, steps)
         first = len(self._position)
         held, self._held = self._held, 0
-        # At its start, fast motion of an unknown drive looks like a jump until it goes on.
-        sure = far if "position" in self._limits else max(far, self._half_turn)
         for row in np.flatnonzero(steps > far) + 1:
             if row < max(first, 1) or (row > first and bad[rows[row - 1 - first]]):
                 continue
@@ -137,7 +137,7 @@ class ImpossibleSamples:
             back = np.flatnonzero(after <= 0.5 * far)
             if len(back):
                 bad[rows[row - first : row - first + back[0] + 1]] = True
-            elif len(known) - row <= most and steps[row - 1] > sure:
+            elif len(known) - row <= most and self._is_held(float(steps[row - 1])):
                 bad[rows[row - first :]] = True
                 self._held = _MOST_IN_A_ROW - most + len(known) - row
             elif row == first:
@@ -152,6 +152,15 @@ class ImpossibleSamples:
             return max(usual, self._limits["position"])
         low, high = np.percentile(known, [1.0, 99.0])
         return max(usual, min(float(high - low), self._half_turn), self._least)
+
+    def _is_held(self, step: float) -> bool:
+        """Return whether a value is held until it shows whether the position comes back.
+
+        Not that of an unknown drive, whose motion may begin so fast, and not over a wrap.
+        """
+        turn = 2.0 * self._half_turn
+        is_wrap = math.isfinite(turn) and abs(step - turn) < _WRAP * turn
+        return "position" in self._limits and not is_wrap
 
     def _excessive(self, columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
         """Return where a speed or current is beyond its limit for a few samples, ``(n,)``."""
