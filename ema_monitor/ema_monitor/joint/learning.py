@@ -10,6 +10,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.record import defect_of, read_record
+from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import choose_shape
 from ema_monitor.joint.signals import (
     Fine,
@@ -66,8 +67,13 @@ def learn(
     usable = [number for number, one in enumerate(signals) if not defect_of(one, preparation)]
     if not usable:
         raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
-    chosen = [signals[number] for number in usable]
-    shape = choose_shape(chosen, is_linear=bool(description.parameters.lead))
+    is_linear = bool(description.parameters.lead)
+    preparation, chosen = with_ripples(
+        preparation,
+        lambda wanted: [filtered(blocks[number], wanted) for number in usable],
+        is_linear=is_linear,
+    )
+    shape = choose_shape(chosen, is_linear=is_linear)
     found = [
         read_record(
             records[number],
@@ -75,9 +81,9 @@ def learn(
             preparation,
             shape,
             temperature=temperatures[number] if temperatures else math.nan,
-            prepared=(blocks[number], signals[number]),
+            prepared=(blocks[number], rows),
         )
-        for number in usable
+        for number, rows in zip(usable, chosen, strict=True)
     ]
     return Baseline(preparation, shape, tuple(found))
 

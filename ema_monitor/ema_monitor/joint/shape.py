@@ -81,9 +81,13 @@ class Shape:
         """Return the healthy dry friction in a record, ``(n,)`` [A]."""
         dry = self.coulomb * signals.direction + self.dip * signals.stribeck[:, self.stribeck]
         if self.load_share:
-            load = np.abs(self.load_inertia * signals.acceleration + self.gravity(signals))
-            dry = dry + self.load_share * load * signals.direction
+            dry = dry + self.load_share * self.load_friction(signals)
         return dry
+
+    def load_friction(self, signals: Signals) -> Array:
+        """Return the friction in a record if all of the load torque were friction, ``(n,)`` [A]."""
+        load = np.abs(self.load_inertia * signals.acceleration + self.gravity(signals))
+        return load * signals.direction
 
     def design(self, signals: Signals) -> Array:
         """Return the columns of ``COEFFICIENTS``, ``(n, 5)``."""
@@ -102,11 +106,20 @@ class Shape:
 
 
 class RecordFit(NamedTuple):
-    """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and the residuals."""
+    """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and the residuals.
+
+    ``ripple`` are the amplitudes of the sines and cosines of its ripples, ``(2 r,)``: they are free
+    in each record, as its position may count from another zero.
+    """
 
     values: Array
     covariance: Array
     residuals: Array
+    ripple: Array
+
+    def predict(self, shape: Shape, signals: Signals) -> Array:
+        """Return the effort that the coefficients predict in other rows, ``(n,)`` [A]."""
+        return shape.design(signals) @ self.values + signals.ripple @ self.ripple
 
 
 def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> RecordFit:
@@ -122,18 +135,21 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
         Coefficients that decide what the record leaves open, ``(5,)``: those of the baseline. When
         None, zeros and ones.
     """
-    design = shape.design(signals)
+    design = np.column_stack([shape.design(signals), signals.ripple])
     effort = float(np.sqrt(np.mean(signals.effort**2))) + _TINY
     scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     if healthy is None:
         healthy = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-    used = shape.used
-    prior = Prior(healthy[used], _FREE * scales[used])
+    waves = signals.ripple.shape[1]
+    used = np.concatenate([shape.used, np.ones(waves, dtype=bool)])
+    values = np.concatenate([healthy, np.zeros(waves)])
+    prior = Prior(values[used], _FREE * scales[used])
     found = regress(design[:, used], signals.effort, signals.stroke, prior)
-    values, covariance = np.array(healthy), np.zeros((len(used), len(used)))
+    covariance = np.zeros((len(used), len(used)))
     values[used] = found.values
     covariance[np.ix_(used, used)] = found.covariance
-    return RecordFit(values, covariance, found.residuals)
+    n = len(COEFFICIENTS)
+    return RecordFit(values[:n], covariance[:n, :n], found.residuals, values[n:])
 
 
 class _Terms(NamedTuple):
@@ -144,8 +160,51 @@ class _Terms(NamedTuple):
     stribeck: int | None = None
     has_load: bool = False
 
+    @property
+    def columns(self) -> list[int]:
+        """Columns of ``_Record.common`` for the terms, without the load."""
+        stribeck = [] if self.stribeck is None else [1 + self.stribeck]
+        angle = 1 + len(STRIBECK_SPEEDS)
+        return [0, *stribeck, *([angle] * self.sine), *([angle + 1] * self.cosine)]
 
-def choose_shape(records: Sequence[Signals], *, is_linear: bool) -> Shape:
+
+class _Record:
+    """A healthy record, as all candidates for the model use it.
+
+    Attributes
+    ----------
+    signals, halves
+        All rows, and each half of the strokes with the other; empty where they have few rows.
+    common, effort
+        Columns of the terms that records share, ``(n, k)``, and the effort, ``(n,)``, less what
+        the coefficients that are free in each record explain of them.
+    """
+
+    def __init__(self, signals: Signals, centre: float) -> None:
+        self.signals = signals
+        even = signals.every_other_stroke()
+        halves = signals.at(even), signals.at(~even)
+        is_long = min(map(len, halves)) >= _FEWEST_ROWS // 2
+        self.halves = (halves, halves[::-1]) if is_long else ()
+        angle = signals.position - centre
+        gravity = [np.sin(angle), np.cos(angle) - 1.0]
+        self._common = np.column_stack([signals.direction, signals.stribeck, *gravity])
+        ones = np.ones(len(signals))
+        columns = [signals.acceleration, signals.speed, ones, signals.ripple]
+        self._free = np.column_stack(columns)
+        self._inverse = np.linalg.pinv(self._free, rcond=_TINY)
+        self.common, self.effort = self.left(self._common), self.left(signals.effort)
+
+    def left(self, columns: Array) -> Array:
+        """Return what the free coefficients leave of columns, ``(n,)`` or ``(n, k)``."""
+        return np.asarray(columns - self._free @ (self._inverse @ columns), dtype=np.float64)
+
+    def inertia(self, columns: list[int], values: Array) -> float:
+        """Return the inertia beside common terms with these values [A.s^2/rad]."""
+        return float(self._inverse[0] @ (self.signals.effort - self._common[:, columns] @ values))
+
+
+def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
     """Return the model whose terms predict healthy records best that they were not fitted to.
 
     A term is admitted if the error on the record left out falls by 5 %, in the geometric mean over
@@ -154,7 +213,7 @@ def choose_shape(records: Sequence[Signals], *, is_linear: bool) -> Shape:
 
     Parameters
     ----------
-    records
+    signals
         Healthy records.
     is_linear
         Whether the joint is linear, so that no gravity follows its angle.
@@ -164,8 +223,9 @@ def choose_shape(records: Sequence[Signals], *, is_linear: bool) -> Shape:
     ValueError
         When the records do not show the friction of the joint.
     """
-    centre = float(np.mean([np.mean(one.position) for one in records]))
-    travel = float(np.median([np.ptp(one.position) for one in records]))
+    centre = float(np.mean([np.mean(one.position) for one in signals]))
+    travel = float(np.median([np.ptp(one.position) for one in signals]))
+    records = [_Record(one, centre) for one in signals]
     terms = _Terms(sine=not is_linear and travel >= GRAVITY_TRAVEL)
     best = _error(records, terms, centre)
     if terms.sine:
@@ -186,7 +246,7 @@ def choose_shape(records: Sequence[Signals], *, is_linear: bool) -> Shape:
             "the healthy records show no dry friction: the effort does not follow the direction of "
             "the motion; does the effort have the sign of the motion?"
         )
-    return _observable(shape, records)
+    return _observable(shape, signals)
 
 
 def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
@@ -209,13 +269,13 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
 
 
 def _better(
-    records: Sequence[Signals], centre: float, best: float, terms: _Terms, candidate: _Terms
+    records: Sequence[_Record], centre: float, best: float, terms: _Terms, candidate: _Terms
 ) -> tuple[float, _Terms]:
     error = _error(records, candidate, centre)
     return (error, candidate) if error < _IMPROVES * best else (best, terms)
 
 
-def _error(records: Sequence[Signals], terms: _Terms, centre: float) -> float:
+def _error(records: Sequence[_Record], terms: _Terms, centre: float) -> float:
     """Return the prediction error of strokes left out [A]; infinite where a term is unphysical."""
     logs = []
     for at, record in enumerate(records):
@@ -223,97 +283,55 @@ def _error(records: Sequence[Signals], terms: _Terms, centre: float) -> float:
         shape = _fit_shape(others, terms, centre)
         if shape is None:
             return math.inf
-        even = _every_other_stroke(record)
-        if min(np.sum(even), np.sum(~even)) < _FEWEST_ROWS // 2:
-            continue
-        for fitted in (even, ~even):
-            found = fit_record(shape, _rows(record, fitted))
-            rest = _rows(record, ~fitted)
-            missed = rest.effort - shape.design(rest) @ found.values
+        for fitted, rest in record.halves:
+            missed = rest.effort - fit_record(shape, fitted).predict(shape, rest)
             logs.append(math.log(float(np.mean(missed**2)) + _TINY))
     return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
 
 
-def _every_other_stroke(signals: Signals) -> Flags:
-    """Return the rows of every other stroke of each direction, ``(n,)``.
-
-    Each half of the rows has strokes in both directions.
-    """
-    chosen = np.zeros(len(signals), dtype=bool)
-    for way in (1.0, -1.0):
-        rows = np.sign(signals.direction) == way
-        _, number = np.unique(signals.stroke[rows], return_inverse=True)
-        chosen[rows] = number % 2 == 0
-    return chosen
-
-
-def _rows(signals: Signals, chosen: Flags) -> Signals:
-    """Return some rows of a record."""
-    names = ("effort", "position", "speed", "acceleration", "direction", "stribeck", "stroke")
-    return replace(signals, **{name: getattr(signals, name)[chosen] for name in names})
-
-
-def _fit_shape(records: Sequence[Signals], terms: _Terms, centre: float) -> Shape | None:
+def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shape | None:
     """Fit the common terms, with coefficients of their own for each record.
 
     None where the fit is unphysical: negative friction or a Stribeck or load term out of range.
     """
-    shape = _pooled(records, terms, centre, None)
+    columns = terms.columns
+    designs = [one.common[:, columns] for one in records]
+    shape = _pooled(records, terms, centre, designs)
     if terms.has_load and shape is not None:
-        shape = _pooled(records, terms, centre, shape)
+        values = [shape.coulomb, *([shape.dip] * (terms.stribeck is not None))]
+        values += [shape.sine] * terms.sine + [shape.cosine] * terms.cosine
+        of_each = [one.inertia(columns, np.array(values)) for one in records]
+        known = replace(shape, load_inertia=float(np.median(of_each)))
+        loads = [one.left(known.load_friction(one.signals)) for one in records]
+        with_load = [np.column_stack(both) for both in zip(designs, loads, strict=True)]
+        shape = _pooled(records, terms, centre, with_load)
+        return shape and replace(shape, load_inertia=known.load_inertia)
     return shape
 
 
 def _pooled(
-    records: Sequence[Signals], terms: _Terms, centre: float, known: Shape | None
+    records: Sequence[_Record], terms: _Terms, centre: float, designs: Sequence[Array]
 ) -> Shape | None:
-    designs, targets = [], []
-    inertias = []
-    for one in records:
-        common = [one.direction]
-        if terms.stribeck is not None:
-            common.append(one.stribeck[:, terms.stribeck])
-        if known is not None:
-            load = np.abs(known.load_inertia * one.acceleration + known.gravity(one))
-            common.append(load * one.direction)
-        angle = one.position - centre
-        if terms.sine:
-            common.append(np.sin(angle))
-        if terms.cosine:
-            common.append(np.cos(angle) - 1.0)
-        free = np.column_stack([one.acceleration, one.speed, np.ones(len(one))])
-        both = np.column_stack([*common, one.effort])
-        projected = both - free @ np.linalg.lstsq(free, both, rcond=None)[0]
-        designs.append(projected[:, :-1])
-        targets.append(projected[:, -1])
-        inertias.append((free, np.column_stack(common), one.effort))
-    design, target = np.concatenate(designs), np.concatenate(targets)
+    """Fit columns of the common terms, of each record, the load last; None if unphysical."""
+    design = np.concatenate(designs)
+    target = np.concatenate([one.effort for one in records])
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     fit = robust_fit(design, target, Prior(np.zeros(len(scales)), _OPEN * scales + _TINY))
     values = fit.values.tolist()
     coulomb = values.pop(0)
     dip = values.pop(0) if terms.stribeck is not None else 0.0
-    share = values.pop(0) if known is not None else 0.0
     sine = values.pop(0) if terms.sine else 0.0
     cosine = values.pop(0) if terms.cosine else 0.0
-    inertia = float(
-        np.median(
-            [
-                np.linalg.lstsq(free, effort - common @ fit.values, rcond=None)[0][0]
-                for free, common, effort in inertias
-            ]
-        )
-    )
+    share = values.pop(0) if values else 0.0
     if not coulomb > 0.0 or not 0.0 <= dip <= _MOST_DIP * coulomb or not 0.0 <= share <= _MOST_LOAD:
         return None
     return Shape(
         coulomb,
         terms.stribeck or 0,
         dip,
-        share,
-        inertia if terms.has_load else 0.0,
-        sine,
-        cosine,
-        centre,
-        terms.sine or terms.cosine,
+        load_share=share,
+        sine=sine,
+        cosine=cosine,
+        centre=centre,
+        has_gravity=terms.sine or terms.cosine,
     )

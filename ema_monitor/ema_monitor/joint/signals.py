@@ -1,7 +1,7 @@
 """Filtered signals of a record: all columns through one zero-phase filter, on a coarse grid."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -34,6 +34,9 @@ _ENDS: Final = 3.0
 _ROW: Final = 1.5
 _LONGEST_STROKE_S: Final = 2.0
 _USUAL_SPEED: Final = 95.0
+_COLUMNS: Final = (
+    *("effort", "position", "speed", "acceleration", "direction", "stribeck", "ripple", "stroke"),
+)
 
 
 class Preparation(NamedTuple):
@@ -47,11 +50,14 @@ class Preparation(NamedTuple):
         Delay of the effort behind the motion [s].
     usual_speed
         95 % quantile of the speed [rad/s].
+    ripples
+        Wave numbers of the ripples of the effort along the position [1/rad].
     """
 
     cutoff_hz: float
     lag_s: float
     usual_speed: float
+    ripples: tuple[float, ...] = ()
 
     @property
     def highest_period(self) -> float:
@@ -73,6 +79,8 @@ class Signals:
         Filtered sign of the speed [-].
     stribeck
         Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``.
+    ripple
+        Filtered sine and cosine of the position for each of the ripples, ``(n, 2 r)``.
     stroke
         Running number of the stroke that a row belongs to.
     usual_speed
@@ -87,6 +95,7 @@ class Signals:
     acceleration: Array
     direction: Array
     stribeck: Array
+    ripple: Array
     stroke: NDArray[np.intp]
     usual_speed: float
     rate: float
@@ -97,6 +106,22 @@ class Signals:
     def strokes(self, way: int) -> int:
         """Return how many strokes there are in a direction, 1 or -1."""
         return len(np.unique(self.stroke[np.sign(self.direction) == way]))
+
+    def every_other_stroke(self) -> Flags:
+        """Return the rows of every other stroke of each direction, ``(n,)``.
+
+        Each half of the rows has strokes in both directions.
+        """
+        chosen = np.zeros(len(self), dtype=bool)
+        for way in (1.0, -1.0):
+            rows = np.sign(self.direction) == way
+            _, number = np.unique(self.stroke[rows], return_inverse=True)
+            chosen[rows] = number % 2 == 0
+        return chosen
+
+    def at(self, chosen: Flags) -> "Signals":
+        """Return some of the rows."""
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
 
 def user_speed(telemetry: Telemetry, description: ActuatorDescription) -> Array | None:
@@ -112,6 +137,11 @@ def known_lag(description: ActuatorDescription) -> float:
     if acquisition.current == "mean":
         return -0.5 * description.sample_period
     return acquisition.current_filter
+
+
+def filter_sigma(cutoff_hz: float) -> float:
+    """Return the standard deviation of the filter with a cut-off [s]."""
+    return _SIGMA_CUTOFF / cutoff_hz
 
 
 def motion_band(telemetry: Telemetry) -> float:
@@ -217,7 +247,9 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     if preparation.lag_s:
         effort = np.interp(time + preparation.lag_s, time, effort)
     dips = np.exp(-((fine_speed[:, None] / (np.array(STRIBECK_SPEEDS) * usual)) ** 2))
-    columns = [effort, fine.position, sign, *(sign[:, None] * dips).T]
+    phases = [2.0 * math.pi * wave_number * fine.position for wave_number in preparation.ripples]
+    waves = [of(phase) for phase in phases for of in (np.sin, np.cos)]
+    columns = [effort, fine.position, sign, *(sign[:, None] * dips).T, *waves]
     if fine.speed is not None:
         columns.append(fine.speed)
     smooth = smoothed(np.array(columns), sigma)
@@ -234,13 +266,15 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     rows = np.flatnonzero(keep)[::every] if every > 1 else np.flatnonzero(keep)
     stroke = _strokes(np.sign(direction) * keep, step)
     speeds = np.abs(speed[keep])
+    first_wave = 3 + len(STRIBECK_SPEEDS)
     return Signals(
         smooth[0, rows],
         smooth[1, rows],
         speed[rows],
         acceleration[rows],
         direction[rows],
-        smooth[3 : 3 + len(STRIBECK_SPEEDS), rows].T,
+        smooth[3:first_wave, rows].T,
+        smooth[first_wave : first_wave + len(waves), rows].T,
         stroke[rows],
         float(np.percentile(speeds, _USUAL_SPEED)) if len(speeds) else 0.0,
         1.0 / (every * step),

@@ -41,6 +41,8 @@ class Joint:
         Coefficients of ``a``, ``sign(v)``, ``v``, ``sin(q)`` and 1 [A.s^2/rad, A, A.s/rad, A, A].
     stribeck, stribeck_speed
         Friction beyond Coulomb friction at rest [A], and how fast it falls [rad/s].
+    ripple, ripple_waves
+        Amplitude of a ripple along the position [A], and its wave number [1/rad].
     torque
         Torque per ampere, over healthy [-].
     play, wind_up
@@ -54,6 +56,8 @@ class Joint:
     load: float = 0.1
     stribeck: float = 0.0
     stribeck_speed: float = 0.2
+    ripple: float = 0.0
+    ripple_waves: float = 3.0
     torque: float = 1.0
     play: float = 0.0
     wind_up: float = 0.0
@@ -66,6 +70,7 @@ class Joint:
             + (self.coulomb + dip) * np.sign(motion.v)
             + self.viscous * motion.v
             + self.gravity * np.sin(motion.q)
+            + self.ripple * np.sin(2.0 * np.pi * self.ripple_waves * motion.q)
             + self.load
         )
         return torque / self.torque

@@ -1,0 +1,180 @@
+"""Ripple of the effort along the position, of cogging or a gear, found on healthy records."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.joint.signals import Preparation, Signals, filter_sigma
+
+_Prepared = tuple[Preparation, list[Signals]]
+
+_MOST: Final = 2
+_FIRST_STEP: Final = 0.125  # periods over the travel
+_IMPROVES: Final = 0.95
+_FEWEST_PERIODS: Final = 1.5
+_SLOW: Final = 0.2
+_PASSED: Final = 2.0
+_BINS_A_PERIOD: Final = 6.0
+_PADDING: Final = 8
+_MOST_BINS: Final = 1 << 15
+_TINY: Final = 1e-12
+
+
+def with_ripples(
+    preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
+) -> tuple[Preparation, list[Signals]]:
+    """Return the preparation with the ripples that predict the effort, and the records by it.
+
+    A ripple is sought in every other stroke of each record. It is admitted if it lowers the error
+    in the strokes between, to which it was not fitted, by 5 % in the geometric mean over the
+    records.
+
+    Parameters
+    ----------
+    preparation
+        How the records are prepared without ripples.
+    prepared
+        Returns the healthy records by a preparation.
+    is_linear
+        Whether the joint is linear, so that no gravity follows its angle.
+    """
+    signals = prepared(preparation)
+    error = _error(signals, is_linear=is_linear)
+    for _ in range(_MOST):
+        wave_number = _strongest(signals, preparation, is_linear=is_linear)
+        if wave_number is None:
+            break
+
+        def judged(wave: float, before: Preparation = preparation) -> tuple[float, _Prepared]:
+            wider = before._replace(ripples=(*before.ripples, wave))
+            rows = prepared(wider)
+            return _error(rows, is_linear=is_linear), (wider, rows)
+
+        best = wave_number, *judged(wave_number)
+        if not best[1] < _IMPROVES * error:
+            break
+        step = _FIRST_STEP / max(float(np.ptp(one.position)) for one in signals)
+        for size in (step, step / 4.0):
+            near = [(wave, *judged(wave)) for wave in (best[0] - size, best[0] + size)]
+            lowest = _lowest(near[0][:2], best[:2], near[1][:2])
+            best = min([best, *near, (lowest, *judged(lowest))], key=lambda one: one[1])
+        _, error, (preparation, signals) = best
+    return preparation, signals
+
+
+def _lowest(
+    left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]
+) -> float:
+    """Return where the parabola through three points, each place and error, is lowest."""
+    size = middle[0] - left[0]
+    bend = left[1] - 2.0 * middle[1] + right[1]
+    offset = 0.5 * (left[1] - right[1]) / bend if bend > 0.0 else 0.0
+    return middle[0] + size * max(-1.0, min(1.0, offset))
+
+
+def _design(signals: Signals, *, is_linear: bool) -> Array:
+    """Return columns that explain the effort of most joints, each free in a record, ``(n, p)``."""
+    gravity = [] if is_linear else [np.sin(signals.position), np.cos(signals.position)]
+    columns = [signals.direction, signals.acceleration, signals.speed, np.ones(len(signals))]
+    return np.column_stack([*columns, *gravity, signals.stribeck[:, 1], signals.ripple])
+
+
+def _halves(signals: Signals) -> tuple[Signals, Signals]:
+    chosen = signals.every_other_stroke()
+    return signals.at(chosen), signals.at(~chosen)
+
+
+def _error(records: Sequence[Signals], *, is_linear: bool) -> float:
+    """Return the error in the strokes between those fitted [A]; infinite where it is unknown."""
+    logs = []
+    for record in records:
+        fitted, rest = _halves(record)
+        design = _design(fitted, is_linear=is_linear)
+        if min(len(fitted), len(rest)) < 2 * design.shape[1]:
+            continue
+        values = np.linalg.lstsq(design, fitted.effort, rcond=None)[0]
+        missed = rest.effort - _design(rest, is_linear=is_linear) @ values
+        logs.append(math.log(float(np.mean(missed**2)) + _TINY))
+    return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
+
+
+def _strongest(
+    records: Sequence[Signals], preparation: Preparation, *, is_linear: bool
+) -> float | None:
+    """Return the wave number of the strongest ripple in the residuals [1/rad].
+
+    None where no ripple explains enough of them. Ripples that the filter suppresses even in slow
+    strokes are not looked for.
+    """
+    sigma_s = filter_sigma(preparation.cutoff_hz)
+    halves = [_Half(_halves(one)[0], sigma_s, is_linear=is_linear) for one in records]
+    halves = [one for one in halves if one.travel > 0.0]
+    if not halves:
+        return None
+    travel = max(one.travel for one in halves)
+    lowest = _FEWEST_PERIODS / float(np.median([one.travel for one in halves]))
+    highest = _PASSED * preparation.cutoff_hz / (_SLOW * preparation.usual_speed)
+    bins = 1 << math.ceil(math.log2(max(2.0, _BINS_A_PERIOD * highest * travel)))
+    bins = min(bins, _MOST_BINS)
+    width = travel / (bins - 1)
+    power = np.sum([one.spectrum(width, bins) for one in halves], axis=0)
+    waves = np.arange(len(power)) / (width * _PADDING * bins)
+    within = (waves >= lowest) & (waves <= highest)
+    if not np.any(within):
+        return None
+    best = float(waves[np.argmax(np.where(within, power, -1.0))])
+    explained = 0.0
+    for reach, count in ((1.0, 8), (0.125, 4)):
+        near = best + reach / travel * np.arange(-count, count + 1) / count
+        shares = [float(np.mean([one.explained(wave) for one in halves])) for wave in near]
+        best, explained = float(near[np.argmax(shares)]), max(shares)
+    return best if explained > 1.0 - _IMPROVES**2 and best >= lowest else None
+
+
+class _Half:
+    """Half of the strokes of a record, with what a model without a further ripple leaves of them.
+
+    Parameters
+    ----------
+    signals
+        Rows of these strokes.
+    sigma_s
+        Standard deviation of the filter [s].
+    """
+
+    def __init__(self, signals: Signals, sigma_s: float, *, is_linear: bool) -> None:
+        self.travel = float(np.ptp(signals.position)) if len(signals) else 0.0
+        self._position, self._blur = signals.position, sigma_s * np.abs(signals.speed)
+        if not self.travel > 0.0:
+            return
+        basis, sizes, _ = np.linalg.svd(_design(signals, is_linear=is_linear), full_matrices=False)
+        self._basis = basis[:, sizes > _TINY * sizes[0]]
+        self._left = signals.effort - self._basis @ (self._basis.T @ signals.effort)
+        self._power = float(self._left @ self._left) + _TINY
+
+    def spectrum(self, width: float, bins: int) -> Array:
+        """Return the power of the residuals, summed in bins of the position, by wave number.
+
+        The positions of the records may count from different zeros.
+        """
+        place = np.rint((self._position - self._position.min()) / width).astype(np.intp)
+        sums = np.bincount(place, self._left, bins)
+        power: Array = np.abs(np.fft.rfft(sums, _PADDING * bins)) ** 2
+        return power / (len(place) * self._power)
+
+    def explained(self, wave_number: float) -> float:
+        """Return the share of the residuals that a ripple explains, as the filter passes it.
+
+        The filter is taken for one at the speed of each row: it is applied to ripples that are
+        admitted, not to all that are tried.
+        """
+        phase = 2.0 * math.pi * wave_number * self._position
+        passed = np.exp(-0.5 * (2.0 * math.pi * wave_number * self._blur) ** 2)
+        waves = np.column_stack([passed * np.sin(phase), passed * np.cos(phase)])
+        waves -= self._basis @ (self._basis.T @ waves)
+        moments = waves.T @ self._left
+        matrix = waves.T @ waves + _TINY * np.eye(2)
+        return float(moments @ np.linalg.solve(matrix, moments)) / self._power
