@@ -70,11 +70,11 @@ def identify_record(
     mismatch = calibration.unit_mismatch(description)
     if mismatch and not force:
         return _refused(window, calibration, f"the calibration does not fit: {mismatch}")
-    if reason := calibration.shape_mismatch(window) or _missing(window, description):
+    if reason := _unusable(window, description, calibration):
         return _refused(window, calibration, reason)
     if reason := _standstill(window):
         return _refused(window, calibration, reason, FAILED)
-    record = comparable_record(window, description, calibration)
+    record = _record_of(window, description, calibration)
     if isinstance(record, str):
         return _refused(window, calibration, record, comparison=of.not_judged(record))
     if reason := _other_unit(record, calibration.baseline):
@@ -109,8 +109,21 @@ def comparable_record(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | str:
     """Return what a record shows, or why it cannot be compared with the baseline."""
-    if reason := calibration.shape_mismatch(window) or _missing(window, description):
-        return reason
+    reason = _unusable(window, description, calibration)
+    return reason or _record_of(window, description, calibration)
+
+
+def _unusable(
+    window: Window, description: ActuatorDescription, calibration: JointCalibration
+) -> str:
+    """Return why the samples of a record cannot be compared; empty when they can."""
+    return calibration.shape_mismatch(window) or _missing(window, description)
+
+
+def _record_of(
+    window: Window, description: ActuatorDescription, calibration: JointCalibration
+) -> JointRecord | str:
+    """Return what usable samples show, or why their motion cannot be compared."""
     baseline = calibration.baseline
     fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
     signals = filtered(fine, baseline.preparation)
