@@ -40,6 +40,8 @@ class Fault:
         fault by itself and is neither assessed nor tracked.
     growth
         Typical growth; None where there is no limit.
+    shown_by
+        Motion that shows it, in words; "" where there is no limit.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Fault:
     mismatch: float
     limit: float | None = None
     growth: TypicalGrowth | None = None
+    shown_by: str = ""
 
     @property
     def is_two_sided(self) -> bool:
@@ -91,6 +94,7 @@ def _short_circuit(phase: str) -> Fault:
         mismatch=1e-3,
         limit=0.25,
         growth=TypicalGrowth("self_heating", 1.5e-4, 6.0, latest_onset=400.0),
+        shown_by="quick motion to and fro, such as a test cycle",
     )
 
 
@@ -108,6 +112,7 @@ FAULTS: Final = (
         mismatch=7e-4,
         limit=0.5,
         growth=TypicalGrowth("exponential", 2e-3, 0.05),
+        shown_by="quick motion to and fro, such as a test cycle",
     ),
     Fault(
         name="backlash",
@@ -122,6 +127,7 @@ FAULTS: Final = (
         mismatch=1.1e-3,
         limit=0.5,
         growth=TypicalGrowth("archard", 3e-4, 3.0),
+        shown_by="motion that reverses",
     ),
     _short_circuit("A"),
     _short_circuit("B"),
@@ -139,6 +145,7 @@ FAULTS: Final = (
         mismatch=7e-4,
         limit=0.6,
         growth=TypicalGrowth("power", 1500.0, 1.6),
+        shown_by="motion over several turns of the motor",
     ),
     Fault(
         name="eccentricity_phase",
@@ -165,6 +172,7 @@ FAULTS: Final = (
         mismatch=3e-4,
         limit=0.25,
         growth=TypicalGrowth("drift", 2.3e-4, diffusion=1e-3),
+        shown_by="motion of changing speed",
     ),
 )
 """The components in the order of the fault vector.

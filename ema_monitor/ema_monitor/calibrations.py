@@ -13,6 +13,7 @@ from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
+from ema_monitor.calibration.plausible import implausible
 from ema_monitor.calibration.stored import is_calibration_file
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.windows.window import Window
@@ -46,6 +47,7 @@ def calibrate(
     windows: Sequence[Window],
     description: ActuatorDescription | None = None,
     form: str | None = None,
+    accepted_by: str = "",
 ) -> AnyCalibration:
     """Calibrate on healthy windows of one actuator, as its drive wants it.
 
@@ -60,18 +62,25 @@ def calibrate(
     form
         Form of the monitor model, that of the drive when None; it does not matter where the drive
         is unknown.
+    accepted_by
+        Person who accepts a unit that is implausible for its description; "" to refuse it.
 
     Raises
     ------
     ValueError
         When there is no window, one has no excitation, another sample period than the first or
         other columns than the description says, the motion is too little, or the unit deviates
-        impossibly far from its description.
+        impossibly far from its description, or implausibly far and no person accepts it.
     """
     description = description or ActuatorDescription()
     if description.drive == "unknown":
         return calibrate_joint(windows, description)
     made = calibrate_model(windows, description, form)
+    if not accepted_by and (reason := implausible(made, windows[0])):
+        raise ValueError(
+            f"the windows are implausible for a healthy unit of this description: {reason}; check "
+            "unit and description, or force the calibration and name who accepts it"
+        )
     return replace(made, baseline=WindowBaseline.of(one.telemetry for one in windows))
 
 

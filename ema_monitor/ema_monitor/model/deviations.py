@@ -76,6 +76,15 @@ HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:], *READINGS)
 """Deviations that may come and go between two windows."""
 
 
+USUAL_SIGMA: Final = {
+    "torque_constant": 0.05,
+    "inertia": 0.1,
+    "current_gain": 0.02,
+    "speed_gain": 0.01,
+    "position_gain": 0.01,
+}
+"""Usual change between two tests of causes that a healthy unit has within narrow bounds [-]."""
+
 _NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
 
 
@@ -116,20 +125,20 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
     priors = {
         "load_torque": (0.2 * T, 0.8 * T),
         "load_stiffness": (0.2 * T / travel, 0.8 * T / travel),
-        "torque_constant": (0.05, 0.3),
+        "torque_constant": (USUAL_SIGMA["torque_constant"], 0.3),
         "winding_temperature": (50.0, 200.0),
         "supply_voltage": (0.1, 0.5),
         "viscous_friction": (1.0, 10.0),
-        "inertia": (0.1, 0.6),
+        "inertia": (USUAL_SIGMA["inertia"], 0.6),
         "current_offset": (0.005 * I, 0.1 * I),
-        "current_gain": (0.02, 0.3),
+        "current_gain": (USUAL_SIGMA["current_gain"], 0.3),
         "speed_offset": (0.005 * omega, 0.1 * omega),
-        "speed_gain": (0.01, 0.2),
+        "speed_gain": (USUAL_SIGMA["speed_gain"], 0.2),
         "current_delay": (1e-4, 3e-3),
         "speed_delay": (1e-4, 3e-3),
         "command_delay": (5e-4, 5e-3),
         "position_offset": (2e-4 * stroke, 8e-3 * stroke),
-        "position_gain": (0.01, 0.2),
+        "position_gain": (USUAL_SIGMA["position_gain"], 0.2),
     }
     return tuple(_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
 

@@ -19,10 +19,10 @@ from ema_monitor.prognosis import growth
 from ema_monitor.prognosis.duty.course import DutyRecord
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.outliers import OUTLIER
+from ema_monitor.prognosis.growth.outliers import OUTLIER, PATIENCE, REPAIR, STEP, Event
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_monitor.prognosis.history_entry import Entry, Finding
+from ema_monitor.prognosis.history_entry import CALIBRATION, Entry, Finding
 from ema_monitor.prognosis.service import ServiceHours
 
 
@@ -164,20 +164,26 @@ class GrowthRecord:
             known.update(self._fed[0].tolist())
             self._restart()
         stamps_ns, hours = self._used()
+        every = stamps_ns.tolist()
         events = [
             event
-            for stamp_ns, (hour, *own) in zip(
-                stamps_ns[self.tests :].tolist(), hours[self.tests :].tolist(), strict=True
+            for number, (hour, *own) in enumerate(hours[self.tests :].tolist(), self.tests)
+            for event in self._feed(
+                self._entries[every[number]],
+                hour,
+                np.array(own),
+                [self._entries[one] for one in every[max(0, number - PATIENCE) : number]],
             )
-            for event in self._feed(self._entries[stamp_ns], hour, np.array(own))
-            if stamp_ns not in known
+            if every[number] not in known
         ]
         self._fed, self.tests = (stamps_ns, hours), len(stamps_ns)
         if not self.latest_is_used:
             self.doubtful = frozenset()
         return events
 
-    def _feed(self, entry: Entry, hours: float, own_hours: Array) -> list[Finding]:
+    def _feed(
+        self, entry: Entry, hours: float, own_hours: Array, before: Sequence[Entry]
+    ) -> list[Finding]:
         estimate = entry.estimate
         if not estimate.unobservable[ECCENTRICITY_PHASE]:
             self.phase = (
@@ -186,7 +192,16 @@ class GrowthRecord:
             )
         events = self.tracker.update(Measurement.of(estimate, hours, own_hours))
         self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
-        return [Finding(item.kind, item.text) for item in events]
+        made_by = {one.estimate.calibration_id for one in (*before, entry)}
+        return [_finding(item, is_new_baseline=len(made_by) > 1) for item in events]
+
+
+def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
+    """Return an event as a finding; a level that changes with the baseline is no repair or step."""
+    if is_new_baseline and event.kind in (REPAIR, STEP):
+        words = f"the baseline changed, and with it what is healthy: {event.text}"
+        return Finding(CALIBRATION, words)
+    return Finding(event.kind, event.text)
 
 
 @cache

@@ -18,7 +18,8 @@ OUTLIER: Final = "outlier"
 
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
-_PATIENCE: Final = 4
+PATIENCE: Final = 4
+"""Tests in a row after which whatever is off has changed."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class OutlierDetector(Kept):
             # As growth is less and less certain, what was odd before may be within its bounds.
             agrees = self._agrees(measurement, held, mean)[self._odd].all()
             self._agreed = self._agreed + 1 if agrees and not (odd & ~self._odd).any() else 0
-            is_long = self._patience >= _PATIENCE - 1
+            is_long = self._patience >= PATIENCE - 1
             changed = odd & self._odd & (is_long | (self._agreed >= np.where(large, 1, 2)))
         events = [
             _event(int(number), measurement, mean, variance, changed[number], since)
