@@ -3,7 +3,7 @@
 import type { ComponentChildren } from "preact";
 import { ASSESSED, type Fault, faultOf, inPercent, labelOf } from "../faults.ts";
 import { dateTime, duration, fixed, hours, percent, shownUnit, significant, unit } from "../format.ts";
-import { DEPARTED, type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
+import { DEPARTED, ERROR, type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
 import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
 import { type HistoryColumns, begunAnew } from "../unit_history.ts";
@@ -122,7 +122,8 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
         <div class="summary">
           <div>
             <Wrong actuator={actuator} health={health} />
-            <WhatToDo advice={actuator.advice} removal={health.removal} />
+            <WhatToDo advice={actuator.advice} removal={health.removal}
+              isDeparted={isDeparted && health.level !== ERROR} />
           </div>
           {fault && columns && columns.hours.length > 0 && (
             <Trend fault={fault} columns={columns} actuator={actuator}

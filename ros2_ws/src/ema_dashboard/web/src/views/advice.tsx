@@ -18,14 +18,20 @@ export function Folded({ title, children }: { title: string; children: Component
   return isPhone() ? <details><summary>{title}</summary>{children}</details> : <>{children}</>;
 }
 
-/** The advice where costs are set, and the removal that the remaining life asks for. */
-export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string }) {
+/** A look at a departed unit, the advice where costs are set, and the removal by remaining life. */
+export function WhatToDo({ advice, removal, isDeparted }: {
+  advice?: Advice; removal: string; isDeparted: boolean;
+}) {
+  const look = isDeparted && (
+    <p class="what"><strong>Look at the unit:</strong> its latest test differs from healthy ones.</p>
+  );
   const action = ACTIONS[advice?.action ?? 0] ?? "unknown";
   const [what, ...more] = removal.split(/(?= \()|(?<=:)/);
   if (!advice || action === "unknown") {
     return removal ? (
       <div class="todo">
         <h2>What to do</h2>
+        {look}
         <div class="removal">
           <strong>{isPhone() ? what?.replace(/:$/, "") : what}</strong>
           <Folded title="Why">{more.join("")}</Folded>
@@ -40,6 +46,7 @@ export function WhatToDo({ advice, removal }: { advice?: Advice; removal: string
   return (
     <div class="todo">
       <h2>What to do</h2>
+      {look}
       <p class="what">
         <strong>{WHAT[action]!(when)}</strong>
         {Number.isFinite(advice.from_now) && <span class="soft"> in {hours(advice.from_now)} h</span>}

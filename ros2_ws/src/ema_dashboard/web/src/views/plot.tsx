@@ -65,6 +65,18 @@ export function Plot(props: PlotProps) {
   );
 }
 
+const DATE = "\n{YYYY}-{MM}-{DD}";
+const DAY_S = 86_400;
+
+/** Labels of times from a tick distance [s] on; the second is added where a day begins. */
+const TIMES: uPlot.Axis.Values = [
+  [365 * DAY_S, "{YYYY}", null, null, null, null, null, null, 1],
+  [28 * DAY_S, "{YYYY}-{MM}", null, null, null, null, null, null, 1],
+  [DAY_S, "{MM}-{DD}", "\n{YYYY}", null, null, null, null, null, 1],
+  [60, "{HH}:{mm}", DATE, DATE, DATE, null, null, null, 1],
+  [1, "{HH}:{mm}:{ss}", DATE, DATE, DATE, null, null, null, 1],
+];
+
 function options(latest: { current: PlotProps }, width: number): uPlot.Options {
   const { x, y, series, bands, isTime, yRange, xRange, sync, legend, height } = latest.current;
   const axis = {
@@ -84,7 +96,10 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
       y: yRange ? { range: yRange } : {},
     },
     axes: [
-      { ...axis, label: x, labelSize: 20, size: isTime ? 46 : 30 }, // a time has its date below
+      {
+        ...axis, label: x, labelSize: 20, size: isTime ? 46 : 30, // a time has its date below
+        ...(isTime ? { values: TIMES, space: 64 } : {}),
+      },
       { ...axis, label: y, labelSize: 20, size: 52 },
     ],
     legend: { show: legend ?? true, live: true },
