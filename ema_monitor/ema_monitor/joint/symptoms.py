@@ -21,6 +21,8 @@ _LAG_FLOOR: Final = 0.01
 _WIND_UP: Final = 2.0
 _VISIBLE: Final = 3.0
 _LIKE_MOTION: Final = 0.14
+_SHARE_OF_SHOWN: Final = 0.3
+"""Least prior median of a scatter over the scatter of the healthy records [-]."""
 _ERROR_OF_MOTION: Final = 2.0
 _NO_MOTOR_SIDE: Final = (
     "it needs the speed of the motor, the position of the joint and several reversals"
@@ -192,7 +194,9 @@ class SymptomComparer:
                 if name in one.figures
             ]
             if healthy and between is not None:
-                found[name] = scatter_of(healthy, between)
+                # The scatters considered end at some times the prior median.
+                shown = float(np.std([one.value for one in healthy]))
+                found[name] = scatter_of(healthy, max(between, _SHARE_OF_SHOWN * shown))
         return found
 
 
