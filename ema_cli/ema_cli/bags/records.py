@@ -11,7 +11,7 @@ import click
 
 from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import InputFile
-from ema_bags.inputs.importing import Imported, import_series
+from ema_bags.inputs.importing import BLOCK_S, Imported, import_series
 from ema_bags.inputs.mapping import Mapping, load_mapping
 from ema_bags.message_type import type_name
 from ema_bags.messages import MemoryRecording
@@ -22,6 +22,7 @@ from ema_ros.actuator_file import load_description
 
 _PAUSE_NS: Final = 1_000_000_000
 _SIMILAR_RATE: Final = 0.1
+_BLOCK_IN_MEMORY_S: Final = 0.5  # nobody waits for the block's end
 
 
 def table_recordings(
@@ -59,7 +60,7 @@ def table_recordings(
         found = [[read_record(part, *one, accepts=False)] for one in actuators]
         messages = (
             (_full_name(name), type_name(type(message)), message, *stamps)
-            for name, message, *stamps in _messages(found)
+            for name, message, *stamps in _messages(found, _BLOCK_IN_MEMORY_S)
         )
         yield values, MemoryRecording(table, messages)
 
@@ -160,7 +161,7 @@ def write_records(
     with new_bag(path, overwrite=overwrite) as bag:
         for name, (message_class, qos) in kinds.items():
             bag.add_topic(_full_name(name), message_class, qos)
-        for name, message, received_ns, stamp_ns in _messages(actuators):
+        for name, message, received_ns, stamp_ns in _messages(actuators, BLOCK_S):
             bag.write(_full_name(name), message, received_ns, stamp_ns)
 
 
@@ -168,12 +169,17 @@ def _full_name(topic: str) -> str:
     return f"{topic_names.NAMESPACE}/{topic}"
 
 
-def _messages(actuators: Sequence[Sequence[Imported]]) -> Iterator[tuple[str, Any, int, int]]:
+def _messages(
+    actuators: Sequence[Sequence[Imported]], block_s: float
+) -> Iterator[tuple[str, Any, int, int]]:
     """Yield topic, message, when it was received and its stamp [ns], in the order received."""
-    return heapq.merge(*map(_messages_of_actuator, actuators), key=lambda one: one[2])
+    of_each = (_messages_of_actuator(found, block_s) for found in actuators)
+    return heapq.merge(*of_each, key=lambda one: one[2])
 
 
-def _messages_of_actuator(found: Sequence[Imported]) -> Iterator[tuple[str, Any, int, int]]:
+def _messages_of_actuator(
+    found: Sequence[Imported], block_s: float
+) -> Iterator[tuple[str, Any, int, int]]:
     """Yield the same of one actuator, file after file."""
     from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
@@ -183,7 +189,7 @@ def _messages_of_actuator(found: Sequence[Imported]) -> Iterator[tuple[str, Any,
     for one in found:
         shift_ns, shift = 0, 0
         rises = deque(one.rises)
-        for block in one.blocks():
+        for block in one.blocks(block_s):
             if end_ns is None:
                 end_ns = block.stamp_ns
                 message = description_to_message(description, end_ns)

@@ -29,7 +29,9 @@ from ema_bags.inputs.wrapping import Unwrapper
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, PAUSE_S, Telemetry
 
-_BLOCK_S: Final = 0.05
+BLOCK_S: Final = 0.05
+"""Length of a block of telemetry in a bag [s]."""
+
 _BLOCK_SAMPLES: Final = 20
 
 
@@ -154,12 +156,12 @@ class Imported:
         """Description with the sample period and acquisition of the samples."""
         return self.stream.description
 
-    def blocks(self) -> Iterator[Telemetry]:
-        """Yield the telemetry in blocks of 50 ms, or of 20 samples if these last longer.
+    def blocks(self, block_s: float = BLOCK_S) -> Iterator[Telemetry]:
+        """Yield the telemetry in blocks of a length, or of 20 samples if these last longer.
 
         Each block costs as much to read as many samples. No stamp is before the epoch.
         """
-        block_s = max(_BLOCK_S, _BLOCK_SAMPLES * self.description.sample_period)
+        block_s = max(block_s, _BLOCK_SAMPLES * self.description.sample_period)
         for run in self.runs:
             yield from self.stream.blocks(run, block_s, self.shift_ns)
 
