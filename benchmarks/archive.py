@@ -160,7 +160,9 @@ def of_kills(place: Path, bags: Path, kills: int) -> Figures:
     def kill() -> None:
         nonlocal killed
         while killed < kills and not over.wait(rng.uniform(0.05, 0.5)):
-            children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+            children = (
+                Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="utf-8").split()
+            )
             workers = [
                 int(child)
                 for child in children

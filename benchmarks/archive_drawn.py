@@ -26,13 +26,13 @@ def make_stubs(folder: Path, units: int, tests: int) -> None:
         place.mkdir(parents=True)
         for number in range(tests // units):
             stub = json.dumps({"unit": unit, "number": number, "of": tests // units})
-            (place / f"test_{number:05d}.mcap").write_text(stub)
+            (place / f"test_{number:05d}.mcap").write_text(stub, encoding="utf-8")
 
 
 def draw(task: BagTask) -> BagResult:
     """Return an estimate that is drawn, in the place of one that is identified."""
     path = Path(task.url)
-    test = json.loads(path.read_text())
+    test = json.loads(path.read_text(encoding="utf-8"))
     unit, number = test["unit"], test["number"]
     rng, hours = np.random.default_rng([unit, number]), number * HOURS_A_TEST
     estimate = worn(hours, number / test["of"], rng)

@@ -32,7 +32,7 @@ def measured(root: Path, script: str, arguments: tuple[str, ...]) -> dict[str, f
         words = [sys.executable, f"{script}.py", *arguments, "--json", str(file)]
         where = {"cwd": root / "benchmarks", "env": os.environ | {"PYTHONPATH": path}}
         subprocess.run(words, check=True, stdout=subprocess.DEVNULL, **where)
-        return dict(numbers(json.loads(file.read_text())))
+        return dict(numbers(json.loads(file.read_text(encoding="utf-8"))))
 
 
 def numbers(figures: dict[str, Any], name: str = "") -> Iterator[tuple[str, float]]:

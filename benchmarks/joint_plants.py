@@ -130,7 +130,7 @@ class Joint:
         return per_ampere[self.effort] / self.ampere if self.effort in per_ampere else 1.0
 
 
-_TABLE: Final = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+_TABLE: Final = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
 
 DEVELOPMENT: Final = {name: Joint(**values) for name, values in _TABLE["development"].items()}
 """Joints for development."""
@@ -440,7 +440,9 @@ class Unit:
         """Write mapping.yaml and actuator.yaml to a folder."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in (("mapping", self.mapping()), ("actuator", self.description())):
-            (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+            (folder / f"{name}.yaml").write_text(
+                yaml.safe_dump(content, sort_keys=False), encoding="utf-8"
+            )
 
     def write(self, record: Record, folder: Path, name: str) -> Path:
         """Write a record to a folder: CSV up to 100 Hz, else Parquet."""
@@ -458,7 +460,7 @@ def healthy_days(records: int, days: int) -> list[tuple[int, int]]:
 
 def write_truth(folder: Path, truth: Mapping[str, Mapping[str, Any]]) -> None:
     """Write what is true of each record of a folder to truth.json."""
-    (folder / "truth.json").write_text(json.dumps(truth, indent=1))
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
 
 
 def plant_of(joint: Joint, case: Case = HEALTHY, payload: float = 1.0) -> Plant:

@@ -93,7 +93,9 @@ def reference_step(case: str) -> float:
 def cpp(*arguments: str) -> str:
     """Return what the C++ twin of the reference actuator prints."""
     program = build(HERE / "reference_step.cpp")
-    return subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        [program, *arguments], check=True, capture_output=True, text=True, encoding="utf-8"
+    ).stdout
 
 
 def cpp_difference() -> float:

@@ -284,7 +284,7 @@ def is_followed(one: Figures) -> bool:
 
 def resident_mb(process: int) -> float:
     """Return the resident memory of a process [MB]."""
-    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    pages = int(Path(f"/proc/{process}/statm").read_text(encoding="utf-8").split()[1])
     return 1e-6 * pages * os.sysconf("SC_PAGE_SIZE")
 
 

@@ -40,7 +40,7 @@ def peak_of(bag: Path, name: str) -> float:
     """Return the largest resident set of a command in a process of its own [MiB]."""
     arguments = [sys.executable, "-c", CHILD, name, str(bag), *OPTIONS[name]]
     subprocess.run(arguments, stdout=subprocess.DEVNULL, cwd=bag.parent, check=True)
-    return peak_mib((bag.parent / "status").read_text())
+    return peak_mib((bag.parent / "status").read_text(encoding="utf-8"))
 
 
 def measure(pool: Workers) -> Figures:

@@ -240,8 +240,8 @@ def emps(source: Path) -> Figures:
     records = {"own record": normal, **parts, "pulses": pulses, "pulses not measured": removed}
     with TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "actuator.yaml").write_text(_DESCRIPTION)
-        (folder / "mapping.yaml").write_text(_MAPPING)
+        (folder / "actuator.yaml").write_text(_DESCRIPTION, encoding="utf-8")
+        (folder / "mapping.yaml").write_text(_MAPPING, encoding="utf-8")
         for day, (name, record) in enumerate(records.items()):
             time = record["time_s"] - record["time_s"].iloc[0]
             at = MIDNIGHT + 86_400.0 * (day and FIRST_TEST_DAY + day)
@@ -267,7 +267,7 @@ def aircraft(path: Path) -> list[Figures]:
     with TemporaryDirectory() as name:
         table, mapping = Path(name) / "moves.csv", Path(name) / "moves.yaml"
         moves[moves["frequency_hz"] <= 1.0].to_csv(table, index=False)
-        mapping.write_text(_MOVES)
+        mapping.write_text(_MOVES, encoding="utf-8")
         given = "--mapping", mapping, "--limit", str(LIMIT), "--reference", "4"
         _, printed, errors, _ = run("moves", table, *given, "--json")
     if not printed:

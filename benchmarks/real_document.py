@@ -189,12 +189,12 @@ def rewritten(document: str, new: Sequence[Sequence[str]]) -> str:
 @click.option("--picture", type=click.Path(path_type=Path))
 def main(figures: Path, document: Path | None, picture: Path | None) -> None:
     """Print or write the tables."""
-    values = json.loads(figures.read_text())
+    values = json.loads(figures.read_text(encoding="utf-8"))
     new = list(tables(values))
     for rows in new:
         click.echo("\n".join(rows) + "\n")
     if document is not None:
-        document.write_text(rewritten(document.read_text(), new))
+        document.write_text(rewritten(document.read_text(encoding="utf-8"), new), encoding="utf-8")
     if picture is not None:
         draw(values, picture)
 

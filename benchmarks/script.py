@@ -68,7 +68,7 @@ def peak_mib(status: str) -> float:
 
 def cpu_s(process: int) -> float:
     """Return the processor time that a process has taken so far [s]."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
@@ -105,7 +105,7 @@ def command(
             finally:
                 workers.close()
         if output:
-            output.write_text(json.dumps(figures, indent=1))
+            output.write_text(json.dumps(figures, indent=1), encoding="utf-8")
         console = Console(width=width)
         if rows:
             console.print(target_table(title, rows(figures), beside))

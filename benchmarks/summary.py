@@ -32,13 +32,15 @@ def main() -> None:
     rows: list[Row] = []
     for name in SCRIPTS:
         file = HERE / f"{name.rpartition('.')[2]}.json"
-        rows += import_module(name).rows(json.loads(file.read_text()))
+        rows += import_module(name).rows(json.loads(file.read_text(encoding="utf-8")))
     Console(width=140).print(target_table("targets", rows, f"thesis, or\n{BESIDE}"))
     content = [row._asdict() | {"met": None if row.met is None else bool(row.met)} for row in rows]
-    (HERE / "summary.json").write_text(json.dumps(content, indent=2))
+    (HERE / "summary.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
     words = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(words, cwd=HERE, capture_output=True, text=True, check=True).stdout
-    with (HERE / "history.csv").open("a", newline="") as file:
+    commit = subprocess.run(
+        words, cwd=HERE, capture_output=True, text=True, check=True, encoding="utf-8"
+    ).stdout
+    with (HERE / "history.csv").open("a", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows((commit.strip(), row.what, row.measured) for row in rows)
     missed = sum(row.met is False for row in rows)
     raise SystemExit(f"{missed} targets missed" if missed else 0)

@@ -27,7 +27,9 @@ def build(source: Path, *flags: str) -> Path:
 def seconds_per_window() -> float:
     """Run the yardstick (20 repetitions, 50 ms) and return its best time of a window [s]."""
     program = build(HERE / "yardstick" / "monitor_simd.cpp", "-ffast-math")
-    printed = subprocess.run([program], check=True, capture_output=True, text=True).stdout
+    printed = subprocess.run(
+        [program], check=True, capture_output=True, text=True, encoding="utf-8"
+    ).stdout
     found = re.search(r"ms/sim ([0-9.]+)", printed)
     if not found:
         raise ValueError(f"yardstick: expected its time after 'ms/sim', not {printed!r}")

@@ -38,7 +38,9 @@ def _section(title: str, text: str) -> str:
 def _help(command: str) -> Iterator[str]:
     """Yield the help of a command and of those within it."""
     shell = ["bash", "-euc", f". ./activate.sh; {command} --help"]
-    text = subprocess.run(shell, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    text = subprocess.run(
+        shell, cwd=ROOT, capture_output=True, text=True, check=True, encoding="utf-8"
+    ).stdout
     yield _section(command, text)
     for name in COMMAND.findall(text.partition("\nCommands:\n")[2]):
         yield from _help(f"{command} {name}")

@@ -97,5 +97,5 @@ def _type(kind: str) -> str:
 
 
 if __name__ == "__main__":
-    FILE.write_text(json.dumps(registry(), indent=1, ensure_ascii=False) + "\n")
-    INTERFACES.write_text(interfaces())
+    FILE.write_text(json.dumps(registry(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    INTERFACES.write_text(interfaces(), encoding="utf-8")

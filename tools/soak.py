@@ -45,7 +45,7 @@ def busy(count: int) -> Iterator[None]:
 
 def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
     """Run pytest once; return whether it passed and how it ended."""
-    with log.open("w") as output:
+    with log.open("w", encoding="utf-8") as output:
         process = subprocess.Popen(
             [sys.executable, "-m", "pytest", "-q", *arguments],
             cwd=ROOT,
@@ -59,7 +59,9 @@ def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             return False, f"HANGS: killed after {limit_s:g} s"
-    lines = [line for line in log.read_text(errors="replace").splitlines() if line]
+    lines = [
+        line for line in log.read_text(errors="replace", encoding="utf-8").splitlines() if line
+    ]
     return code == 0, lines[-1] if lines else "no output"
 
 

@@ -48,7 +48,7 @@ class ErrorModel:
         ValueError
             When windows with much noise have valid estimates: those would have to be drawn too.
         """
-        records = [json.loads(line) for line in path.read_text().splitlines()]
+        records = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         spoiled = [record["valid"] for record in records if record["spoiled"]]
         good = [record for record in records if record["valid"] and not record["spoiled"]]
         truth, faults, sigma = (

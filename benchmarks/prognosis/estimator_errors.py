@@ -86,7 +86,7 @@ def measure(pool: Workers, windows: int, spoiled: int) -> Figures:
     samples = [Sample(case, i >= windows, calibration) for i, case in enumerate(tests)]
     records = pool.map("tests of lives", Sample.record, samples)
     lines = [json.dumps(record, separators=(",", ":")) for record in records]
-    FILE.write_text("".join(f"{line}\n" for line in lines))
+    FILE.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     valid = sum(record["valid"] for record in records[windows:])
     return {"windows": windows, "spoiled": spoiled, "of them valid": valid}
 

@@ -66,7 +66,7 @@ class Database(AbstractContextManager[Any, None]):
         self._lock: Any = None
         self._check(is_new)
         if writes:
-            self._lock = (archive / ".lock").open("w")
+            self._lock = (archive / ".lock").open("w", encoding="utf-8")
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:

@@ -89,7 +89,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
         raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
     if not (archive / TABLES).is_dir():
         raise ValueError(f"{archive} has no tables: `ema archive run` makes them")
-    text = files("ema_archive").joinpath("fleet_queries.sql").read_text()
+    text = files("ema_archive").joinpath("fleet_queries.sql").read_text(encoding="utf-8")
     _, *parts = re.split(r"^-- name: (\w+)$", text, flags=re.MULTILINE)
     end_s, found = time.monotonic() + limit_s, {}
     with opened(archive, has_tests=False) as db:

@@ -134,7 +134,7 @@ def _first_line(error: Exception) -> str:
 
 
 def _execute(db: duckdb.DuckDBPyConnection, name: str) -> None:
-    text = files("ema_archive").joinpath(name).read_text()
+    text = files("ema_archive").joinpath(name).read_text(encoding="utf-8")
     for statement in text.split(";\n"):
         if "CREATE" in statement:
             db.execute(statement)

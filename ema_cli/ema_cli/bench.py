@@ -139,7 +139,7 @@ def _command(shape: str | None, parameters: Parameters) -> Command:
 
 def _column(path: Path) -> list[float]:
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.reader(file) if row]
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not a CSV file: {error}") from error
@@ -175,4 +175,4 @@ def save_command(path: Path, command: Command, comment: str) -> None:
     }
     heading = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     with complete_file(path) as partial:
-        partial.write_text(heading + yaml.safe_dump(content, sort_keys=False))
+        partial.write_text(heading + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

@@ -24,6 +24,8 @@ def one_clear_line() -> Iterator[None]:
         raise
     except (ValueError, OSError) as error:
         words = str(error)
+        if isinstance(error, UnicodeEncodeError):
+            words = f"the name {error.object!r} is not UTF-8: rename the file"
         if isinstance(error, OSError) and error.filename is not None:
             words = f"{error.filename}: {error.strerror}"
         raise click.ClickException(" ".join(words.split())) from error

@@ -40,5 +40,5 @@ def _source(module: str) -> str:
         file = Path(location, *path)
         for candidate in (file.with_suffix(".py"), file / "__init__.py"):
             if candidate.is_file():
-                return candidate.read_text()
+                return candidate.read_text(encoding="utf-8")
     return ""

@@ -1,7 +1,9 @@
 """The start of a program: SIGINT ends its imports without a traceback; arrays have one thread."""
 
+import io
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,11 +27,24 @@ def quiet_imports() -> Iterator[None]:
             signal.signal(signal.SIGINT, before)
 
 
+def write_any_text() -> None:
+    """Let standard output and error take any text, whatever the locale is.
+
+    Files and pipes get UTF-8, and a terminal what it can show. A byte of a file name that is no
+    text is written as an escape.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            encoding = stream.encoding if stream.isatty() else "utf-8"
+            stream.reconfigure(encoding=encoding, errors="backslashreplace")
+
+
 def program(module: str) -> Callable[[], Any]:
     """Return the program whose ``main`` is in a module that takes long to import."""
 
     def main() -> Any:
         os.environ.update(array_environment())  # before numpy is imported
+        write_any_text()
         with quiet_imports():
             run = import_module(module).main
         return run()

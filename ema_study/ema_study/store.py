@@ -33,7 +33,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self._path = folder / "runs.jsonl"
-        self._lock = (folder / ".lock").open("w")
+        self._lock = (folder / ".lock").open("w", encoding="utf-8")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.results = self._read()
@@ -55,7 +55,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
     def add(self, result: RunResult) -> None:
         """Write a run to disk."""
         content = {"version": numerics_version(), **asdict(result)}
-        with self._path.open("a") as file:
+        with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(content, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())

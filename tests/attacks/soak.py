@@ -166,7 +166,7 @@ def shared_bytes(pids: Iterable[int]) -> int:
     paths = set()
     for pid in pids:
         try:
-            maps = Path(f"/proc/{pid}/maps").read_text()
+            maps = Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
         except (FileNotFoundError, ProcessLookupError):
             continue  # it has died, as its next sample says
         for line in maps.splitlines():

@@ -29,7 +29,7 @@ def test_memory_of_a_burst_is_given_back(tmp_path: Path, name: str):
         )
 
         def memory_mb(name: str) -> int:
-            text = Path(f"/proc/{process.pid}/status").read_text()
+            text = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8")
             return int(re.findall(rf"{name}:\s+(\d+)", text)[0]) // 1024
 
         wait_for(publisher.get_subscription_count, "the subscription")

@@ -233,7 +233,7 @@ def test_folder_that_is_not_empty_is_refused(ema, tmp_path, monkeypatch):
 
 def test_faults_that_are_shown_are_those_that_grow():
     path = Path(get_package_share_directory("ema_bringup"), "config", "demo.yaml")
-    actuator = yaml.safe_load(path.read_text())["/**/actuator"]
+    actuator = yaml.safe_load(path.read_text(encoding="utf-8"))["/**/actuator"]
     assert tuple(actuator["ros__parameters"]["growth"]) == SHOWN
 
 

@@ -19,7 +19,7 @@ def ports_of(domain: int) -> dict[int, set[str]]:
     """Addresses at which the UDP ports that DDS gives a domain are open in this network."""
     first = 7400 + 250 * domain
     found: dict[int, set[str]] = {}
-    for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
+    for line in Path("/proc/net/udp").read_text(encoding="utf-8").splitlines()[1:]:
         number, _, port = line.split()[1].partition(":")
         if first <= int(port, 16) < first + 250:
             address = ".".join(str(byte) for byte in reversed(bytes.fromhex(number)))

@@ -47,7 +47,7 @@ with deferred_signals(*ENDING) as stop, Supervisor(print) as processes:
 
 
 def lines(note: Path) -> list[str]:
-    return note.read_text().split("\n")[:-1] if note.exists() else []
+    return note.read_text(encoding="utf-8").split("\n")[:-1] if note.exists() else []
 
 
 def processes_with(mark: str | Path) -> list[int]:

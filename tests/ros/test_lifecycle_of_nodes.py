@@ -24,7 +24,7 @@ def test_program_that_is_interrupted_while_it_imports_ends_without_a_traceback(n
     command = [program(name)] if name in NODES else [shutil.which("ema"), "estimate", SAMPLE]
     with started([str(word) for word in command], stderr=subprocess.PIPE) as running:
         loaded = Path(f"/proc/{running.pid}/maps")
-        wait_for(lambda: "/numpy/" in loaded.read_text(), "the imports")
+        wait_for(lambda: "/numpy/" in loaded.read_text(encoding="utf-8"), "the imports")
         running.send_signal(signal.SIGINT)
         _, said = running.communicate(timeout=DEADLINE_S)
     assert (running.returncode, said) == (-signal.SIGINT, b"")

@@ -59,7 +59,7 @@ def report(
         notes = _notes(histories or _beside(bags, unit), unit)
         page = report_page(bags, course, verdict, command, notes)
     with complete_file(output) as partial:
-        partial.write_text(page, encoding="utf-8")
+        partial.write_text(page, encoding="utf-8", errors="backslashreplace")
     for line in (*lines, output):
         click.echo(f"{line}")
     if is_useless:

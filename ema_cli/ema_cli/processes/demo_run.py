@@ -75,7 +75,9 @@ def run_demo(
         if processes.failed:
             node = processes.failed[0]
             log = folder / f"{node}.log"
-            lines = filter(str.strip, reversed(log.read_text(errors="replace").split("\n")))
+            lines = filter(
+                str.strip, reversed(log.read_text(errors="replace", encoding="utf-8").split("\n"))
+            )
             raise ValueError(f"{node} failed: {next(lines, 'it wrote nothing')}; see {log}")
     if stop:
         click.echo(f"interrupted; bag {bag}" if bag.exists() else "interrupted")

@@ -86,7 +86,7 @@ class StoredCalibration(ABC):
             width=96,
         )
         with complete_file(path) as partial:
-            partial.write_text(text)
+            partial.write_text(text, encoding="utf-8")
 
     @classmethod
     def of_content(cls, path: Path, content: Any) -> Self:

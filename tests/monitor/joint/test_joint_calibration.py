@@ -34,7 +34,7 @@ def path(calibration: JointCalibration, tmp_path: Path) -> Path:
 
 
 def load(path: Path) -> JointCalibration:
-    return JointCalibration.of_content(path, yaml.safe_load(path.read_text()))
+    return JointCalibration.of_content(path, yaml.safe_load(path.read_text(encoding="utf-8")))
 
 
 def labelled(calibration: JointCalibration, state: str = "dry") -> JointCalibration:

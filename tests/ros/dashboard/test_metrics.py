@@ -213,11 +213,11 @@ def test_clients_of_other_formats_get_the_plain_one(metrics, accept):
 
 
 def panels() -> list[dict[str, Any]]:
-    return json.loads(GRAFANA.read_text())["panels"]
+    return json.loads(GRAFANA.read_text(encoding="utf-8"))["panels"]
 
 
 def queries() -> list[str]:
-    content = json.loads(GRAFANA.read_text())
+    content = json.loads(GRAFANA.read_text(encoding="utf-8"))
     variables = [item["definition"] for item in content["templating"]["list"][1:]]
     return [*variables, *(target["expr"] for panel in panels() for target in panel["targets"])]
 
