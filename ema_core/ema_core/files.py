@@ -69,6 +69,12 @@ def open_regular_file(path: Path) -> Iterator[BinaryIO]:
         os.close(descriptor)
 
 
+def require_regular_file(path: Path) -> None:
+    """Raise ``ValueError`` if a file is a pipe or a device, which may never end."""
+    with open_regular_file(path):
+        pass
+
+
 def read_regular_file(path: Path, most_bytes: int) -> bytes:
     """Return the content of a file that is opened as by `open_regular_file`.
 

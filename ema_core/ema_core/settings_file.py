@@ -10,6 +10,7 @@ from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
 
 _Settings = TypeVar("_Settings")
+_MOST_BYTES = 1_000_000
 
 
 def load_settings(
@@ -29,7 +30,7 @@ def load_settings(
         When the file cannot be read or does not hold one; the message names the file.
     """
     try:
-        content = load_yaml(path.expanduser())
+        content = load_yaml(path.expanduser(), _MOST_BYTES)
     except (OSError, RuntimeError) as error:
         # RuntimeError: a home folder of nobody
         why = getattr(error, "strerror", None) or error

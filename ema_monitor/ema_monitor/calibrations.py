@@ -14,7 +14,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.calibration.plausible import implausible
-from ema_monitor.calibration.stored import is_calibration_file
+from ema_monitor.calibration.stored import MOST_BYTES, is_calibration_file
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.windows.window import Window
 
@@ -37,7 +37,7 @@ def load_calibration(path: Path) -> AnyCalibration:
     OSError
         When it cannot be read.
     """
-    content = load_yaml(path)
+    content = load_yaml(path, MOST_BYTES)
     if isinstance(content, dict) and content.get("format") == JointCalibration.FORMAT:
         return JointCalibration.of_content(path, content)
     return Calibration.of_content(path, content)

@@ -16,7 +16,7 @@ from ema_core.quantity import is_finite_number
 from ema_core.wording import counted
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.alignment import moved, shift_if_same
-from ema_monitor.calibration.stored import StoredCalibration, numbers
+from ema_monitor.calibration.stored import MOST_BYTES, StoredCalibration, numbers
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
@@ -310,7 +310,7 @@ class Calibration(StoredCalibration):
         OSError
             When it cannot be read.
         """
-        return cls.of_content(path, load_yaml(path))
+        return cls.of_content(path, load_yaml(path, MOST_BYTES))
 
     @classmethod
     def _of_mapping(cls, content: dict[str, Any]) -> Self:

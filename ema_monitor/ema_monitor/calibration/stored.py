@@ -18,6 +18,9 @@ from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
+MOST_BYTES: Final = 5_000_000
+"""Size of a calibration that is read: ten times that of the largest."""
+
 _HEAD_BYTES: Final = 200
 _log = logging.getLogger(__name__)
 

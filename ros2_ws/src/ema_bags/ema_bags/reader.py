@@ -14,6 +14,7 @@ from ema_bags.gaps import Gap
 from ema_bags.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
 from ema_bags.messages import MessagePlace, Recorded, Recording, Topic
 from ema_bags.schema import decoder, schema_text
+from ema_core.files import require_regular_file
 from ema_core.wording import counted
 
 _MOST_GAPS: Final = 10
@@ -164,6 +165,7 @@ class Bag(Recording):
             self._note(self.path, f"{promised}, {found} are there")
 
     def _open_file(self, path: Path) -> None:
+        require_regular_file(path)
         try:
             with self._readable(path).open("rb") as file:
                 contents = self._files[path] = read_contents(file)

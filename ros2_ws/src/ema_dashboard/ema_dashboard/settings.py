@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from ema_core.files import read_regular_file, require_regular_file
 from ema_core.quantity import Checked, quantity, text, texts
 
 _LEAST_TOKEN: Final = 16
+_MOST_BYTES: Final = 4096
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,9 @@ def read_address(path: str) -> str:
 
 def _content(parameter: str, path: str) -> str:
     try:
-        return Path(path).expanduser().read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError) as error:
+        content = read_regular_file(Path(path).expanduser(), _MOST_BYTES)
+        return content.decode("ascii").strip()
+    except (OSError, ValueError) as error:
         raise ValueError(f"parameter {parameter} = {path!r} cannot be read: {error}") from error
 
 
@@ -154,8 +157,10 @@ def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
+        for file in filter(None, (certificate, key)):
+            require_regular_file(Path(file))
         context.load_cert_chain(certificate, key)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise ValueError(
             f"parameters tls_certificate = {certificate!r} and tls_key = {key!r} are not usable: "
             f"{error}"

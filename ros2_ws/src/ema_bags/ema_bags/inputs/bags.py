@@ -10,6 +10,7 @@ from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.messages import MalformedMessages, MessagePlace, Recorded, Topic
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
+from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class SqliteBag:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        if not path.is_dir():
+            require_regular_file(path)
         self._malformed = MalformedMessages()
         with self._opened() as reader:
             self.topics = {

@@ -18,6 +18,7 @@ from ema_bags.inputs.mapping import EPOCHS, TIMES_NS, Clock, Mapping, Table
 from ema_bags.inputs.on_demand import pd
 from ema_bags.inputs.plain_table import plain_parquet, read_plain_csv
 from ema_bags.inputs.series import NO_STAMP, Series
+from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 
 PARQUET: Final = (".parquet", ".pq")
@@ -232,6 +233,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     OSError
         When it cannot be opened.
     """
+    require_regular_file(path)
     if path.suffix.lower() in PARQUET:
         read, units, written = _read_parquet(path), {}, Table()
     else:
@@ -363,7 +365,8 @@ def _read_parquet(path: Path) -> _Columns:
     from pyarrow import parquet
 
     try:
-        stored = parquet.ParquetFile(path).read()
+        with path.open("rb") as file:  # pyarrow opens no name that is not UTF-8
+            stored = parquet.ParquetFile(file).read()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is not a Parquet file: {error}") from error
     if (columns := plain_parquet(stored)) is not None:

@@ -1,0 +1,93 @@
+"""Pipes, devices and huge files are refused at once; none of them is waited for."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ema_bags.inputs.tables import read_columns
+from ema_bags.reader import Bag
+from ema_dashboard.settings import read_address, read_token, tls_context
+from ema_monitor.calibrations import load_calibration
+
+from ..commands import SAMPLE, ema
+
+
+@pytest.fixture(params=["pipe", "device"])
+def endless(request, tmp_path):
+    """Return what makes a file of a name that never ends."""
+
+    def make(name: str) -> Path:
+        path = tmp_path / name
+        if request.param == "pipe":
+            os.mkfifo(path)
+        else:
+            path.symlink_to("/dev/zero")
+        return path
+
+    return make
+
+
+@pytest.mark.parametrize(
+    "read", [lambda path: read_token(str(path)), lambda path: read_address(str(path))]
+)
+def test_token_and_address_of_alerts_are_regular_files(endless, read):
+    with pytest.raises(ValueError, match=r"(token_file|alerts) = .* is not a regular file"):
+        read(endless("a"))
+
+
+def test_certificate_is_a_regular_file(endless):
+    path = str(endless("a.pem"))
+    with pytest.raises(ValueError, match=r"tls_certificate = .* is not a regular file"):
+        tls_context(path, path)
+
+
+def test_token_has_a_size(tmp_path):
+    (tmp_path / "a").write_bytes(b"a" * 10_000_000)
+    with pytest.raises(ValueError, match="is larger than 4,096 bytes"):
+        read_token(str(tmp_path / "a"))
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.mcap.zstd"])
+def test_bag_is_a_regular_file(endless, name):
+    with pytest.raises(ValueError, match="is not a regular file"):
+        Bag(endless(name))
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
+def test_table_is_a_regular_file(endless, name):
+    with pytest.raises(ValueError, match="is not a regular file"):
+        read_columns(endless(name))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["estimate", "a.mcap"],
+        ["info", "a.mcap"],
+        ["recover", "a.mcap", "-o", "b.mcap"],
+        ["import", "a.csv", "--preview"],
+        ["import", "a.db3", "--preview"],
+        ["import", SAMPLE, "--mapping", "a.yaml", "-o", "b.mcap"],
+        ["estimate", SAMPLE, "--calibration", "a.yaml"],
+        ["moves", "a.csv", "--mapping", "a.yaml", "--limit", "1.5"],
+        ["report", "a.mcap", "-o", "b.html"],
+        ["prognose", "a.mcap"],
+        ["plot", "a.mcap", "-o", "b.png"],
+        ["verify", "a.mcap"],
+    ],
+    ids=lambda words: " ".join(map(str, words[:3])),
+)
+def test_commands_refuse_endless_files(endless, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    for name in {str(word) for word in words if str(word).startswith("a.")}:
+        endless(name)
+    done = ema(*words)
+    assert done.exit_code in (1, 2)
+    assert "is not a regular file" in done.output
+
+
+def test_list_as_long_as_a_book_is_refused_as_a_calibration_by_its_size(tmp_path):
+    (tmp_path / "a.yaml").write_bytes(b"- 1.25\n" * 900_000)
+    with pytest.raises(ValueError, match="is larger than 5,000,000 bytes"):
+        load_calibration(tmp_path / "a.yaml")
