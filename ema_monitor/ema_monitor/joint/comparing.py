@@ -96,6 +96,14 @@ class Comparer:
         found = _Test(self, record).result()
         return replace(found, improvements=self.improvements) if with_improvements else found
 
+    def unexplained(self, record: JointRecord) -> float:
+        """Return how much of a record the best explanation leaves, "no change" included.
+
+        It is a squared distance, with a penalty for the parameters of the explanation.
+        """
+        test = _Test(self, record)
+        return min(test.distance, *test.costs)
+
     @cached_property
     def hypotheses(self) -> list[Hypothesis]:
         """Changes that are considered."""
@@ -290,14 +298,25 @@ class _Test:
         scales[at.DRY] = 0.0
         return self._total + np.diag((_MODEL_TOLERANCE * change * scales) ** 2)
 
-    def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the quantities that explain the departure, and those that explain it as well."""
+    @property
+    def distance(self) -> float:
+        """Squared Mahalanobis distance from the healthy records."""
+        return float(self._departure @ _precision(self._tolerant) @ self._departure)
+
+    @cached_property
+    def costs(self) -> list[float]:
+        """Squared distance that each hypothesis leaves of the departure, and its parameters."""
         inverse = _precision(self._tolerant)
         costs = []
         for one in self._comparer.hypotheses:
             parameters = _best_weights(one.columns, self._tolerant) @ self._departure
             left = self._departure - one.columns @ parameters
             costs.append(float(left @ inverse @ left) + _FOR_A_PARAMETER * one.columns.shape[1])
+        return costs
+
+    def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the quantities that explain the departure, and those that explain it as well."""
+        costs = self.costs
         order = np.argsort(costs)
         best = self._comparer.hypotheses[int(order[0])]
         if self._baseline.shape.load_share and set(best.quantities) == {FRICTION, TORQUE}:
