@@ -16,6 +16,7 @@ from ema_core.wording import counted
 from ema_monitor.calibration.stored import StoredCalibration, numbers
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparing import Comparer
+from ema_monitor.joint.lag import EffortLag
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.outliers import outliers
 from ema_monitor.joint.record import JointRecord, LabelledRecord
@@ -291,6 +292,7 @@ def _record_mapping(record: JointRecord) -> dict[str, Any]:
     content["values"] = record.values.tolist()
     content["covariance"] = record.covariance[rows, columns].tolist()
     content["parts"] = list(record.parts)
+    content["effort_lag"] = [*map(float, record.effort_lag[:3])]
     return {
         name: float(value) if isinstance(value, np.floating) else value
         for name, value in content.items()
@@ -307,6 +309,7 @@ def _record_of(content: dict[str, Any]) -> JointRecord:
         raise ValueError(f"a record has no {_N} coefficients with a finite covariance")
     values["figures"] = _figures_of(content["figures"])
     values["parts"] = tuple(map(_figures_of, content.get("parts", [])))
+    values["effort_lag"] = EffortLag(*map(float, content.get("effort_lag", ())))
     return JointRecord(**values)
 
 

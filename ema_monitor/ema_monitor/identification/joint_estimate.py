@@ -24,10 +24,11 @@ from ema_monitor.identification.estimate import (
 from ema_monitor.joint import comparison as of
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange
+from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, defect_of, read_record
 from ema_monitor.joint.shape import DRY, INERTIA
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
-from ema_monitor.joint.signals import block_means, filtered
+from ema_monitor.joint.signals import Fine, block_means, filtered
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.wording import summary
 from ema_monitor.windows.trigger import Refusal
@@ -36,6 +37,8 @@ from ema_monitor.windows.window import Window
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_UNIT: Final = 5.0
 _SAME_RATE: Final = 0.02
+_EXPLAINED: Final = 1.5
+"""By how much a delay has to explain a record better than the changes alone, to be likelier."""
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
     of.INERTIA: "inertia",
@@ -96,7 +99,7 @@ def identify_record(
         evaluations=1,
         computing_time_s=time.perf_counter() - started,
         valid=True,
-        reason=". ".join([*caveat, summary(comparison), *_notes(window)]),
+        reason=". ".join([*caveat, summary(comparison), *_notes(window, record)]),
         calibration_windows=calibration.windows,
         verdict=DEPARTED if comparison.has_departed else VALID,
         causes=tuple(_causes(comparison, calibration)),
@@ -124,8 +127,30 @@ def _record_of(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | str:
     """Return what usable samples show, or why their motion cannot be compared."""
+    preparation = calibration.baseline.preparation
+    fine = block_means(window.telemetry, description, preparation.cutoff_hz)
+    healthy = [one.effort_lag for one in calibration.baseline.records]
+    lag = with_shift(effort_lag(fine, preparation), healthy, preparation.cutoff_hz)
+    record = _read(window, description, calibration, fine, lag)
+    if lag.shift_s and not lag.is_certain:
+        plain = _read(window, description, calibration, fine, lag.unshifted)
+        if isinstance(record, str) or isinstance(plain, str):
+            return plain
+        unexplained = calibration.comparer.unexplained
+        return record if unexplained(plain) - unexplained(record) > _EXPLAINED else plain
+    return record
+
+
+def _read(
+    window: Window,
+    description: ActuatorDescription,
+    calibration: JointCalibration,
+    fine: Fine,
+    lag: EffortLag,
+) -> JointRecord | str:
+    """Return what a record shows with the effort moved, or why it cannot be compared."""
     baseline = calibration.baseline
-    fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
+    fine = aligned(fine, lag)
     signals = filtered(fine, baseline.preparation)
     if reason := defect_of(signals, baseline.preparation):
         return reason
@@ -137,6 +162,7 @@ def _record_of(
         healthy=baseline.healthy,
         temperature=winding_temperature(window),
         prepared=(fine, signals),
+        effort_lag=lag,
     )
     # Scatter and roughness of the same effort depend on the sample rate.
     is_alike = abs(window.sample_period / calibration.sample_period - 1.0) < _SAME_RATE
@@ -204,11 +230,19 @@ def _other_unit(record: JointRecord, baseline: Baseline) -> str:
     return ""
 
 
-def _notes(window: Window) -> list[str]:
+def _notes(window: Window, record: JointRecord) -> list[str]:
     """Return what qualifies the samples of a record, as sentences."""
-    lost = int(np.count_nonzero(window.telemetry.interpolated))
-    count = counted(lost, "lost sample")
-    return [f"{count} of {len(window.telemetry)} interpolated"] * bool(lost)
+    notes = []
+    if shift_s := record.effort_lag.shift_s:
+        notes.append(
+            f"The effort is {1e3 * abs(shift_s):.0f} ms {'later' if shift_s > 0.0 else 'earlier'} "
+            "than in the healthy records, which is corrected: look for another filter, driver or "
+            "clock of the effort"
+        )
+    if lost := int(np.count_nonzero(window.telemetry.interpolated)):
+        count = counted(lost, "lost sample")
+        notes.append(f"{count} of {len(window.telemetry)} interpolated")
+    return notes
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.lag import aligned, effort_lag, with_shift
 from ema_monitor.joint.record import defect_of, read_record
 from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import choose_shape
@@ -63,6 +64,10 @@ def learn(
         raise ValueError("no motion: the position never changes in the healthy records")
     preparation = Preparation(cutoff, known_lag(description), usual)
     preparation = _with_lag(preparation, blocks, period)
+    lags = [effort_lag(one, preparation) for one in blocks]
+    lags = [with_shift(one, lags, cutoff) for one in lags]
+    lags = [one if one.is_certain else one.unshifted for one in lags]
+    blocks = [aligned(one, lag) for one, lag in zip(blocks, lags, strict=True)]
     signals = [filtered(one, preparation) for one in blocks]
     usable = [number for number, one in enumerate(signals) if not defect_of(one, preparation)]
     if not usable:
@@ -82,6 +87,7 @@ def learn(
             shape,
             temperature=temperatures[number] if temperatures else math.nan,
             prepared=(blocks[number], rows),
+            effort_lag=lags[number],
         )
         for number, rows in zip(usable, chosen, strict=True)
     ]

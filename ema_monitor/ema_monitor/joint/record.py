@@ -10,6 +10,7 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
+from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
 from ema_monitor.joint.parts import parts_of
 from ema_monitor.joint.shape import Shape, fit_record
 from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered
@@ -50,6 +51,8 @@ class JointRecord:
         Number of rows of steady motion.
     parts
         Figures of its parts by name, which tell labelled states apart.
+    effort_lag
+        Lag of the effort behind the motion.
     """
 
     stamp_ns: int
@@ -65,6 +68,7 @@ class JointRecord:
     temperature: float = math.nan
     rows: int = 0
     parts: tuple[dict[str, float], ...] = ()
+    effort_lag: EffortLag = UNKNOWN_LAG
 
     @property
     def day(self) -> int:
@@ -120,6 +124,7 @@ def read_record(
     healthy: Array | None = None,
     temperature: float = math.nan,
     prepared: tuple[Fine, Signals] | None = None,
+    effort_lag: EffortLag = UNKNOWN_LAG,
 ) -> JointRecord:
     """Return what a record shows, fitted with the terms of its unit.
 
@@ -135,6 +140,8 @@ def read_record(
         Measured rise of the winding temperature [K].
     prepared
         Block means and rows, where they are known already.
+    effort_lag
+        Lag of the effort, which was removed from the rows where it departs.
     """
     if prepared is None:
         fine = block_means(telemetry, description, preparation.cutoff_hz)
@@ -156,4 +163,5 @@ def read_record(
         temperature,
         len(signals),
         parts_of(telemetry, preparation),
+        effort_lag,
     )

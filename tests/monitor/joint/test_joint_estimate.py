@@ -25,6 +25,7 @@ from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
 
 from .plant import Joint, Motion, Sensors, described, healthy_telemetry, telemetry_of, tones
 from .plant import window_of as window
@@ -367,3 +368,33 @@ def test_calibration_of_another_unit_is_refused_unless_forced(plain):
     assert forced.verdict == DEPARTED
     assert forced.reason.startswith("forced although ")
     assert forced.faults.friction == pytest.approx(0.15, abs=0.018)
+
+
+# A late effort
+
+
+def late(joint: Joint, lag_s: float) -> Window:
+    found = measured(joint)
+    telemetry = found.telemetry
+    t = telemetry.sample_period * np.arange(len(telemetry))
+    return replace(
+        found, telemetry=replace(telemetry, current=np.interp(t - lag_s, t, telemetry.current))
+    )
+
+
+@pytest.mark.parametrize("lag_ms", [-20, 10, 50, 100])
+@pytest.mark.parametrize("viscous", [1.0, 2.0])
+def test_late_effort_is_reported_and_is_no_viscous_friction(plain, lag_ms, viscous):
+    found = identify_record(late(PLAIN.times(viscous=viscous), 1e-3 * lag_ms), described(), plain)
+    assert found.comparison is not None
+    changed = {one.name for one in found.comparison.changed}
+    assert changed == ({of.VISCOUS} if viscous > 1.0 else set())
+    [amount, way] = re.findall(r"The effort is (\d+) ms (later|earlier) than", found.reason)[0]
+    assert int(amount) == pytest.approx(abs(lag_ms), abs=3)
+    assert way == ("later" if lag_ms > 0 else "earlier")
+
+
+def test_changed_friction_is_no_lag(plain):
+    for factor in (0.8, 1.3, 2.0):
+        assert "The effort is" not in estimate(plain, PLAIN.times(coulomb=factor)).reason
+    assert "The effort is" not in estimate(plain, PLAIN.times(viscous=2.0)).reason

@@ -1,0 +1,157 @@
+"""Lag of the effort behind the motion in a record: where friction reverses, it shows."""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.joint.signals import Fine, Preparation, filter_sigma
+from ema_monitor.joint.smoothing import smoothed
+
+LONGEST_LAG_S: Final = 0.16
+"""Largest lag that is looked for, either way [s]."""
+
+_COARSE, _NARROW = 1.0, 0.25
+"""Steps in which the lag is looked for, as shares of the standard deviation of the filter [-]."""
+_LEAST_SHIFT, _CERTAIN_SHIFT = 0.05, 0.4
+"""Smallest shift, and smallest that is certain, as shares of the standard deviation of the
+filter [-]."""
+_SIGNIFICANT, _CERTAIN = 4.0, 12.0
+"""The same, in standard deviations of the lag [-]."""
+_NORMAL: Final = 1.4826
+_SOFT_SIGN: Final = 0.02
+_SLOW: Final = 0.05
+_REACH: Final = 3.0
+_FEWEST: Final = 30.0
+_INDEPENDENT: Final = 3.0
+_TINY: Final = 1e-12
+
+
+class EffortLag(NamedTuple):
+    """Lag of the effort behind the motion in a record.
+
+    Attributes
+    ----------
+    lag_s, sigma
+        The lag and its standard deviation [s]; NaN where the record does not show it.
+    shift_s
+        By how much the effort was moved to agree with the healthy records [s].
+    is_certain
+        Whether only a delay explains the shift. Play, and friction that does not follow the sign
+        of the speed, shift the lag by up to 0.3 standard deviations of the filter.
+    """
+
+    lag_s: float = math.nan
+    sigma: float = math.nan
+    shift_s: float = 0.0
+    is_certain: bool = False
+
+    @property
+    def unshifted(self) -> "EffortLag":
+        """The lag without the shift."""
+        return self._replace(shift_s=0.0, is_certain=False)
+
+
+UNKNOWN_LAG: Final = EffortLag()
+"""Lag of a record that does not show it."""
+
+
+def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
+    """Return the lag of the effort behind the motion.
+
+    It is the lag with which inertia, viscous friction, Coulomb friction, gravity and a constant
+    explain the effort best, in steady motion and around the reversals. Its sigma follows from the
+    curvature of the squared residual, with one independent residual for three standard deviations
+    of the filter.
+    """
+    step = fine.step_s
+    sigma = filter_sigma(preparation.cutoff_hz) / step
+    rough = smoothed(fine.position, sigma / 3.0)
+    speed = np.gradient(rough, step) if fine.speed is None else smoothed(fine.speed, sigma / 3.0)
+    usual = preparation.usual_speed
+    sign = np.clip(speed / (_SOFT_SIGN * usual), -1.0, 1.0)
+    position, sign, speed = smoothed(np.array([fine.position, sign, speed]), sigma)
+    angle = position - np.mean(position)
+    design = np.column_stack(
+        [np.gradient(speed, step), speed, sign, np.ones(len(sign)), np.sin(angle), np.cos(angle)]
+    )
+    rows = _rows(fine, speed, usual, sigma)
+    independent = np.count_nonzero(rows) / (_INDEPENDENT * sigma)
+    if independent < _FEWEST:
+        return UNKNOWN_LAG
+    base, _ = np.linalg.qr(design[rows])
+    time = step * np.arange(len(sign))
+
+    def misfit(lag_s: float) -> float:
+        late = smoothed(np.interp(time + lag_s, time, fine.effort), sigma)[rows]
+        left = late - base @ (base.T @ late)
+        return float(left @ left)
+
+    coarse, width = (share * sigma * step for share in (_COARSE, _NARROW))
+    count = math.ceil(LONGEST_LAG_S / coarse)
+    near = min((coarse * i for i in range(-count, count + 1)), key=misfit)
+    lags = near + width * np.arange(-5.0, 6.0)
+    squares = np.array([misfit(lag) for lag in lags])
+    best = int(np.argmin(squares))
+    if abs(near) >= coarse * count or best in (0, len(lags) - 1):
+        return UNKNOWN_LAG
+    curvature, slope, least = _parabola(squares[best - 1 : best + 2], width)
+    lag = float(lags[best]) - slope / curvature
+    return EffortLag(lag, math.sqrt(2.0 * max(least, _TINY) / (independent * curvature)))
+
+
+def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -> EffortLag:
+    """Return a lag with the shift by which it departs from the lag of healthy records.
+
+    The shift is 0 unless the departure is significant.
+
+    Parameters
+    ----------
+    lag
+        Lag of the record.
+    healthy
+        Lags of the healthy records.
+    cutoff_hz
+        Cut-off frequency of the filter [Hz].
+    """
+    known = [one.lag_s - one.shift_s for one in healthy if math.isfinite(one.lag_s)]
+    if not known or not math.isfinite(lag.lag_s):
+        return lag.unshifted
+    centre = float(np.median(known))
+    spread = _NORMAL * float(np.median(np.abs(np.array(known) - centre)))
+    sigma, width = math.hypot(lag.sigma, spread), filter_sigma(cutoff_hz)
+    shift = lag.lag_s - centre
+    if abs(shift) < max(_SIGNIFICANT * sigma, _LEAST_SHIFT * width):
+        return lag.unshifted
+    is_certain = abs(shift) > min(_CERTAIN * sigma, _CERTAIN_SHIFT * width)
+    return lag._replace(shift_s=shift, is_certain=is_certain)
+
+
+def aligned(fine: Fine, lag: EffortLag) -> Fine:
+    """Return the columns of a record with the effort moved by the shift of its lag."""
+    if not lag.shift_s:
+        return fine
+    time = fine.step_s * np.arange(len(fine.effort))
+    return fine._replace(effort=np.interp(time + lag.shift_s, time, fine.effort))
+
+
+def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
+    """Return curvature and slope at the middle of three values, and the minimum."""
+    before, middle, after = squares.tolist()
+    curvature = max((before - 2.0 * middle + after) / width**2, _TINY)
+    slope = (after - before) / (2.0 * width)
+    return curvature, slope, middle - 0.5 * slope**2 / curvature
+
+
+def _rows(fine: Fine, speed: Array, usual: float, sigma: float) -> Array:
+    """Return the rows in motion or near it, apart from ends and long gaps, ``(n,)``."""
+    ends = math.ceil(_REACH * sigma)
+    around = np.ones(2 * ends + 1)
+    rows = np.convolve(np.abs(speed) > _SLOW * usual, np.ones(math.ceil(sigma)), mode="same") > 0.5
+    reach = ends + math.ceil(LONGEST_LAG_S / fine.step_s)
+    rows[:reach] = rows[-reach:] = False
+    if not np.all(fine.is_measured):
+        rows &= np.convolve(~fine.is_measured, around, mode="same") < 0.5
+    return rows
