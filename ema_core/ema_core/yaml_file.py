@@ -48,13 +48,13 @@ class _Loader(_Base):
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_bounded)
 
 
-def load_yaml(path: Path, most_bytes: int = MOST_BYTES) -> Any:
+def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
     """Return what a YAML file holds, in plain values.
 
     Parameters
     ----------
     most_bytes
-        Largest size of the file: it is read at about 1 MB/s.
+        Largest size of the file, which is read at about 1 MB/s; None: ``MOST_BYTES``.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def load_yaml(path: Path, most_bytes: int = MOST_BYTES) -> Any:
         When it cannot be read.
     """
     try:
-        return parse_yaml(read_regular_file(path, most_bytes))
+        return parse_yaml(read_regular_file(path, MOST_BYTES if most_bytes is None else most_bytes))
     except YamlError as error:
         raise ValueError(f"{path} is not a YAML file: {error}") from error
 
