@@ -199,7 +199,7 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
             found[row["end_ns"]] = row
     reasons = unordered(
         StampedTest(row["start_ns"], row["end_ns"], row["bag"], [str(row[name]) for name in _SAME])
-        for row in rows
+        for row in sorted(rows, key=lambda row: (row["bag"], row["number"]))
         if row["valid"] or row["verdict"] == FAILED
     )
     refused = [

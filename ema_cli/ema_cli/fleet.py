@@ -20,7 +20,7 @@ from ema_core.wording import beside_limit, counted, time_in_words
 from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
-from ema_ros.claims import SILENT_S, worth
+from ema_ros.claims import SILENT_S, Received, worth
 from ema_ros.stamps import stamp_from_message
 
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
@@ -81,7 +81,7 @@ class Row:
 class _Actuator:
     """What was heard of an actuator, and when [s]."""
 
-    health: Any = None
+    received: Received | None = None
     refused: Any = None
     causes: str = ""
     friction: str = ""
@@ -96,12 +96,12 @@ class HeardFleet:
     def __init__(self) -> None:
         self._actuators: dict[tuple[str, str], _Actuator] = {}
 
-    def add_health(self, place: str, message: Any, now_s: float) -> None:
-        """Add a Health message that was heard on a namespace."""
+    def add_health(self, place: str, message: Any, now_s: float, clock_ns: int) -> None:
+        """Add a Health message that was heard on a namespace, at a time of the clock [ns]."""
         one = self._of(place, message)
-        before, one.health = one.health, message
+        before, one.received = one.received, Received.at(message, clock_ns, now_s)
         one.heard_s = now_s
-        if before is None or before.header.stamp != message.header.stamp:
+        if before is None or before.health.header.stamp != message.header.stamp:
             one.tested_s = now_s
 
     def add_estimate(self, place: str, message: Any, now_s: float) -> None:
@@ -129,23 +129,35 @@ class HeardFleet:
         if one is not None and task.endswith(" health"):
             one.reported_s = now_s
 
-    def rows(self, now_s: float, clock_ns: int) -> list[Row]:
-        """Return the actuators whose health is known, the worst first."""
+    def rows(self, now_s: float, clock_ns: int, *, is_real: bool = True) -> list[Row]:
+        """Return the actuators whose health is known, the worst first.
+
+        In simulated time, which is not real, claims end by its clock alone.
+        """
         rows = [
-            self._row(key, one, now_s, clock_ns)
+            self._row(key, one, one.received, now_s, clock_ns, is_real)
             for key, one in self._actuators.items()
-            if one.health is not None
+            if one.received is not None
         ]
         return sorted(rows, key=_order)
 
     def _of(self, place: str, message: Any) -> _Actuator:
         return self._actuators.setdefault((place, message.actuator_id), _Actuator())
 
-    def _row(self, key: tuple[str, str], one: _Actuator, now_s: float, clock_ns: int) -> Row:
+    def _row(
+        self,
+        key: tuple[str, str],
+        one: _Actuator,
+        received: Received,
+        now_s: float,
+        clock_ns: int,
+        is_real: bool,
+    ) -> Row:
         is_silent = bool(now_s - np.fmax(one.reported_s, one.heard_s) > SILENT_S)
-        health = worth(one.health, clock_ns, is_silent=is_silent)
-        reasons = [one.health.cause or one.health.reason]
-        if health is not one.health:
+        ended_s = received.ended_s(clock_ns, now_s, is_real=is_real)
+        health = worth(received.health, ended_s, is_silent=is_silent)
+        reasons = [received.health.cause or received.health.reason]
+        if health is not received.health:
             reasons.insert(0, health.reason)
         test_ns = stamp_from_message(health.header.stamp)
         if one.refused is not None:

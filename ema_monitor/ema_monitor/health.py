@@ -1,28 +1,36 @@
 """Health of an actuator from an estimate: levels, index and grade (docs/faults.md)."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ema_core.faults import FAULT_NAMES, FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
+from ema_core.causes import CauseEstimate
+from ema_core.faults import (
+    FAULT_BY_NAME,
+    FAULT_NAMES,
+    FAULTS,
+    KINDS,
+    LIMITS,
+    kind_of,
+    settings_by_kind,
+)
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.identification.settings import MOST_UNEXPLAINED
 from ema_monitor.joint.comparison import TORQUE, Comparison
 from ema_monitor.joint.wording import why_no_level
+from ema_monitor.model.deviations import USUAL_SIGMA
+from ema_monitor.unusual_causes import ONE_SIDED_95, TORQUE_CONSTANT, torque_change, unusual_causes
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"
-"""What is judged beside the faults where the drive is unknown: the share that is left [-]."""
+"""What is judged beside the faults: the share that is left [-]."""
 
-USUAL_TORQUE_CHANGE: Final = 0.05
+USUAL_TORQUE_CHANGE: Final = USUAL_SIGMA[TORQUE_CONSTANT]
 """One sigma of what the temperature of its magnets changes the torque per ampere by [-]."""
-
-ONE_SIDED_95: Final = 1.645
-"""Standard deviations from the mean to a one-sided 95 % bound [-]."""
 
 BEST_INDEX_WITH_WARNING: Final = 0.99
 """Largest health index beside a level of WARN or ERROR [-]."""
@@ -72,6 +80,22 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
         return 2.0 * self.warn_share * self.of("friction")
 
 
+class Recurrence(NamedTuple):
+    """How often a fault that comes and goes was beyond its limit.
+
+    Attributes
+    ----------
+    times, tests
+        In how many of how many latest tests it was beyond its limit.
+    worst
+        Its largest distance from healthy [-].
+    """
+
+    times: int
+    tests: int
+    worst: float
+
+
 @dataclass(frozen=True)
 class FaultHealth:
     """Health with regard to one fault.
@@ -93,6 +117,10 @@ class FaultHealth:
     held
         Value of the latest test [-], where the tests before disagree and either gives a warning
         or failure: it is held until the next one confirms it; else NaN.
+    unconfirmed
+        Lower level that the latest test shows, and later ones have to confirm; None for none.
+    recurrence
+        How often it was beyond its limit, if it comes and goes and nobody has acknowledged that.
     """
 
     name: str
@@ -104,6 +132,8 @@ class FaultHealth:
     limit_is_lower: bool
     share: float
     held: float = math.nan
+    unconfirmed: int | None = None
+    recurrence: Recurrence | None = None
 
 
 @dataclass(frozen=True)
@@ -162,15 +192,21 @@ class Tracked:
         Value and its standard deviation [-].
     doubtful
         Whether the latest test disagrees, and is held until the next one.
+    is_recent
+        Whether a recent test has shown the fault: without one, it is not OK.
     """
 
     value: float
     sigma: float
     doubtful: bool = False
+    is_recent: bool = True
 
 
 def assess(
-    estimate: Estimate, limits: HealthLimits, tracked: Mapping[str, Tracked] | None = None
+    estimate: Estimate,
+    limits: HealthLimits,
+    tracked: Mapping[str, Tracked] | None = None,
+    intermittent: Mapping[str, Recurrence] | None = None,
 ) -> Health:
     """Return the health after a valid estimate.
 
@@ -183,6 +219,8 @@ def assess(
     tracked
         Values tracked over all tests so far, by component; for others, and when None, the
         estimate is used.
+    intermittent
+        Faults that come and go: WARN at least, ERROR in a test that shows them beyond their limit.
 
     Raises
     ------
@@ -192,12 +230,20 @@ def assess(
     Notes
     -----
     WARN when the lower 95 % bound of a fault exceeds a share of its limit, or the estimate has
-    departed; ERROR when a fault's value exceeds the limit. The direction of eccentricity is no
-    fault. The confidence is the share of observable faults. Where the goodness of fit exceeds half
-    its limit it is reduced, by the excess or by the unexplained share, whichever reduces less; at
-    both limits it is zero. A fault that the estimate sets to healthy, and that was tracked there,
-    has the smaller sigma of both. A value that is held until the next test, and by itself would be
-    WARN or ERROR, is WARN.
+    departed; ERROR when a fault's value exceeds the limit. A fault is STALE when no recent test has
+    shown it, or its upper 95 % bound exceeds the limit. Of a modelled drive, OK needs every fault:
+    with a STALE one, the level is STALE and the health index unknown, unless it is WARN or ERROR.
+    The direction of eccentricity is no fault.
+
+    The confidence is the share of faults that the estimate and recent tests show. Where the
+    goodness of fit exceeds half its limit it is reduced, by the excess or by the unexplained share,
+    whichever reduces less; at both limits it is zero. A fault that the estimate sets to healthy,
+    and that was tracked there, has the smaller sigma of both. A value that is held until the next
+    test, and by itself would be WARN or ERROR, is WARN.
+
+    A hidden cause beyond its usual range, or of a window that fits poorly, is a WARN of its own
+    (`unusual_causes`). A torque constant below its healthy value counts as a loss of torque per
+    ampere, in index and requirements.
 
     If the estimate has a comparison, OK needs a judgement of Coulomb friction whose smallest
     detectable change is below the warning limit. Otherwise the level is STALE, and health index and
@@ -206,16 +252,22 @@ def assess(
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
     faults = tuple(
-        _assess_fault(number, estimate, limits, (tracked or {}).get(fault.name))
+        _recurring(
+            _assess_fault(number, estimate, limits, (tracked or {}).get(fault.name)),
+            _alone(number, estimate, limits),
+            (intermittent or {}).get(fault.name),
+            limits,
+        )
         for number, fault in enumerate(FAULTS)
         if fault.limit is not None
     )
     known = [item for item in faults if item.level != STALE]
     hidden = dict(zip(FAULT_NAMES, estimate.unobservable, strict=True))
     unknown = [item.name for item in faults if hidden[item.name]]
+    missing = [item.name for item in faults if item.level == STALE]
     comparison = estimate.comparison
     unseen = f"not observable in this window: {', '.join(unknown)}" if unknown else ""
-    unseen = "" if comparison is not None else unseen
+    unseen = "" if comparison is not None else _joined(why_not_shown(missing), unseen)
     worst = worst_of(faults)
     limit = estimate.goodness_limit
     # The fit is unknown when the calibration has no scatter.
@@ -224,6 +276,9 @@ def assess(
     if np.isfinite(estimate.unexplained_share):
         fit = max(fit, 1.0 - estimate.unexplained_share / MOST_UNEXPLAINED)
     level, severity = worst.level if worst else STALE, _grade(worst)
+    index = float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0))
+    if missing and comparison is None and level == OK:
+        level, index = STALE, math.nan
     reasons = [unseen, estimate.reason]
     if estimate.verdict == DEPARTED:
         reasons.reverse()
@@ -231,15 +286,71 @@ def assess(
             level, severity = WARN, 1
     health = Health(
         level=level,
-        health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),
+        health_index=index,
         severity=severity,
-        confidence=float(fit) * (1.0 - len(unknown) / len(faults)),
+        confidence=float(fit) * (1.0 - len({*unknown, *missing}) / len(faults)),
         dominant_fault=worst.name if worst and worst.level != OK else "",
         faults=faults,
         reason="; ".join(filter(None, reasons)),
     )
-    health = with_requirements(_limited_by_warning(health), _torque_per_ampere(estimate, limits))
-    return health if comparison is None else _by_comparison(health, comparison, limits)
+    health = _limited_by_warning(health)
+    if comparison is None:
+        return _by_causes(health, estimate, limits)
+    health = with_requirements(health, _torque_per_ampere(comparison, estimate.measured, limits))
+    return _by_comparison(health, comparison, limits)
+
+
+def _by_causes(health: Health, estimate: Estimate, limits: HealthLimits) -> Health:
+    """Return health with the torque per ampere, and the warning of unusual hidden causes."""
+    reasons = unusual_causes(estimate)
+    is_unusual = TORQUE_CONSTANT in reasons
+    torque = _torque_by_causes(estimate, limits, is_unusual=is_unusual)
+    if torque:
+        index = min(health.health_index, max(0.0, 1.0 - torque[0].share))
+        index = index if math.isfinite(health.health_index) else math.nan
+        health = with_requirements(replace(health, health_index=index), torque)
+    if not reasons:
+        return health
+    return replace(warned(health), reason=_joined(*reasons.values(), health.reason))
+
+
+def _torque_by_causes(
+    estimate: Estimate, limits: HealthLimits, *, is_unusual: bool
+) -> tuple[FaultHealth, ...]:
+    """Return health with regard to a torque per ampere that a weaker motor or its magnets lower.
+
+    As many turns of all phases may be lost as of one: a window may not separate both.
+    """
+    cause = torque_change(estimate)
+    if cause is None or cause.value >= 0.0:
+        return ()
+    loss, limit = -cause.value, limits.short_circuit
+    level = ERROR if loss > limit else OK
+    if level == OK and is_unusual and loss > limits.warn_share * limit:
+        level = WARN
+    ends = 1.0 - limit, 1.0 - limits.warn_share * limit
+    return (
+        FaultHealth(TORQUE_PER_AMPERE, level, 1.0 - loss, cause.sigma, *ends, True, loss / limit),
+    )
+
+
+def why_not_shown(names: Sequence[str]) -> str:
+    """Return which faults no recent test has shown, and which motion would; "" without names."""
+    by_motion: dict[str, list[str]] = {}
+    for name in names:
+        fault = FAULT_BY_NAME[name]
+        by_motion.setdefault(fault.shown_by, []).append(fault.label)
+    parts = [f"{', '.join(labels)} (shown by {motion})" for motion, labels in by_motion.items()]
+    return f"no recent test has shown {' and '.join(parts)}" if parts else ""
+
+
+def shows(estimate: Estimate, name: str, limits: HealthLimits) -> bool:
+    """Return whether an estimate by itself shows whether a fault has reached its limit."""
+    return estimate.valid and _alone(FAULT_NAMES.index(name), estimate, limits) != STALE
+
+
+def _joined(*texts: str) -> str:
+    return "; ".join(filter(None, texts))
 
 
 def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits) -> Health:
@@ -290,6 +401,10 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
     requirements = (*health.requirements, *requirements)
     if worst is None:
         return replace(health, requirements=requirements)
+    if health.level == STALE and worst.level == OK:
+        # The faults that they follow from are not known.
+        stale = tuple(replace(one, level=STALE) for one in requirements)
+        return replace(health, requirements=stale)
     level = worst.level if health.level == STALE else max(health.level, worst.level)
     severity = max(health.severity, _grade(worst))
     return _limited_by_warning(
@@ -297,16 +412,18 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
     )
 
 
-def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultHealth, ...]:
+def _torque_per_ampere(
+    comparison: Comparison, measured: Sequence[CauseEstimate], limits: HealthLimits
+) -> tuple[FaultHealth, ...]:
     """Return health with regard to the torque per ampere, where the drive is unknown.
 
     As many turns of all phases may be lost as of one. Hot magnets are weaker too: what they lose
     is no fault, and part of the sigma unless it was measured.
     """
-    change, sigma = _torque_change(estimate.comparison)
+    change, sigma = _torque_change(comparison)
     if math.isnan(change):
         return ()
-    is_measured = any(one.name == "torque_constant" for one in estimate.measured)
+    is_measured = any(one.name == "torque_constant" for one in measured)
     sigma = sigma if is_measured else math.hypot(sigma, USUAL_TORQUE_CHANGE)
     loss, limit = -change, limits.short_circuit
     share = max(0.0, loss) / limit
@@ -319,13 +436,11 @@ def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultH
     return (FaultHealth(TORQUE_PER_AMPERE, level, 1.0 - loss, sigma, *ends, True, share),)
 
 
-def _torque_change(comparison: Comparison | None) -> tuple[float, float]:
+def _torque_change(comparison: Comparison) -> tuple[float, float]:
     """Return relative change of the torque per ampere and its sigma; NaN if it is not known.
 
     A change that is not told apart from another quantity is not known.
     """
-    if comparison is None:
-        return math.nan, math.nan
     one = comparison[TORQUE]
     if not one.is_judged or one.rivals:
         return math.nan, math.nan
@@ -349,7 +464,7 @@ def _assess_fault(
 ) -> FaultHealth:
     fault, value, sigma = FAULTS[number], estimate.faults[number], estimate.sigma[number]
     is_unknown = bool(estimate.unobservable[number])
-    alone = STALE if is_unknown else _level(fault.name, value - fault.healthy, sigma, limits)
+    alone = _alone(number, estimate, limits)
     level, held = alone, math.nan
     if tracked is not None:
         # Where both see the fault at healthy, it is known at least as well as by this test.
@@ -357,12 +472,34 @@ def _assess_fault(
         sigma = min(sigma, tracked.sigma) if agree else tracked.sigma
         value = tracked.value
         level = _level(fault.name, value - fault.healthy, sigma, limits)
-        if tracked.doubtful and not is_unknown and max(alone, level) > OK:
-            level, held = max(level, WARN), float(estimate.faults[number])
+        if level == OK and not tracked.is_recent:
+            level = STALE
+        if tracked.doubtful and not is_unknown and {alone, level} & {WARN, ERROR}:
+            level, held = ERROR if level == ERROR else WARN, float(estimate.faults[number])
     way = math.copysign(limits.of(fault.name), value - fault.healthy)
     ends = fault.healthy + way, fault.healthy + limits.warn_share * way
     share = (value - fault.healthy) / way
     return FaultHealth(fault.name, level, value, sigma, *ends, way < 0.0, share, held)
+
+
+def _alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
+    """Return the level of a fault by the estimate alone."""
+    if estimate.unobservable[number]:
+        return STALE
+    fault = FAULTS[number]
+    away = estimate.faults[number] - fault.healthy
+    return _level(fault.name, away, estimate.sigma[number], limits)
+
+
+def _recurring(
+    item: FaultHealth, alone: int, recurrence: Recurrence | None, limits: HealthLimits
+) -> FaultHealth:
+    """Return the health of a fault with what is known of its coming and going."""
+    if recurrence is None:
+        return item
+    level = ERROR if ERROR in (item.level, alone) else WARN
+    share = max(item.share, recurrence.worst / limits.of(item.name))
+    return replace(item, level=level, share=share, recurrence=recurrence)
 
 
 def _level(fault_name: str, difference: float, sigma: float, limits: HealthLimits) -> int:
@@ -371,29 +508,4 @@ def _level(fault_name: str, difference: float, sigma: float, limits: HealthLimit
         return ERROR
     if distance - ONE_SIDED_95 * sigma > limits.warn_share * limit:
         return WARN
-    return OK
-
-
-class LevelFilter:
-    """A level of health that rises at once, and falls once several estimates in a row say so.
-
-    ``level`` is None as long as there was none.
-    """
-
-    def __init__(self) -> None:
-        self.level: int | None = None
-        self._lower = 0
-
-    def add(self, level: int, confirmations: int) -> bool:
-        """Add the level after an estimate; return whether the filtered one has changed.
-
-        So many estimates in a row make a lower level; with 0, only what was unknown changes. STALE
-        changes nothing.
-        """
-        if level == STALE or (self.level is not None and not confirmations):
-            return False
-        self._lower = self._lower + 1 if self.level is not None and level < self.level else 0
-        if self.level is None or level > self.level or self._lower >= confirmations:
-            self.level, self._lower = level, 0
-            return True
-        return False
+    return OK if distance + ONE_SIDED_95 * sigma <= limit else STALE

@@ -9,15 +9,13 @@ from dataclasses import replace
 from itertools import islice
 from typing import Final, NamedTuple
 
-import numpy as np
-
-from ema_core.faults import ECCENTRICITY_PHASE
-from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.health import warned
-from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, Estimate
 from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.prognosis.confirmation import confirmed
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
@@ -40,20 +38,23 @@ from ema_monitor.prognosis.history_entry import (
     UnitEvent,
     UnusedCycle,
 )
+from ema_monitor.prognosis.intermittent import Intermittent
+from ema_monitor.prognosis.order import Place, moved, place_of
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import requirements_of
-from ema_monitor.prognosis.sentences import in_words
+from ema_monitor.prognosis.sentences import cause_of_level, in_words, label_of, recurrence_in_words
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
+
+SHOWN_SHARE: Final = 0.05
+"""Share of its limit from which on a fault is named where the baseline changes [-]."""
 
 MOST_NOTES: Final = 50
 """Notes of persons between one valid test and the next."""
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
-
-_OTHER_TEST: Final = 4.0
-"""Standard deviations by which a fault of the same test identified again never differs."""
 
 
 class KnownTest(NamedTuple):
@@ -68,9 +69,10 @@ class Unit:
     """Follows one unit from test to test; any thread may call.
 
     The outlook depends on the tests in the history and on the settings alone: a replay of the same
-    tests, or of the history after a restart, gives the same. The newest test by its stamp gives the
-    level, whether it is valid or refused: one that comes late takes its place in growth, which may
-    move the value of a fault within its sigma.
+    tests, or of the history after a restart, gives the same. The newest test gives the level,
+    whether it is valid or refused. Tests are ordered by stamp, or by reception where stamps go back
+    (``place_of``). In a recording, a test that comes late takes its place in growth, which may move
+    the value of a fault within its sigma.
 
     Parameters
     ----------
@@ -105,6 +107,8 @@ class Unit:
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
         self.growth = self._growth_of_all(history.growth)
+        self._shown = self._shown_by_all()
+        self._intermittent = self._intermittent_by_all()
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
         self._kept_tests = self.growth.kept_tests
@@ -128,7 +132,7 @@ class Unit:
         """Record the estimate of a test and return the outlook after it.
 
         None where nothing follows from it: the window was not looked at, or is refused and older
-        than the newest test.
+        than the newest test. If it is not known which test came first, the test is refused.
 
         Parameters
         ----------
@@ -143,29 +147,38 @@ class Unit:
         flown
             Duty since the test before, valid or not, as far as it is known.
         received_ns
-            When it was received [ns]; 0 when that does not matter.
+            When it was received, by the clock of the receiver [ns]; 0 for a recording.
 
         Notes
         -----
-        A test whose stamp is in the history already changes nothing, unless it had no valid
-        estimate and now has: then it is no further cycle. One whose service hours are unknown or
-        not confirmed yet is kept but does not enter the prognosis.
+        A test that is in the history already changes nothing, unless it had no valid estimate and
+        now has: then it is no further cycle. One whose service hours are unknown or not confirmed
+        yet is kept but does not enter the prognosis.
         """
         with self._lock:
             self._apply(settings)
-            self._received = max(self._received, (estimate.end_ns, received_ns))
+            place = self._place_of(estimate, received_ns)
+            estimate = moved(estimate, place.shift_ns)
+            if not place.is_known:
+                self._received = max(self._received, (estimate.end_ns, received_ns))
             is_new = not self.history.holds(estimate.end_ns)
-            if not estimate.valid:
-                return self._refuse(estimate, flown, parameters) if is_new else None
+            if place.problem or not estimate.valid:
+                test = UnusedCycle.of(estimate, flown, place.shift_ns)
+                if place.problem:
+                    words = {"verdict": REFUSED, "reason": place.problem, "parts": ()}
+                    test = replace(test, **words, comparison=None, is_ordered=False)
+                return self._refuse(test, parameters) if is_new and not place.is_known else None
             latest = self.growth.service.latest
-            if self.history.holds_valid(estimate.end_ns):
-                self._findings.append(Finding(OTHER, self._again(estimate)))
+            if place.is_known:
+                text = "a test that is in the history already came again and changes nothing"
+                self._findings.append(Finding(OTHER, text))
             elif latest is not None and estimate.end_ns < latest.stamp_ns:
                 self._add_late(estimate, latest, count, flown)
             else:
                 cycles = len(self.history.unused) + is_new
                 flown = self.history.unused_duty + flown
                 entry, findings = self._entry(estimate, cycles, count, flown)
+                entry = replace(entry, shift_ns=place.shift_ns)
                 before = self.history.newest
                 if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
                     findings.append(Finding(DEPARTURE, estimate.departure))
@@ -176,39 +189,35 @@ class Unit:
                     self._find_growth_anew()
                     raise
                 self.history.append(entry)
+                self._shown.add(estimate)
+                self._findings += [
+                    Finding(FAULT, recurrence_in_words(name, self._intermittent.faults[name]))
+                    for name in self._intermittent.add(estimate)
+                ]
                 self._findings += findings
             return self._outlook_with_events(parameters)
 
-    def _again(self, estimate: Estimate) -> str:
-        """Return what a valid test is whose stamp is in the history, in words."""
-        tests = (*self.history.entries, *self.history.late)
-        known = next(one.estimate for one in tests if one.stamp_ns == estimate.end_ns)
-        far = np.subtract(estimate.faults, known.faults)
-        far[ECCENTRICITY_PHASE] -= np.round(far[ECCENTRICITY_PHASE])
-        if np.any(np.abs(far) > _OTHER_TEST * np.hypot(estimate.sigma, known.sigma)):
-            return (
-                "a different test at the time of one in the history changes nothing: its stamp "
-                "must show which came first"
-            )
-        return "a test that is in the history already came again and changes nothing"
+    def _place_of(self, estimate: Estimate, received_ns: int) -> Place:
+        """Return the place of a test among those so far."""
+        newest, known_ns = self.history.newest, 0
+        if newest is not None and self._received[0] == newest.stamp_ns:
+            known_ns = self._received[1]
+        return place_of(estimate, self.history, received_ns, known_ns, self._settings.has_clock)
 
-    def _refuse(
-        self, estimate: Estimate, flown: FlownDuty, parameters: ActuatorParameters | None
-    ) -> Outlook | None:
+    def _refuse(self, test: UnusedCycle, parameters: ActuatorParameters | None) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
         before = self.history.newest
-        test = UnusedCycle.of(estimate, flown)
         self.history.append(test)
         if self.history.newest is not test:
             return None
         if self._by_valid is None:
             self._by_valid = self._outlook(parameters)
         outlook = self._claimed(self._by_valid)
-        had_it = before is not None and before.verdict == estimate.verdict
-        if estimate.verdict not in (FAILED, DEPARTED) or had_it:
+        had_it = before is not None and before.verdict == test.verdict
+        if test.verdict not in (FAILED, DEPARTED) or had_it:
             return outlook
-        kind = DEPARTURE if estimate.verdict == DEPARTED else FAULT
-        event = UnitEvent(estimate.end_ns, outlook.hours, kind, estimate.reason)
+        kind = DEPARTURE if test.verdict == DEPARTED else FAULT
+        event = UnitEvent(test.end_ns, outlook.hours, kind, test.reason)
         return replace(outlook, events=(event,))
 
     def _add_late(
@@ -227,6 +236,8 @@ class Unit:
             count = _later(count, before.count if before else None, estimate.end_ns)
         known = len(entries)
         self.history.append(Entry(estimate, hours, cycles, count, flown))
+        self._shown.add(estimate)
+        self._intermittent = self._intermittent_by_all()
         if len(entries) > known:
             self._find_growth_anew()
         late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
@@ -283,6 +294,22 @@ class Unit:
             self._apply(settings)
             return self._outlook_with_events(parameters) if self.history.newest else None
 
+    def rewind(self, time_ns: int) -> None:
+        """Forget what is later than a time to which simulated time has gone back [ns]."""
+        with self._lock:
+            tests, assessments = self.history.tests, self.history.assessments
+            self.history.close()
+            self.history = History(*self.history.unit)
+            for test in tests:
+                if test.stamp_ns <= time_ns:
+                    self.history.append(test)
+            for stamp_ns, one in assessments.items():
+                if stamp_ns <= time_ns:
+                    self.history.assess(one)
+            self._received, self._by_valid = (0, 0), None
+            self._shown = self._shown_by_all()
+            self._find_growth_anew()
+
     def note(self, text: str, stamp_ns: int = 0) -> None:
         """Take a note of a person on an event, of the newest valid test without its stamp [ns].
 
@@ -299,6 +326,40 @@ class Unit:
                 raise ValueError(f"the newest test has {MOST_NOTES} notes already")
             hours = of.hours if of else math.nan
             self._notes.append(UnitEvent(stamp_ns or newest_ns, hours, NOTE, text))
+            self._intermittent.acknowledge(self._time_of(stamp_ns) if stamp_ns else newest_ns)
+
+    def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
+        """Return why the unit is in WARN or ERROR, or was before its level expired; "" if not."""
+        with self._lock:
+            self._apply(settings)
+            if self.history.newest is None:
+                return ""
+            outlook = self._claimed(self._by_valid or self._outlook(parameters))
+            if outlook.known_level not in (WARN, ERROR):
+                return ""
+            return cause_of_level(outlook) or f"its level is {LEVEL_NAMES[outlook.known_level]}"
+
+    def change_baseline(self, person: str, calibration_id: str) -> bool:
+        """Take note that a person gives the unit another calibration; return whether it is kept.
+
+        It is an event of the newest valid test, and none without a valid test. The next outlook has
+        it; ``resume`` gives one at once.
+        """
+        with self._lock:
+            if not self.history.entries:
+                return False
+            newest = self.history.entries[-1]
+            items = self._by_valid.health.faults if self._by_valid else ()
+            seen = [f"{label_of(i.name)} {i.value:.3f}" for i in items if i.share > SHOWN_SHARE]
+            before = ", ".join(seen) or "no fault above 5 % of its limit"
+            text = (
+                f"baseline changed by {person}: {calibration_id} instead of "
+                f"{newest.estimate.calibration_id}, which showed {before}"
+            )
+            known = self.history.assessments.get(newest.stamp_ns)
+            hours = known.hours if known else math.nan
+            self._notes.append(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text))
+            return True
 
     def outlook(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
@@ -362,7 +423,7 @@ class Unit:
         """
         with self._lock:
             latest, tracker = self.growth.service.latest, self.growth.tracker
-            if latest is None or latest.stamp_ns != outlook.stamp_ns:
+            if latest is None or latest.end_ns != outlook.stamp_ns:
                 return None
             is_known = bool(tracker.updates) and not self.growth.service.unknown
             frozen = tracker.frozen() if is_known else None
@@ -373,6 +434,9 @@ class Unit:
         old, self._settings = self._settings, settings
         if old != settings:
             self._by_valid = None
+        if old.limits != settings.limits:
+            self._shown = self._shown_by_all()
+            self._intermittent = self._intermittent_by_all()
         is_other_fleet = old.fleet is not settings.fleet
         assumed = (settings.limits, settings.tracker, settings.damage)
         if is_other_fleet or (old.limits, old.tracker, old.damage) != assumed:
@@ -391,6 +455,26 @@ class Unit:
         entries = self.history.entries
         return GrowthRecord(settings.limits, tracker, entries, kept, settings.damage)
 
+    def _shown_by_all(self) -> LastShown:
+        return LastShown(self._settings.limits, (*self.history.entries, *self.history.late))
+
+    def _intermittent_by_all(self) -> Intermittent:
+        """Return the faults that come and go by all tests, and the notes of persons after each."""
+        result, assessments = Intermittent(self._settings.limits), self.history.assessments
+        every = (*self.history.entries, *self.history.late)
+        for entry in sorted(every, key=lambda one: one.stamp_ns):
+            result.add(entry.estimate)
+            found = assessments.get(entry.stamp_ns)
+            for event in found.events if found else ():
+                if event.kind == NOTE:
+                    result.acknowledge(self._time_of(event.stamp_ns))
+        return result
+
+    def _time_of(self, end_ns: int) -> int:
+        """Return the time of the valid test whose window ends at a stamp [ns]; else the stamp."""
+        every = (*self.history.late, *reversed(self.history.entries))
+        return next((one.stamp_ns for one in every if one.end_ns == end_ns), end_ns)
+
     def _find_growth_anew(self) -> None:
         self.growth = self._growth_of_all()
         self._kept_tests = 0
@@ -408,7 +492,14 @@ class Unit:
         self._findings = []
         self.history.assess(assessment)
         published = before.events if before else ()
-        new = tuple(event for event in assessment.events if event not in published)
+        shift_ns = self.history.entries[-1].shift_ns
+        new = tuple(
+            replace(event, stamp_ns=event.stamp_ns - shift_ns)
+            if event.stamp_ns == outlook.stamp_ns
+            else event
+            for event in assessment.events
+            if event not in published
+        )
         return replace(self._claimed(outlook), events=new)
 
     def _claimed(self, outlook: Outlook) -> Outlook:
@@ -419,7 +510,13 @@ class Unit:
         stamp_ns, received_ns = newest.stamp_ns, 0
         if self._received[0] == stamp_ns:
             received_ns = self._received[1]
-        claim = Claim(stamp_ns, received_ns, self._author, self._settings.good_for_s)
+        claim = Claim(newest.end_ns, received_ns, self._author, self._settings.good_for_s)
+        if self.history.entries:
+            measured_ns = outlook.stamp_ns - self.history.entries[-1].shift_ns
+            outlook = replace(outlook, stamp_ns=measured_ns)
+        is_ok = outlook.health.level == OK
+        if is_ok and isinstance(newest, Entry) and not newest.estimate.is_of_record:
+            claim = claim._replace(oldest_ns=self._shown.oldest_ns() - newest.shift_ns)
         if isinstance(newest, UnusedCycle):
             outlook = outlook.after_refusal(newest)
         return replace(outlook, claim=claim)
@@ -431,8 +528,12 @@ class Unit:
         requirements = "requirements cannot be monitored without a calibration of a known drive"
         if parameters is not None:
             requirements = requirements_of(parameters, self._settings.requirements)
-        outlook = self._confirmed(outlook_of(self.growth, self._settings, requirements))
-        entries = self.history.entries
+        entries, shown = self.history.entries, self._shown.estimates
+        recent = recent_faults(shown, recent_from_ns(entries, self._settings.good_for_s))
+        outlook = outlook_of(
+            self.growth, self._settings, requirements, shown, recent, self._intermittent.faults
+        )
+        outlook = self._confirmed(outlook)
         # The probability that a test gives no valid estimate is that of Laplace's rule.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
         return replace(
@@ -444,11 +545,16 @@ class Unit:
         )
 
     def _confirmed(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with the warning of a departure that no later records have ended.
+        """Return the outlook with levels, and a departure, that no later tests have ended.
 
-        A record ends it together with those before it: ``level_confirmations`` in a row.
+        A test ends them together with those before it: ``level_confirmations`` in a row. A record
+        that judges nothing does not count.
         """
         newest = self.history.entries[-1].estimate
+        earlier = (one for one in reversed(self.history.entries[:-1]) if _counts(one.estimate))
+        assessments = (self.history.assessments.get(one.stamp_ns) for one in earlier)
+        needed = islice(filter(None, assessments), self._settings.level_confirmations - 1)
+        outlook = confirmed(outlook, needed)
         if newest.comparison is None or outlook.health.level != OK:
             return outlook
         judged = filter(_is_judged, (one.estimate for one in reversed(self.history.entries)))
@@ -525,6 +631,11 @@ class Unit:
         return Entry(estimate, hours, cycles, newest, flown), findings
 
 
+def _counts(estimate: Estimate) -> bool:
+    """Return whether a test counts among those in a row that lower a level."""
+    return estimate.comparison is None or _is_judged(estimate)
+
+
 def _is_judged(estimate: Estimate) -> bool:
     """Return whether a record shows that the unit has departed, or shows its friction."""
     compared = estimate.comparison
@@ -565,4 +676,5 @@ def _assessment(
         (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
         {one.name: one.level for one in items},
         (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in found)),
+        {one.name: one.unconfirmed for one in items if one.unconfirmed is not None},
     )

@@ -1,15 +1,18 @@
-"""Nobody says OK who does not know: two units, their monitor, and whoever shows their health."""
+"""Nobody says OK who does not know: three units, their monitor, and whoever shows their health."""
 
+import math
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
 from ema_cli.fleet import HeardFleet
 from ema_core.description import ActuatorDescription
+from ema_core.faults import BACKLASH
 from ema_core.levels import OK
 from ema_dashboard.hub import Totals
 from ema_dashboard.metrics import Metrics
@@ -17,47 +20,81 @@ from ema_interfaces.msg import Health
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.messages import summary_of
+from ema_monitor.node.receiver_clock import Moment, ReceiverClock
 from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import StampedTest, unordered
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.claims import Claims
 
-from ..prognosis.made_tests import FIRST_NS, PERIOD_NS, made_test
+from ..prognosis.made_tests import FIRST_NS, hiding, made_test
 from .stateful import Walk
 
 _S = 10**9
 _LIMIT_S = 30.0
 _AUTHOR = "/ema/monitor"
-_SETTINGS = PrognosisSettings(good_for_s=_LIMIT_S)
-_UNITS: Final[tuple[str, ...]] = ("flap", "rudder")
+# A tracker that knows the laws is made in no time.
+_PLAIN = PrognosisSettings(tracker=TrackerSettings(laws=NOMINAL_LAWS), good_for_s=_LIMIT_S)
+_SETTINGS = {
+    "flap": replace(_PLAIN, service=Service(hours_per_cycle=10.0)),
+    "rudder": _PLAIN,
+    # A drive without a clock.
+    "tab": replace(_PLAIN, has_clock=False),
+}
+_UNITS: Final[tuple[str, ...]] = tuple(_SETTINGS)
 _KINDS = {
     "good": {"friction": 0.02},
+    "blind": {"friction": 0.02},
     "faulty": {"friction": 0.8},
     "refused": {"valid": False},
     "failed": {"valid": False, "failed": True},
 }
 
-_COURSES = [[kind] for kind in _KINDS] + [["good"] * 3, ["good", "good", "faulty"]]
+# What the motion of a test hides: a fault may be there.
+_HIDDEN = {"blind": ("backlash",)}
+
+_COURSES = [
+    *([kind] for kind in _KINDS),
+    ["good"] * 3,
+    ["good", "good", "faulty"],
+    ["good", *["blind"] * 4],
+]
+_POWER_ON_NS = 100 * _S
+
+
+class Tested(NamedTuple):
+    """The newest test of a unit in fact: when it was measured [s], and its kind."""
+
+    measured_s: float
+    kind: str
 
 
 class Claimed(Walk):
-    """A monitor of two units, a dashboard and a terminal that have heard it, and its histories.
+    """A monitor of three units, a dashboard and a terminal that show them, and its histories.
 
-    Time passes as it is told; tests are stamped by their number, late ones between others.
+    ``clock_s`` is the time in fact, and never goes back; ``now_ns`` is that of the clock of the
+    machine, by which nodes and drives stamp. A drive may begin to count at each power-on instead.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._folder = tempfile.TemporaryDirectory(prefix="walk_")
-        self.now_ns, self.clock_s = FIRST_NS, 0.0
-        self.number: dict[str, float] = dict.fromkeys(_UNITS, 0.0)
-        # What each unit is known by: stamp of the newest test [ns] and its kind.
-        self.newest: dict[str, tuple[int, str]] = {}
-        self.lost: dict[str, tuple[int, str]] = {}
+        memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+        self._folder = tempfile.TemporaryDirectory(prefix="walk_", dir=memory)
+        self.now_ns, self.clock_s = FIRST_NS, 1000.0
+        # Of drives that count from power-on: when that was [s].
+        self.power_on_s: dict[str, float] = {"tab": 900.0}
+        self.newest: dict[str, Tested] = {}
+        self.lost: dict[str, Tested] = {}
+        # When each unit was last tested without a hidden fault in fact [s].
+        self.seen_s: dict[str, float] = dict.fromkeys(_UNITS, -math.inf)
         self.told: dict[str, list[Estimate]] = {name: [] for name in _UNITS}
         self.latched: dict[str, Health] = {}
+        self.calibration = 0
         self.is_running = self.is_active = False
         self.tested = _UNITS[0]
         self._come()
@@ -66,58 +103,100 @@ class Claimed(Walk):
     def _come(self) -> None:
         """A dashboard and a terminal that know nothing yet; they get what is latched."""
         self.claims, self.fleet = Claims(), HeardFleet()
-        self.metrics = Metrics(["/ema"], Totals)
+        self.metrics, self.page = Metrics(["/ema"], Totals), dict[str, int]()
         for health in self.latched.values():
             self._show(health)
 
     def _show(self, health: Health) -> None:
-        self.claims.note(("/ema/health", health.actuator_id), health)
+        for topic, message in (("health", health), ("health_summary", summary_of(health))):
+            key = f"/ema/{topic}", health.actuator_id
+            self.claims.note(key, message, self.now_ns, self.clock_s)
+            self.page[f"{topic} {health.actuator_id}"] = message.level
         self.metrics.note("/ema", health)
-        self.fleet.add_health("/ema", health, self.clock_s)
+        self.fleet.add_health("/ema", health, self.clock_s, self.now_ns)
 
     def _publish(self, health: Health) -> None:
         self.latched[health.actuator_id] = health
         self._show(health)
 
+    def _moment(self) -> Moment:
+        """Read the clock as the monitor does, which ends claims where it has gone back."""
+        moment, back_ns = self.receiver_clock.read()
+        if back_ns:
+            for actuator in self.actuators.values():
+                actuator.end_claim("the clock went back")
+        return moment
+
     def _start(self) -> None:
         """Start a monitor; it reads the histories that are there."""
         self.is_running = self.is_active = True
         self.units, self.actuators = {}, {}
+        self.receiver_clock = ReceiverClock(
+            lambda: self.now_ns, steady_ns=lambda: round(self.clock_s * _S)
+        )
         for name in _UNITS:
             path = Path(self._folder.name) / f"{name}.sqlite"
-            unit = Unit(History(name, "1", path), _SETTINGS, author=_AUTHOR)
-            actuator = Actuator(name, TriggerSettings(), self._publish, self.now_ns)
+            unit = Unit(History(name, "1", path), _SETTINGS[name], author=_AUTHOR)
+            moment = self._moment()
+            actuator = Actuator(name, TriggerSettings(), self._publish, moment.steady_ns)
             description = ActuatorDescription(actuator_id=name, serial_number="1")
             actuator.finder.describe(description)
             self.units[name], self.actuators[name] = unit, actuator
-            if (outlook := unit.resume(None, _SETTINGS)) is not None:
-                actuator.resume(description, outlook, self.now_ns)
+            if (outlook := unit.resume(None, _SETTINGS[name])) is not None:
+                actuator.resume(description, outlook, moment)
         self._report()
 
     def _report(self) -> None:
         """What a monitor and the others do each second."""
         if self.is_running:
+            moment = self._moment()
             for name, actuator in self.actuators.items():
                 if self.is_active:
-                    actuator.publish_if_stale(_LIMIT_S, self.now_ns)
+                    actuator.publish_if_stale(_LIMIT_S, moment)
                 self.claims.hear(f"{_AUTHOR}: {name} health", self.clock_s)
                 self.fleet.add_status(f"{_AUTHOR}: {name} health", self.clock_s)
-        for _, health in self.claims.changes(self.now_ns, self.clock_s):
-            self.metrics.note("/ema", health)
+        for (topic, name), held in self.claims.changes(self.now_ns, self.clock_s):
+            self.page[f"{topic.removeprefix('/ema/')} {name}"] = held.level
+            if topic == "/ema/health":
+                self.metrics.note("/ema", held)
 
     def _pass(self, seconds: float) -> None:
         self.now_ns += round(seconds * _S)
         self.clock_s += seconds
         self._report()
 
-    def _tell(self, name: str, estimate: Estimate, kind: str) -> None:
+    def _stamp_ns(self, name: str, ago_s: float = 0.0) -> int:
+        """Return what the drive of a unit stamps, or has stamped."""
+        ago_ns = round(ago_s * _S)
+        if name in self.power_on_s:
+            up_s = self.clock_s - self.power_on_s[name]
+            return max(_POWER_ON_NS + round(up_s * _S) - ago_ns, 0)
+        return self.now_ns - ago_ns
+
+    def _test(self, name: str, kind: str, ago_s: float = 0.0) -> None:
+        """Test a unit, or receive a test that ended some time ago."""
+        made = made_test(len(self.told[name]), **_KINDS[kind])
+        if kind in _HIDDEN:
+            made = hiding(made, _HIDDEN[kind])
+        end_ns = self._stamp_ns(name, ago_s)
+        estimate = replace(
+            made,
+            start_ns=end_ns - _S // 2,
+            end_ns=end_ns,
+            calibration_id=f"calibration {self.calibration}",
+        )
         unit, actuator = self.units[name], self.actuators[name]
-        outlook = unit.update(estimate, None, _SETTINGS, received_ns=self.now_ns)
+        # The node reads its clock before each test.
+        self._moment()
+        outlook = unit.update(estimate, None, _SETTINGS[name], received_ns=self.now_ns)
         number, description = len(self.told[name]), actuator.finder.description
-        actuator.record(Diagnosed(number, number, description, estimate), outlook, self.now_ns, 2)
+        actuator.record(Diagnosed(number, number, description, estimate), outlook, self._moment())
         self.told[name].append(estimate)
-        if estimate.end_ns > self.newest.get(name, (0, ""))[0]:
-            self.newest[name] = estimate.end_ns, kind
+        measured_s = self.clock_s - ago_s
+        if made.valid and kind not in _HIDDEN:
+            self.seen_s[name] = max(self.seen_s[name], measured_s)
+        if measured_s > self.newest.get(name, Tested(-math.inf, "")).measured_s:
+            self.newest[name] = Tested(measured_s, kind)
 
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(name=st.sampled_from(_UNITS), kinds=st.sampled_from(_COURSES))
@@ -126,22 +205,52 @@ class Claimed(Walk):
         self.tested = name
         for kind in kinds:
             self._pass(10.0)
-            self.number[name] = (self.now_ns - FIRST_NS) / PERIOD_NS
-            self._tell(name, made_test(self.number[name], **_KINDS[kind]), kind)
+            self._test(name, kind)
 
     @precondition(lambda self: self.is_running and self.is_active)
+    @rule(name=st.sampled_from(_UNITS), faulty=st.booleans())
+    def test_well(self, name: str, *, faulty: bool) -> None:
+        """Healthy tests, after which it may be OK, and perhaps a faulty one."""
+        self.test(name, ["good"] * 3 + ["faulty"] * faulty)
+
+    @precondition(lambda self: self.is_active and self.tested not in self.power_on_s)
     @rule(kind=st.sampled_from(["good", "good", *_KINDS]), late_s=st.sampled_from((3.0, 1800.0)))
     def test_late(self, kind: str, late_s: float) -> None:
-        """A test that ended before the last one of a unit, or long ago."""
+        """A test that ended before the last one of a unit, or long ago.
+
+        Stamps that count from power-on do not show how old a test is.
+        """
         name = self.tested
         self._pass(1.0)
-        number = self.number[name] - late_s * _S / PERIOD_NS
-        self._tell(name, made_test(number, **_KINDS[kind]), kind)
+        newest = self.newest.get(name, Tested(self.clock_s, ""))
+        self._test(name, kind, self.clock_s - newest.measured_s + late_s)
 
     @rule(seconds=st.sampled_from((1.0, 6.0, 40.0)))
     def wait(self, seconds: float) -> None:
         """Nothing comes for a while."""
         self._pass(seconds)
+
+    @rule(seconds=st.sampled_from((-3600.0, -20.0, -2.0, 5.0, 3600.0)))
+    def step_clock(self, seconds: float) -> None:
+        """The clock of the machine is set."""
+        self.now_ns += round(seconds * _S)
+        self._report()
+
+    @rule(name=st.sampled_from(_UNITS), passed_s=st.sampled_from((0.0, 0.5, 10.0)))
+    def power_on(self, name: str, passed_s: float) -> None:
+        """A drive counts its stamps from its power-on, which was some time ago."""
+        self.power_on_s[name] = self.clock_s - passed_s
+
+    @precondition(lambda self: "flap" in self.power_on_s)
+    @rule()
+    def set_drive_clock(self) -> None:
+        """The drive gets a clock, as all others have."""
+        del self.power_on_s["flap"]
+
+    @rule()
+    def recalibrate(self) -> None:
+        """Tests are by another calibration from now on."""
+        self.calibration += 1
 
     @precondition(lambda self: self.is_running)
     @rule()
@@ -183,19 +292,27 @@ class Claimed(Walk):
 
     @rule(name=st.sampled_from(_UNITS))
     def read(self, name: str) -> None:
-        """A command reads all tests: what it says is that of the newest."""
-        tests = sorted(self.told[name], key=lambda one: one.end_ns)
-        follow = Unit(History(name, "1")).follow(tests, None, PrognosisSettings())
+        """A command reads a recording of all tests: what it says is that of the newest."""
+        tests = self.told[name]
+        stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
+        if unordered(stamped):
+            return  # it is refused
+        ordered = sorted(tests, key=lambda one: one.end_ns)
+        settings = replace(_SETTINGS[name], good_for_s=0.0)
+        follow = Unit(History(name, "1"), settings).follow(ordered, None, settings)
         levels = [outlook.health.level for _, outlook in follow if outlook]
         if tests and not (tests[-1].valid and tests[-1].faults.friction < 0.5):
             assert levels[-1] != OK, "a command says OK"
+        latest = [one for one in ordered if one.valid][-3:]
+        if latest and all(one.unobservable[BACKLASH] for one in latest):
+            assert levels[-1] != OK, "a command says OK of tests that hide a fault"
 
     def _knows(self, name: str) -> bool:
         """Return whether a unit may be said to be OK."""
-        stamp_ns, kind = self.newest.get(name, self.lost.get(name, (0, "")))
-        if not self.is_active:
-            return False
-        return kind == "good" and (self.now_ns - stamp_ns) / _S <= _LIMIT_S
+        measured_s, kind = self.newest.get(name, self.lost.get(name, Tested(-math.inf, "")))
+        since_s = min(measured_s, self.seen_s[name])
+        is_good = kind in ("good", "blind")
+        return self.is_active and is_good and self.clock_s - since_s <= _LIMIT_S
 
     @invariant()
     def nobody_says_ok_who_does_not_know(self) -> None:
@@ -213,6 +330,9 @@ class Claimed(Walk):
             for sample in family.samples:
                 if (sample.name, sample.labels.get("actuator_id")) == key:
                     said["metrics"] = sample.value == OK
+        for shown, level in self.page.items():
+            if shown.endswith(f" {name}"):
+                said[f"page, {shown}"] = level == OK
         for row in self.fleet.rows(self.clock_s, self.now_ns):
             if row.actuator_id == name:
                 said["terminal"] = row.level == OK

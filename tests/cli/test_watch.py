@@ -63,7 +63,7 @@ def fleet_of(*healths: Health) -> HeardFleet:
     """Fleet whose monitors reported at second 0."""
     fleet = HeardFleet()
     for one in healths:
-        fleet.add_health("/ema", one, 0.0)
+        fleet.add_health("/ema", one, 0.0, TEST_NS)
         fleet.add_status(f"/ema/monitor: {one.actuator_id} health", 0.0)
     return fleet
 

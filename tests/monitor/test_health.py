@@ -1,7 +1,6 @@
 """Levels, index and grade of health in closed form (docs/faults.md)."""
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from ema_monitor.health import (
     FaultHealth,
     Health,
     HealthLimits,
-    LevelFilter,
     Tracked,
     assess,
     with_requirements,
@@ -112,13 +110,43 @@ def test_worst_fault_dominates():
     assert (health.level, health.dominant_fault) == (ERROR, "gain")
 
 
-def test_unobservable_fault_is_stale_and_told_and_costs_confidence():
-    health = assess(estimate({"friction": 0.9}, unknown=("friction", "gain")), LIMITS)
-    assert (health.level, health.health_index) == (OK, 1.0)
+def test_fault_that_no_test_has_shown_leaves_the_level_open():
+    health = assess(estimate({"friction": 0.9}, unknown=("friction", "backlash")), LIMITS)
+    assert health.level == STALE
+    assert np.isnan(health.health_index)
     assert health.confidence == pytest.approx(5 / 7)
-    assert health.reason == "not observable in this window: friction, gain"
+    assert "no recent test has shown friction (shown by quick motion to and fro" in health.reason
+    assert "backlash (shown by motion that reverses)" in health.reason
+    assert "not observable in this window: friction, backlash" in health.reason
     levels = {item.name: item.level for item in health.faults}
-    assert (levels["friction"], levels["gain"], levels["backlash"]) == (STALE, STALE, OK)
+    assert (levels["friction"], levels["backlash"], levels["gain"]) == (STALE, STALE, OK)
+
+
+def test_fault_that_is_seen_warns_whatever_is_not():
+    health = assess(estimate({"gain": 0.6}, unknown=("friction", "backlash")), LIMITS)
+    assert (health.level, health.dominant_fault) == (WARN, "gain")
+    assert health.health_index == pytest.approx(0.6)
+
+
+def test_value_that_may_be_beyond_the_limit_is_not_ok():
+    # The 95 % bound of a healthy value, 1.645 times 0.16, is beyond the limit 0.25.
+    wide = estimate(sigma=0.16)
+    levels = {name: fault(wide, name).level for name in ("short_circuit_a", "friction")}
+    assert levels == {"short_circuit_a": STALE, "friction": OK}
+    assert assess(wide, LIMITS).level == STALE
+    assert assess(estimate(sigma=0.15), LIMITS).level == OK
+
+
+@pytest.mark.parametrize(("value", "level"), [(0.0, STALE), (0.3, WARN), (0.6, ERROR)])
+def test_tracked_value_that_no_recent_test_shows_may_alarm_and_is_not_ok(value: float, level: int):
+    made = estimate(unknown=("backlash",))
+    old = {"backlash": Tracked(value, 0.01, is_recent=False)}
+    health = assess(made, LIMITS, old)
+    [item] = [item for item in health.faults if item.name == "backlash"]
+    assert (item.level, health.level) == (level, level)
+    assert np.isnan(health.health_index) == (level == STALE)
+    recent = assess(made, LIMITS, {"backlash": Tracked(value, 0.01)})
+    assert recent.level == (OK if level == STALE else level)
 
 
 @pytest.mark.parametrize("limit", [2.0, 10.0])
@@ -185,30 +213,6 @@ def test_requirement_that_nothing_is_known_of_changes_nothing():
     required = (FaultHealth("bandwidth", STALE, 20.0, np.nan, 12.0, 14.0, True, 0.5),)
     health = assess(estimate(), LIMITS)
     assert with_requirements(health, required).level == health.level
-
-
-@pytest.mark.parametrize(
-    ("levels", "confirmations", "filtered"),
-    [
-        ([WARN], 2, [WARN]),
-        ([OK, WARN, OK, WARN, OK], 2, [OK, WARN, WARN, WARN, WARN]),
-        ([OK, WARN, WARN, OK, OK], 2, [OK, WARN, WARN, WARN, OK]),
-        ([OK, WARN, ERROR], 2, [OK, WARN, ERROR]),
-        # Of those that are lower the last is taken.
-        ([ERROR, OK, WARN, OK, OK], 2, [ERROR, ERROR, WARN, WARN, OK]),
-        ([OK, ERROR, OK], 1, [OK, ERROR, OK]),
-        ([ERROR, OK, OK, OK], 3, [ERROR, ERROR, ERROR, OK]),
-    ],
-)
-def test_level_rises_at_once_and_falls_when_that_is_confirmed(
-    levels: list[int], confirmations: int, filtered: list[int]
-):
-    one, seen, changes = LevelFilter(), [], []
-    for level in levels:
-        changes.append(one.add(level, confirmations))
-        seen.append(one.level)
-    assert seen == filtered
-    assert changes == [True, *(a != b for a, b in pairwise(filtered))]
 
 
 def torque(of: Comparison) -> list[FaultHealth]:

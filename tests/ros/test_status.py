@@ -13,15 +13,21 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
 from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.outlook import outlook_of_one, unknown_outlook
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
 
 from ..monitor.comparisons import CASES, compared
 from ..prognosis.made_tests import made_test
+
+BEGIN = Moment(0, 0)
 
 
 def values_of(task: Task) -> dict[str, str]:
@@ -71,7 +77,7 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
     unit.valid = 6
     seen = []
     for now_s in (9, 11):
-        unit.publish_if_stale(1e6, now_s * 10**9)
+        unit.publish_if_stale(1e6, Moment(now_s * 10**9, now_s * 10**9))
         task = unit_tasks(unit, 0)[0]
         seen.append((task.level, task.message))
     assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]
@@ -88,13 +94,13 @@ def test_duty_of_a_unit_that_was_taken_out_is_not_that_of_the_next():
 
 def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
     unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
-    description = ActuatorDescription()
+    description, settings = ActuatorDescription(), PrognosisSettings()
     unit.finder.describe(description)
-    seen = []
+    seen, tests = [], Unit(History("flap", "SIM-0001"), settings)
     for number, friction in enumerate((0.45, 0.5113, 0.02, 0.02)):
         estimate = made_test(number, friction=friction)
         found = Diagnosed(0, 0, description, estimate)
-        unit.record(found, outlook_of_one(estimate, HealthLimits(), ""), 0, 2)
+        unit.record(found, tests.update(estimate, None, settings), BEGIN)
         [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap friction"]
         seen.append((task.level, task.message))
     assert seen == [
@@ -120,7 +126,7 @@ def health_task(name: str) -> Task:
     outlook = unknown_outlook("no valid test so far").after_refusal(UnusedCycle.of(estimate))
     if estimate.valid:
         outlook = outlook_of_one(estimate, HealthLimits(), "")
-    unit.record(Diagnosed(0, 0, description, estimate), outlook, 0, 2)
+    unit.record(Diagnosed(0, 0, description, estimate), outlook, BEGIN)
     [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap health"]
     return task
 

@@ -145,11 +145,11 @@ def read_unit(
     tests = [(path, item) for path, found in read for item in found.windows]
     if not tests:
         raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
-    tests.sort(key=lambda test: test[1].end_ns)
     # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
     stamped = (StampedTest(one.start_ns, one.end_ns, str(path), path) for path, one in tests)
     if reasons := unordered(stamped):
         raise ValueError(next(iter(reasons.values())))
+    tests.sort(key=lambda test: test[1].end_ns)
     return UnitRecord(
         tests[-1][1].description,
         [item for _, item in tests],

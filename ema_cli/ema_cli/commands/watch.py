@@ -133,7 +133,7 @@ class _Hearing(Listener):
                 return
             place = self._places[topic]
             if isinstance(message, Health):
-                self._fleet.add_health(place, message, now_s)
+                self._fleet.add_health(place, message, now_s, self._clock_ns())
             else:
                 self._fleet.add_estimate(place, message, now_s)
         self.changed.set()
@@ -154,8 +154,11 @@ class _Hearing(Listener):
     def rows(self) -> list[Row]:
         """Return the actuators, the worst first."""
         with self._lock:
-            clock_ns = time.time_ns() if self._simulated_ns is None else self._simulated_ns
-            return self._fleet.rows(time.monotonic(), clock_ns)
+            is_real = self._simulated_ns is None
+            return self._fleet.rows(time.monotonic(), self._clock_ns(), is_real=is_real)
+
+    def _clock_ns(self) -> int:
+        return time.time_ns() if self._simulated_ns is None else self._simulated_ns
 
 
 def _normalised(namespace: str) -> str:

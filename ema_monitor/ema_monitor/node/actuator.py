@@ -1,19 +1,19 @@
 """One monitored actuator: its windows, its defects and its health."""
 
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from queue import SimpleQueue
 
 from ema_core.description import ActuatorDescription
-from ema_core.levels import LEVEL_NAMES, OK, STALE
+from ema_core.levels import LEVEL_NAMES, STALE
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
-from ema_monitor.health import FaultHealth, LevelFilter
 from ema_monitor.identification.tally import Tally
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.settings import Operation
 from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.prognosis.history_entry import UnitEvent
@@ -33,6 +33,17 @@ _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 class Actuator:
     """One actuator that is monitored: its windows, defects and health.
 
+    Parameters
+    ----------
+    actuator_id, settings
+        Its name, and how windows are found in its telemetry.
+    publish
+        Publishes its health.
+    steady_ns
+        Time by a clock that never goes back [ns].
+    namespace
+        Namespace of its telemetry.
+
     Attributes
     ----------
     finder
@@ -48,7 +59,7 @@ class Actuator:
     is_listed, is_silent
         Whether it is followed as it is listed, and whether no telemetry is received any more.
     heard_ns
-        When telemetry was received last, or it was added [ns].
+        When telemetry was received last, or it was added, by the steady clock [ns].
     outlook
         Health and life after the latest valid estimate.
     comparison
@@ -64,7 +75,7 @@ class Actuator:
         actuator_id: str,
         settings: TriggerSettings,
         publish: Callable[[HealthMessage], None],
-        now_ns: int,
+        steady_ns: int,
         namespace: str = "",
     ) -> None:
         self.actuator_id = actuator_id
@@ -81,7 +92,7 @@ class Actuator:
         self._since_exchange = 0
         self._namespace = namespace
         self._publish = publish
-        self.heard_ns = self._added_ns = now_ns
+        self.heard_ns = self._added_ns = steady_ns
         self.is_silent = False
         # What was wrong, and the number of the first window after it.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
@@ -89,7 +100,7 @@ class Actuator:
         self.valid = 0
         self.invalid = 0
         self.latency_s = float("nan")
-        self.reset_health(now_ns)
+        self.reset_health(steady_ns)
 
     @property
     def description(self) -> ActuatorDescription | None:
@@ -109,11 +120,6 @@ class Actuator:
         """Namespace, actuator, and serial number once that is known."""
         serial_number = self.description.serial_number if self.description else ""
         return hardware_name(self._namespace, self.actuator_id, serial_number)
-
-    @property
-    def level(self) -> int | None:
-        """Level of its health as confirmed; None as long as nothing is known."""
-        return self._level.level
 
     @property
     def defects(self) -> str:
@@ -175,20 +181,17 @@ class Actuator:
         self.defect_count += 1
         return is_first
 
-    def record(
-        self, found: Diagnosed, outlook: Outlook | None, now_ns: int, confirmations: int = 1
-    ) -> str:
+    def record(self, found: Diagnosed, outlook: Outlook | None, now: Moment) -> str:
         """Record an estimate, and publish the outlook after it, if one follows from it.
 
-        Return the change of the level in words, empty when there is none; so many confirmations in
-        a row lower it.
+        Return the change of the level in words, empty when there is none.
         """
         estimate = found.estimate
         if estimate.valid:
             self.valid += 1
             while self._open_defects and self._open_defects[0][0] <= found.last:
                 self._open_defects.popleft()
-            self.latency_s = (now_ns - estimate.end_ns) * 1e-9
+            self.latency_s = (now.clock_ns - estimate.end_ns) * 1e-9
         else:
             self.invalid += 1
             self.add_defect(f"window {found.number}: {estimate.reason}", found.last + 1)
@@ -202,34 +205,53 @@ class Actuator:
         self._since_exchange += 1
         if self._since_exchange >= _SETTLED:
             self.alternation = ""
-        return self._show(found.description, outlook.at(now_ns), confirmations)
+        return self._show(found.description, outlook, now)
 
-    def _show(self, description: ActuatorDescription, outlook: Outlook, confirmations: int) -> str:
+    def _show(self, description: ActuatorDescription, outlook: Outlook, now: Moment) -> str:
         """Publish an outlook; return the change of the level in words, empty when there is none."""
         self._is_withdrawn = False
-        self._assessed, self.outlook = description, outlook
-        health, before = outlook.health, self.level
-        for item in (*health.faults, *health.requirements):
-            self._levels[item.name].add(item.level, confirmations)
-        change = ""
-        if self._level.add(health.level, confirmations):
+        before = self.outlook.known_level
+        self._assessed, self.outlook = description, self._worth(outlook, now)
+        level, change = self.outlook.health.level, ""
+        if level not in (STALE, before):
             what = f": {outlook.dominant}" if outlook.dominant else ""
-            shown = STALE if before is None else before
-            change = f"health {LEVEL_NAMES[shown]} -> {LEVEL_NAMES[health.level]}{what}"
+            change = f"health {LEVEL_NAMES[before]} -> {LEVEL_NAMES[level]}{what}"
         self._publish_health()
         return change
 
-    def reset_health(self, now_ns: int) -> None:
+    def _worth(self, outlook: Outlook, now: Moment) -> Outlook:
+        """Return what an outlook is worth: a claim ends by the steady clock, and for good."""
+        claim = outlook.claim
+        test = claim.measured_ns, claim.received_ns
+        if test != self._claimed_test:
+            self._claimed_test, self._claimed_at, self._end_of_claim = test, now, ""
+        if self._end_of_claim:
+            is_known = outlook.health.level != STALE
+            return outlook.stale(self._end_of_claim) if is_known else outlook
+        passed_ns = now.steady_ns - self._claimed_at.steady_ns
+        worth = outlook.at(max(now.clock_ns, self._claimed_at.clock_ns + passed_ns))
+        if worth.health.level == STALE:
+            self._end_of_claim = worth.health.reason
+        return worth
+
+    def end_claim(self, reason: str) -> HealthMessage | None:
+        """End what the tests so far say of the level; return the health if it was published."""
+        self._end_of_claim = reason
+        is_known = self._assessed is not None and self.outlook.health.level != STALE
+        return self.withdraw_health(reason) if is_known else None
+
+    def reset_health(self, steady_ns: int) -> None:
         """Reset the health, as another unit is mounted."""
         self.comparison: Comparison | None = None
-        self._level = LevelFilter()
-        self._levels = defaultdict[str, LevelFilter](LevelFilter)
-        self._added_ns = now_ns
+        # Newest test of the outlook, when it was first shown, and why it is worth nothing any more.
+        self._claimed_test, self._claimed_at = (0, 0), Moment(0, 0)
+        self._end_of_claim = ""
+        self._added_ns = steady_ns
         self._is_withdrawn = False
         self._assessed: ActuatorDescription | None = None
         self.outlook = _NOTHING_KNOWN
 
-    def resume(self, description: ActuatorDescription, outlook: Outlook, now_ns: int) -> str | None:
+    def resume(self, description: ActuatorDescription, outlook: Outlook, now: Moment) -> str | None:
         """Publish the health after the newest test in the history, unless that was done already.
 
         It is published again when the requirements have become known. Return the change of the
@@ -245,7 +267,7 @@ class Actuator:
             or not outlook.health.requirements
         ):
             return None
-        return self._show(description, outlook.at(now_ns), 0)
+        return self._show(description, outlook, now)
 
     def tell(self, events: tuple[UnitEvent, ...]) -> None:
         """Publish the health as it is, with events, unless none is shown."""
@@ -253,21 +275,21 @@ class Actuator:
             self.outlook = replace(self.outlook, events=(*self.outlook.events, *events))
             self._publish_health()
 
-    def publish_if_stale(self, good_for_s: float, now_ns: int) -> HealthMessage | None:
+    def publish_if_stale(self, good_for_s: float, now: Moment) -> HealthMessage | None:
         """Publish the health if it has just become stale; return it if it was published."""
-        if not self._added_ns or now_ns < self._added_ns:
-            self._added_ns = now_ns  # simulated time has begun, or gone back
-        self.is_silent = self.silent_s(now_ns) > min(_SILENT_S, good_for_s)
+        if not self._added_ns:
+            self._added_ns = now.steady_ns  # simulated time has begun
+        self.is_silent = self.silent_s(now.steady_ns) > min(_SILENT_S, good_for_s)
         if self._is_withdrawn:
             return None
         if self.outlook is _NOTHING_KNOWN:
-            is_due = (now_ns - self._added_ns) * 1e-9 > good_for_s
+            is_due = (now.steady_ns - self._added_ns) * 1e-9 > good_for_s
             reason = f"no valid estimate for more than {good_for_s:g} s"
         else:
             # The expected period may be another by now.
             claim = self.outlook.claim._replace(good_for_s=good_for_s)
             self.outlook = replace(self.outlook, claim=claim)
-            worth = self.outlook.at(now_ns)
+            worth = self._worth(self.outlook, now)
             is_due, reason = worth is not self.outlook, worth.health.reason
         if not is_due:
             return None
@@ -279,14 +301,9 @@ class Actuator:
         self._is_withdrawn = True
         return self._publish_health()
 
-    def level_of(self, item: FaultHealth) -> int:
-        """Return the confirmed level of a fault or requirement; OK as long as it is not known."""
-        level = self._levels[item.name].level
-        return OK if level is None else level
-
-    def silent_s(self, now_ns: int) -> float:
-        """Return how long no telemetry was received [s], at a time of the node's clock [ns]."""
-        return (now_ns - self.heard_ns) * 1e-9
+    def silent_s(self, steady_ns: int) -> float:
+        """Return how long no telemetry was received [s], at a time of the steady clock [ns]."""
+        return (steady_ns - self.heard_ns) * 1e-9
 
     def _is_mounted(self, description: ActuatorDescription) -> bool:
         """Return whether a unit is the one that was described last."""

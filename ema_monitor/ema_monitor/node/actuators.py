@@ -11,6 +11,7 @@ from ema_monitor.model.measurements import MeasurementLog
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.receiver_clock import Moment, ReceiverClock
 from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
@@ -50,6 +51,12 @@ class Actuators(dict[str, Actuator]):
         self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
         # Latched topics describe an actuator once: it is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
+        self._clock = ReceiverClock(self.now_ns)
+
+    def begin(self) -> None:
+        """Read the clock of the node from now on."""
+        is_simulated = bool(self._node.get_parameter("use_sim_time").value)
+        self._clock = ReceiverClock(self.now_ns, is_simulated=is_simulated)
 
     def clear(self) -> None:
         """Remove all, and forget what was received."""
@@ -61,6 +68,23 @@ class Actuators(dict[str, Actuator]):
     def now_ns(self) -> int:
         """Return the time of the node's clock [ns]."""
         return self._node.get_clock().now().nanoseconds
+
+    def now(self) -> Moment:
+        """Return the time; where the clock has stepped back, no level of before is known."""
+        with self.lock:
+            now, back_ns = self._clock.read()
+            if back_ns:
+                self._step_back(now, back_ns * 1e-9)
+            return now
+
+    def _step_back(self, now: Moment, back_s: float) -> None:
+        """End the claims of all actuators; forget what is later in simulated time."""
+        reason = f"the clock went back by {back_s:.0f} s: the next test gives the level"
+        self._node.get_logger().warning(reason)
+        for unit in self.values():
+            unit.end_claim(reason)
+        if self._clock.is_simulated:
+            self._node.prognosis.rewind(now.clock_ns)
 
     def expect_listed(self) -> None:
         """Add the actuators that are listed, so that one that says nothing is seen."""
@@ -94,9 +118,9 @@ class Actuators(dict[str, Actuator]):
         if not node.is_active:
             return
         with self.lock:
-            now_ns = self.now_ns()
+            now = self.now()
             published = [
-                unit.publish_if_stale(unit.good_for_s(operation), now_ns) for unit in self.values()
+                unit.publish_if_stale(unit.good_for_s(operation), now) for unit in self.values()
             ]
             for unit in self.values():
                 # The position does not show that the telemetry has ended.
@@ -126,7 +150,7 @@ class Actuators(dict[str, Actuator]):
             before = unit.description
             self._handle(unit, unit.finder.describe(description))
             if before is not None and before.serial_number != description.serial_number:
-                unit.reset_health(self.now_ns())
+                unit.reset_health(self.now().steady_ns)
                 if unit.exchange(before.serial_number, description.serial_number):
                     self._node.warn(unit.actuator_id, unit.alternation, is_first=True)
         if before != description:
@@ -147,7 +171,7 @@ class Actuators(dict[str, Actuator]):
             unit = self.get_or_add(actuator_id)
             if unit is None:
                 return
-            unit.heard_ns, unit.is_silent = self.now_ns(), False
+            unit.heard_ns, unit.is_silent = self.now().steady_ns, False
             try:
                 block = telemetry_from_message(message)
             except ValueError as error:
@@ -277,16 +301,14 @@ class Actuators(dict[str, Actuator]):
         node, description, estimate = self._node, found.description, found.estimate
         actuator_id, change = description.actuator_id, ""
         node.estimates.publish(estimate_to_message(estimate, found.number, description))
+        self.now()  # a step of the clock comes before the test
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = node.prognosis.record(description, estimate)
         try:
             with self.lock:
-                confirmations = node.operation.value.level_confirmations
-                if estimate.comparison is not None:
-                    confirmations = 1  # the unit confirms the level for all outputs
                 if unit := self.get(actuator_id):
                     outlook = self._claimed(unit, outlook) if outlook else None
-                    change = unit.record(found, outlook, self.now_ns(), confirmations)
+                    change = unit.record(found, outlook, self.now())
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = node.failed(actuator_id, "publishing health", error)
@@ -307,7 +329,7 @@ class Actuators(dict[str, Actuator]):
             if unit is None or not self._node.is_active:
                 return
             outlook = self._claimed(unit, outlook)
-            change = unit.resume(description, outlook, self.now_ns())
+            change = unit.resume(description, outlook, self.now())
         self._follow(description, None if change is None else outlook, change)
         self._node.report(self._node.tasks(description.actuator_id))
 
@@ -348,7 +370,11 @@ class Actuators(dict[str, Actuator]):
         node = self._node
         node.add_publishers(actuator_id)
         unit = Actuator(
-            actuator_id, self._trigger, node.publish_health, self.now_ns(), node.unit_namespace
+            actuator_id,
+            self._trigger,
+            node.publish_health,
+            self.now().steady_ns,
+            node.unit_namespace,
         )
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit

@@ -85,7 +85,11 @@ class MonitorNode(ManagedNode):
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self.estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         self._calls = MonitorCalls(self)
-        self.create_timer(_STALE_CHECK_S, self.units.check)
+        self.units.begin()
+        # On the clock of the system, a backward step would stop it; on simulated time it does not.
+        is_simulated = self.get_parameter("use_sim_time").value
+        add_timer = self.create_timer if is_simulated else self.add_timer
+        add_timer(_STALE_CHECK_S, self.units.check)
         self.prognosis.begin(files.history_folder, fleet)
         self.units.expect_listed()
         if words := self.units.admission.list_in_words():

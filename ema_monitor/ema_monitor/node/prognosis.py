@@ -102,6 +102,7 @@ class MonitorPrognosis:
             self._damage.value,
             good_for_s=self._node.operation.value.good_for_s,
             level_confirmations=self._node.operation.value.level_confirmations,
+            has_clock=self._node.operation.value.has_clock,
         )
 
     def begin(self, history_folder: str, fleet: Fleet | None) -> None:
@@ -138,6 +139,11 @@ class MonitorPrognosis:
             for key in [key for key in self._histories if key[0] == actuator_id]:
                 self._histories.pop(key).history.close()
 
+    def rewind(self, time_ns: int) -> None:
+        """Forget tests later than a time to which simulated time has gone back [ns]."""
+        for unit in list(self._histories.values()):
+            unit.rewind(time_ns)
+
     def describe(self, description: ActuatorDescription) -> None:
         """Prepare for a unit that has just been described, or calibrated.
 
@@ -152,8 +158,10 @@ class MonitorPrognosis:
 
         One without a serial number is of the unit that is described.
         """
-        # One that its sender did not stamp was read just now.
-        stamp_ns = stamp_from_message(message.header.stamp) or self._node.units.now_ns()
+        # One that its sender did not stamp, or without a clock, was read just now.
+        has_clock = self._node.operation.value.has_clock
+        stamp_ns = stamp_from_message(message.header.stamp) if has_clock else 0
+        stamp_ns = stamp_ns or self._node.units.now_ns()
         count = Count(stamp_ns, message.flight_hours, message.cycles)
         self.counts.add((message.actuator_id, message.serial_number or serial_number), count)
 
@@ -177,18 +185,20 @@ class MonitorPrognosis:
         try:
             unit = self._of(description)
             # Also of a test that may not enter: what was flown then is not of the next one.
-            flown = self._node.units.flown(key, estimate.end_ns)
-            self._refusals[key] = reason = self._why_not_recorded(estimate.end_ns, now_ns)
+            end_ns = estimate.end_ns if settings.has_clock else now_ns
+            flown = self._node.units.flown(key, end_ns)
+            self._refusals[key] = reason = self._why_not_recorded(end_ns, now_ns)
             if not reason:
-                count = self.counts.latest(key, estimate.end_ns)
+                count = self.counts.latest(key, end_ns)
                 parameters = self._parameters(description)
                 outlook = unit.update(estimate, parameters, settings, count, flown, now_ns)
                 self._log(description, unit, outlook.events if outlook else ())
                 return outlook
             self._node.warn(description.actuator_id, reason)
-            # Its order among those of the history is not known: it leads none of them.
+            # Its order among those of the history is not known: no level is.
             if unit.history.newest is not None:
-                return None
+                known = unit.resume(self._parameters(description), settings)
+                return None if estimate.verdict == SKIPPED or not known else known.stale(reason)
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
             reason = self._node.failed(description.actuator_id, _WHAT, error)
@@ -211,7 +221,7 @@ class MonitorPrognosis:
             f"the test of {stamp:%Y-%m-%d %H:%M:%S} UTC is not recorded: its stamp is "
             f"{_span(abs(offset_s))} {'after' if offset_s > 0.0 else 'before'} the clock of the "
             f"monitor, allowed are {_span(limit_s)}; set use_sim_time for a replay, else set the "
-            "clock of the actuator, or history_max_offset_s"
+            "clock of the actuator, history_max_offset_s, or has_clock = false if it has none"
         )
 
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
@@ -343,6 +353,23 @@ class MonitorPrognosis:
         self._node.units.tell(description.actuator_id, outlook.events)
         response.success, response.message = True, unit.history.problem
         return response
+
+    def alarm(self, description: ActuatorDescription) -> str:
+        """Return why a unit is in WARN or ERROR, in words; "" if it is not."""
+        return self._of(description).alarm(self._parameters(description), self.settings)
+
+    def change_baseline(
+        self, description: ActuatorDescription, person: str, calibration_id: str, *, is_forced: bool
+    ) -> None:
+        """Keep, and publish, that a unit has another calibration from now on."""
+        unit, now = self._of(description), datetime.now(UTC)
+        words = (
+            f"{person or '~/calibrate'}{', forced' if is_forced else ''}, {now:%Y-%m-%d %H:%M} UTC"
+        )
+        if unit.change_baseline(words, calibration_id):
+            outlook = unit.resume(self._parameters(description), self.settings)
+            assert outlook is not None
+            self._node.units.tell(description.actuator_id, outlook.events)
 
     def write_assessment(self, description: ActuatorDescription) -> None:
         """Keep what was found after the latest test of a unit, unless that is forgotten."""

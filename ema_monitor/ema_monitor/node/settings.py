@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ema_core.quantity import Checked, quantity, text
+from ema_core.quantity import Checked, flag, quantity, text
 from ema_monitor.model.measurements import MAX_AGE_S
 
 IN_MEMORY: Final = "memory"
@@ -57,13 +57,7 @@ class Operation(Checked):
     calibration_timeout_s: float = quantity(
         60.0, "s", 1.0, 1e5, "timeout of a calibration for its next window"
     )
-    level_confirmations: int = quantity(
-        2,
-        "-",
-        1,
-        100,
-        "estimates in a row that lower a level in the status; of records, in health, too",
-    )
+    level_confirmations: int = quantity(2, "-", 1, 100, "tests in a row that lower a level")
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
@@ -77,6 +71,12 @@ class Operation(Checked):
         1.0,
         1e10,
         "largest difference of a stamp from the clock of the node: other tests enter no history",
+    )
+
+    has_clock: bool = flag(
+        True,
+        "whether stamps are of a clock; false, as of a drive whose stamps restart: the order of "
+        "reception is that of the tests",
     )
 
     @property

@@ -36,19 +36,18 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
     figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
     if unit.comparison is not None:
         figures |= _figures_of(unit.comparison)
-    # While the monitor knows nothing, it reports neither OK nor an old level.
-    level = STALE if unit.level is None or health.level == STALE else unit.level
+    level, known = health.level, unit.outlook.known_level
     is_stale = level == STALE
     summary = "unknown" if is_stale else LEVEL_NAMES[level]
-    if is_stale and unit.level is not None:
-        summary = f"unknown, last {LEVEL_NAMES[unit.level]}"
+    if is_stale and known != STALE:
+        summary = f"unknown, last {LEVEL_NAMES[known]}"
     if unit.outlook.dominant:
         summary += f": {unit.outlook.dominant}"
     if health.reason:
         summary += f" ({health.reason})"
     items = [(item, OFF_SPEC) for item in health.requirements]
     items += [(item, FAILURE) for item in health.faults]
-    worst = [end for item, end in items if unit.level_of(item) == ERROR]
+    worst = [end for item, end in items if item.level == ERROR]
     return [
         _telemetry_task(unit, waiting, dropped),
         Task(
@@ -59,7 +58,7 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
             figures,
             _category(level, worst[-1] if worst else FAILURE, is_stale),
         ),
-        *(_item_task(unit, item, end, is_stale) for item, end in items),
+        *(_item_task(unit, item, end) for item, end in items),
     ]
 
 
@@ -123,9 +122,10 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     return Task(name, level, message, unit.hardware_id, counts, category)
 
 
-def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> Task:
+def _item_task(unit: Actuator, item: FaultHealth, end: str) -> Task:
     is_known = is_finite_number(item.value)
-    level = unit.level_of(item) if is_known and not is_stale else STALE
+    is_stale = not is_known or unit.outlook.health.level == STALE
+    level = STALE if is_stale else item.level
     of = _unit(item, " {}")
     message = "not known"
     if is_known:
@@ -134,8 +134,8 @@ def _item_task(unit: Actuator, item: FaultHealth, end: str, is_stale: bool) -> T
         message = f"{value}{of}, {warning}limit {limit}{of}"
     if is_finite_number(item.held):
         message = f"{item.held:.4g}{of} in the latest test, before {message}"
-    elif level != STALE and item.level < level:
-        message += f"; {LEVEL_NAMES[item.level]} once later tests confirm it"
+    elif level != STALE and item.unconfirmed is not None:
+        message += f"; {LEVEL_NAMES[item.unconfirmed]} once later tests confirm it"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
     in_unit = _unit(item, " [{}]")
     figures = {f"{key}{in_unit}": getattr(item, key) for key in ("value", "sigma", "limit")}

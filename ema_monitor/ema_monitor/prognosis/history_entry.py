@@ -80,6 +80,8 @@ class Entry:
         ``hours_per_cycle`` holds.
     flown
         Duty since the valid test before, as far as telemetry tells it.
+    shift_ns
+        What the stamps of its estimate were moved by, as they did not show its place [ns].
 
     Raises
     ------
@@ -92,14 +94,20 @@ class Entry:
     cycles: int
     count: Count | None = None
     flown: FlownDuty = NOTHING_FLOWN
+    shift_ns: int = 0
 
     def __post_init__(self) -> None:
         Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the window's end [ns]."""
+        """Time of the window's end, by which tests are ordered [ns]."""
         return self.estimate.end_ns
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp of the window's end, as in the telemetry [ns]."""
+        return self.estimate.end_ns - self.shift_ns
 
     @property
     def verdict(self) -> str:
@@ -119,13 +127,17 @@ class UnusedCycle:
     Attributes
     ----------
     stamp_ns
-        Stamp of the window's end [ns].
+        Time of the window's end, by which tests are ordered [ns].
     verdict, reason
         Of its estimate: why there is none.
     flown
         Duty since the test cycle before, as far as telemetry tells it.
     parts, comparison
         As of its estimate.
+    shift_ns
+        As of ``Entry``.
+    is_ordered
+        Whether it is known which tests came before it.
     """
 
     stamp_ns: int
@@ -134,9 +146,13 @@ class UnusedCycle:
     flown: FlownDuty = NOTHING_FLOWN
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
+    shift_ns: int = 0
+    is_ordered: bool = True
 
     @classmethod
-    def of(cls, estimate: Estimate, flown: FlownDuty = NOTHING_FLOWN) -> "UnusedCycle":
+    def of(
+        cls, estimate: Estimate, flown: FlownDuty = NOTHING_FLOWN, shift_ns: int = 0
+    ) -> "UnusedCycle":
         """Return the test cycle of an estimate that is not valid."""
         return cls(
             estimate.end_ns,
@@ -145,7 +161,13 @@ class UnusedCycle:
             flown,
             estimate.parts,
             estimate.comparison,
+            shift_ns,
         )
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp of the window's end, as in the telemetry [ns]."""
+        return self.stamp_ns - self.shift_ns
 
 
 Test = Entry | UnusedCycle
@@ -195,6 +217,8 @@ class Assessment:
         5, 50 and 95 % quantiles of the remaining life [h]; None when it is unknown.
     alarms
         Levels of the faults and requirements in WARN or ERROR, by name.
+    unconfirmed
+        Lower levels of these that the test shows, and later ones have to confirm, by name.
     events
         What happened since the test before.
     """
@@ -207,6 +231,7 @@ class Assessment:
     life: tuple[float, float, float] | None
     alarms: Mapping[str, int] = field(default_factory=dict)
     events: tuple[UnitEvent, ...] = ()
+    unconfirmed: Mapping[str, int] = field(default_factory=dict)
 
 
 def as_text(test: Test) -> str:
@@ -222,8 +247,12 @@ def as_text(test: Test) -> str:
     else:
         rows = plain([row_of(part) for part in test.parts])
         record |= {"verdict": test.verdict, "reason": test.reason, "parts": rows}
+        if not test.is_ordered:
+            record["is_ordered"] = False
         if test.comparison is not None:
             record["comparison"] = plain(test.comparison.as_mapping())
+    if test.shift_ns:
+        record["shift_ns"] = test.shift_ns
     if test.flown.hours:
         record["duty"] = {
             "hours": test.flown.hours,
@@ -250,6 +279,8 @@ def read_test(text: str) -> Test:
             flown,
             parts,
             None if compared is None else Comparison.of_mapping(compared),
+            record.get("shift_ns", 0),
+            record.get("is_ordered", True),
         )
     hours, count = record["hours"], record["count"]
     return Entry(
@@ -258,6 +289,7 @@ def read_test(text: str) -> Test:
         record["cycles"],
         Count(**count) if count else None,
         flown,
+        record.get("shift_ns", 0),
     )
 
 
@@ -289,9 +321,11 @@ class StampedTest(NamedTuple):
 def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
     """Return, by bag, why it is not known which test came first.
 
-    Tests must not overlap in time, unless they are copies.
+    Tests must not overlap in time, unless they are copies, and their stamps must not go back within
+    a bag, whose tests are given in the order in which they were recorded.
     """
-    reasons: dict[str, str] = {}
+    tests = list(tests)
+    reasons = _stepped_back(tests)
     begun: list[StampedTest] = []
     for other in sorted(tests, key=lambda test: (test.start_ns, test.end_ns, test.bag)):
         begun = [one for one in begun if one.end_ns > other.start_ns]
@@ -304,4 +338,24 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
                 reason = f"{what}: their stamps must show which came first; {hint}"
                 reasons = dict.fromkeys(bags, reason) | reasons
         begun.append(other)
+    return reasons
+
+
+def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, str]:
+    """Return the bags in which the stamp of a test is before that of an earlier one, and why.
+
+    A test that is repeated, as in a recording of a playback, is no such test.
+    """
+    reasons: dict[str, str] = {}
+    latest_ns: dict[str, int] = {}
+    known = set[tuple[str, int, int]]()
+    for one in tests:
+        times = one.bag, one.start_ns, one.end_ns
+        before_ns = latest_ns.get(one.bag, one.end_ns)
+        if one.end_ns < before_ns and times not in known:
+            back_s = (before_ns - one.end_ns) * 1e-9
+            reason = f"{one.bag}: the clock went back by {back_s:.4g} s between two tests"
+            reasons.setdefault(one.bag, f"{reason}: their stamps must show which came first")
+        known.add(times)
+        latest_ns[one.bag] = max(before_ns, one.end_ns)
     return reasons

@@ -32,22 +32,33 @@ class Claim(NamedTuple):
         Node that says so; empty for a command.
     good_for_s
         How long it is good for from the test on [s]; 0 of a record, whose level is that at its end.
+    oldest_ns
+        Stamp since when tests have shown every fault [ns], on which an OK rests; 0 where only the
+        newest test counts.
     """
 
     measured_ns: int = 0
     received_ns: int = 0
     author: str = ""
     good_for_s: float = 0.0
+    oldest_ns: int = 0
+
+    @property
+    def begin_ns(self) -> int:
+        """When the newest test was measured, by the clock of its receiver [ns]."""
+        # A stamp that is ahead, or years behind, is of another clock: the test is just received.
+        if self.received_ns and not 0 <= self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS:
+            return self.received_ns
+        return self.measured_ns
 
     @property
     def good_until_ns(self) -> int:
         """When it ends [ns]; 0 where it does not."""
         if not self.good_for_s:
             return 0
-        begin_ns = self.measured_ns
-        # A stamp that is ahead, or years behind, is of another clock: the test is just received.
-        if self.received_ns and not 0 <= self.received_ns - begin_ns <= _OTHER_CLOCK_NS:
-            begin_ns = self.received_ns
+        begin_ns = self.begin_ns
+        if self.oldest_ns:
+            begin_ns -= max(0, self.measured_ns - self.oldest_ns)
         return begin_ns + round(self.good_for_s * 1e9)
 
 
@@ -184,11 +195,19 @@ class Outlook:
         return replace(self, health=health, last_level=self.known_level)
 
     def at(self, now_ns: int) -> "Outlook":
-        """Return what it is worth at a time [ns]: STALE once its claim has ended."""
+        """Return what it is worth at a time [ns]: STALE once its claim has ended.
+
+        It is STALE before its claim begins as well: then the clock has gone back.
+        """
         claim = self.claim
+        if self.health.level != STALE and claim.good_for_s and now_ns < claim.begin_ns:
+            ahead_s = (claim.begin_ns - now_ns) * 1e-9
+            return self.stale(f"the newest test is {ahead_s:.0f} s ahead of the clock")
         if self.health.level == STALE or not 0 < claim.good_until_ns < now_ns:
             return self
         words = f"no valid estimate for more than {claim.good_for_s:g} s"
+        if 0 < claim.oldest_ns < claim.measured_ns:
+            words = f"no test has shown every fault for more than {claim.good_for_s:g} s"
         late_s = (claim.received_ns - claim.measured_ns) * 1e-9
         if claim.good_until_ns < claim.received_ns:
             words += f": the newest test came {late_s:.0f} s after it was measured"

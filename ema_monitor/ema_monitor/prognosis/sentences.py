@@ -4,9 +4,9 @@ import math
 from typing import Final
 
 from ema_core.faults import FAULT_BY_NAME
-from ema_core.levels import ERROR, OK, WARN
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.wording import beside_limit
-from ema_monitor.health import FaultHealth
+from ema_monitor.health import FaultHealth, Recurrence
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 
@@ -56,13 +56,26 @@ def in_words(item: FaultHealth) -> str:
     ends = f"failed: {side} {limit}{unit}"
     if item.level != ERROR:
         ends = f"warns {side} {scale * item.warn_limit:.3g}{unit}, fails {side} {limit}{unit}"
+    if item.recurrence is not None:
+        return f"{recurrence_in_words(item.name, item.recurrence)} ({ends})"
     if math.isfinite(item.held):
         held = scale * item.held
         return (
             f"{label_of(item.name)} {held:.3g}{unit} in the latest test, which the next one has to "
             f"confirm, {value}{unit} before ({ends})"
         )
-    return f"{label_of(item.name)} {value}{unit} ({ends})"
+    words = f"{label_of(item.name)} {value}{unit} ({ends})"
+    if item.unconfirmed is not None:
+        words += f", {LEVEL_NAMES[item.unconfirmed]} once the next test confirms it"
+    return words
+
+
+def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
+    """Return that a fault comes and goes, and how to acknowledge it."""
+    return (
+        f"{label_of(name)} is intermittent: beyond its limit in {recurrence.times} of the latest "
+        f"{recurrence.tests} tests; a note of a person on its event acknowledges it"
+    )
 
 
 def reason_of(outlook: Outlook) -> str:

@@ -34,7 +34,9 @@ class PrognosisSettings:
     good_for_s
         How long a level holds after its test [s]; 0 of a record, whose level is that at its end.
     level_confirmations
-        Records in a row without a departure that end the warning of a departure.
+        Tests in a row that lower a level.
+    has_clock
+        Whether stamps are of a clock; otherwise tests are ordered and dated by their reception.
     """
 
     limits: HealthLimits = field(default_factory=HealthLimits)
@@ -46,3 +48,4 @@ class PrognosisSettings:
     scenario: Scenario = AS_FLOWN
     good_for_s: float = 0.0
     level_confirmations: int = 2
+    has_clock: bool = True

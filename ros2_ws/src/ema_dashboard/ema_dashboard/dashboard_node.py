@@ -165,7 +165,8 @@ class DashboardNode(ManagedNode):
     def _end_claims(self) -> None:
         """Show no level for longer than it is good, and than its monitor is heard."""
         is_live, now_ns = self._hub.playback_range is None, self._time_ns()
-        changes = self._claims.changes(now_ns, time.monotonic(), is_live=is_live)
+        is_real = self._clock_ns is None
+        changes = self._claims.changes(now_ns, time.monotonic(), is_live=is_live, is_real=is_real)
         for (name, _), held in changes:
             topic = self._topics[name]
             data = serialize_message(held)
@@ -225,7 +226,8 @@ class DashboardNode(ManagedNode):
     def _follow(self, topic: KnownTopic, message: Any) -> None:
         """Take what the history, the metrics, claims and the control of a playback rest on."""
         if topic.relative in (HEALTH, HEALTH_SUMMARY):
-            self._claims.note((topic.name, message.actuator_id), message)
+            key = topic.name, message.actuator_id
+            self._claims.note(key, message, self._time_ns(), time.monotonic())
         if topic.relative in (DESCRIPTION, FAULT_ESTIMATE, HEALTH):
             self._histories[topic.namespace].note(message)
             self._note(topic.namespace, message)

@@ -1,0 +1,64 @@
+"""When a level of health falls: once several tests in a row have shown the lower one."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_monitor.health import FaultHealth, warned, worst_of
+from ema_monitor.prognosis.history_entry import Assessment
+from ema_monitor.prognosis.outlook import Outlook
+
+
+def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
+    """Return an outlook in which no level is lower than that of an earlier test.
+
+    A level rises at once. It falls with the last of as many tests in a row as there are earlier
+    ones here and the newest.
+
+    Parameters
+    ----------
+    outlook
+        Outlook by the tests so far.
+    earlier
+        Assessments of the tests before the newest one that have to confirm a lower level.
+    """
+    if outlook.health.level == STALE:
+        return outlook
+    before: dict[str, int] = {}
+    for one in earlier:
+        for name, level in one.alarms.items():
+            before[name] = max(before.get(name, OK), one.unconfirmed.get(name, level))
+    health = outlook.health
+    faults, requirements = (
+        tuple(_confirmed(item, before.get(item.name, OK)) for item in items)
+        for items in (health.faults, health.requirements)
+    )
+    if (faults, requirements) == (health.faults, health.requirements):
+        return outlook
+    worst, of_fault = worst_of((*faults, *requirements)), worst_of(faults)
+    health = replace(health, faults=faults, requirements=requirements)
+    if worst is None or worst.level == OK:
+        return replace(outlook, health=health)
+    if not health.dominant_fault and of_fault is not None and of_fault.level != OK:
+        health = replace(health, dominant_fault=of_fault.name)
+    health = warned(replace(health, level=max(health.level, worst.level)))
+    return replace(outlook, health=health, dominant=outlook.dominant or worst.name)
+
+
+def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
+    """Return a fault or requirement that has the level of earlier tests, if that is worse."""
+    if item.level == STALE:
+        return item
+    level, shown = max(item.level, before), min(_level_of_test(item), item.level)
+    return replace(item, level=level, unconfirmed=shown if shown < level else None)
+
+
+def _level_of_test(item: FaultHealth) -> int:
+    """Return the level by the newest test: the value that it shows may be held."""
+    if not math.isfinite(item.held):
+        return item.level
+    sign = -1.0 if item.limit_is_lower else 1.0
+    if sign * (item.held - item.limit) > 0.0:
+        return ERROR
+    return WARN if sign * (item.held - item.warn_limit) > 0.0 else OK
