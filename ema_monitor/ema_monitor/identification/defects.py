@@ -38,11 +38,24 @@ _ANY: Final = {
     1e3: "are these thousandths read as whole units?",
     1e-3: "are whole units read as thousandths?",
 }
+_OF_ANGLE: Final = {
+    _TURN: "is it in degrees, and was in radians?",
+    1.0 / _TURN: "is it in radians, and was in degrees?",
+    1.0 / (2.0 * np.pi): "is it in turns, and was in radians?",
+    2.0 * np.pi: "is it in radians, and was in turns?",
+}
 _MISTAKES: Final = {
     "command": {1.0 / _TURN: "is it in radians, and the position in degrees?"},
     "current": {_ROOT: "is a peak given for RMS?", 1.0 / _ROOT: "is RMS given for a peak?"},
-    "position": {_TURN: "is it in degrees?", 25.4: "is it in mm for inches?"},
-    "speed": {_RPM: "is it in rpm?", _TURN: "is it in degrees a second?"},
+    "position": {_TURN: "is it in degrees?", 25.4: "is it in mm for inches?"} | _OF_ANGLE,
+    "speed": {
+        _RPM: "is it in rpm?",
+        _TURN: "is it in degrees a second?",
+        1.0 / _RPM: "is it in rad/s, and was in rpm?",
+        60.0: "is it a minute, and was a second?",
+        1.0 / 60.0: "is it a second, and was a minute?",
+    }
+    | _OF_ANGLE,
 }
 """The usual mistakes by column: what the column is multiplied by, and what to ask."""
 
@@ -111,6 +124,19 @@ def _dead_sensor(window: Window) -> str:
     )
 
 
+def usual_mistake(column: str, factor: float, parameters: ActuatorParameters) -> str:
+    """Return the question after the usual mistake that multiplies a column by a factor, or ""."""
+    known = _ANY | _MISTAKES.get(column, {})
+    known |= {parameters.tau: "is the gear ratio in it twice, or missing?"}
+    known |= {1.0 / parameters.tau: "is it of the other side of the gear?"}
+    asked = {
+        abs(factor / usual - 1.0): text
+        for usual, text in known.items()
+        if abs(factor / usual - 1.0) < _NEAR
+    }
+    return asked[min(asked)] if asked else ""
+
+
 class Scale(NamedTuple):
     """A column, or "position and command", that is off by a factor, and what it was judged by."""
 
@@ -120,12 +146,9 @@ class Scale(NamedTuple):
 
     def in_words(self, parameters: ActuatorParameters) -> str:
         """Return the factor, and the usual mistake that it is."""
-        known = _ANY | _MISTAKES.get(self.column.partition(" ")[0], {})
-        known |= {parameters.tau: "is the gear ratio in it twice, or missing?"}
-        known |= {1.0 / parameters.tau: "is it of the other side of the gear?"}
         words = f"the {self.column} is {self.factor:.3g} times what {self.reason} asks for"
-        asked = [text for factor, text in known.items() if abs(self.factor / factor - 1.0) < _NEAR]
-        return f"{words}: {asked[0] if asked else 'is its unit, or its scale, right?'}"
+        asked = usual_mistake(self.column.partition(" ")[0], self.factor, parameters)
+        return f"{words}: {asked or 'is its unit, or its scale, right?'}"
 
 
 def wrong_scale(window: Window, parameters: ActuatorParameters) -> Scale | None:

@@ -12,6 +12,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_BY_NAME, FRICTION, N_FAULTS, FaultVector
 from ema_core.wording import counted
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
+from ema_monitor.identification.defects import usual_mistake
 from ema_monitor.identification.estimate import (
     DEPARTED,
     FAILED,
@@ -28,7 +29,7 @@ from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, defect_of, read_record
 from ema_monitor.joint.shape import DRY, INERTIA
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
-from ema_monitor.joint.signals import Fine, block_means, filtered
+from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.wording import summary
 from ema_monitor.windows.trigger import Refusal
@@ -80,7 +81,7 @@ def identify_record(
     record = _record_of(window, description, calibration)
     if isinstance(record, str):
         return _refused(window, calibration, record, comparison=of.not_judged(record))
-    if reason := _other_unit(record, calibration.baseline):
+    if reason := _other_unit(record, calibration.baseline, description):
         return _refused(window, calibration, reason, comparison=of.not_judged(reason))
     comparison = calibration.comparer.compare(record)
     faults, covariance, insignificant = _faults(comparison)
@@ -153,7 +154,7 @@ def _read(
     fine = aligned(fine, lag)
     signals = filtered(fine, baseline.preparation)
     if reason := defect_of(signals, baseline.preparation):
-        return reason
+        return "; ".join(filter(None, (reason, _wrong_speed(fine, description, baseline))))
     record = read_record(
         window.telemetry,
         description,
@@ -213,7 +214,18 @@ def _standstill(window: Window) -> str:
     )
 
 
-def _other_unit(record: JointRecord, baseline: Baseline) -> str:
+def _wrong_speed(fine: Fine, description: ActuatorDescription, baseline: Baseline) -> str:
+    """Return which usual mistake scales the speed of a record; empty if it is none of them."""
+    preparation = baseline.preparation
+    factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
+    if 1.0 / _OTHER_UNIT < factor < _OTHER_UNIT:
+        return ""
+    column = "position" if fine.speed is None else "speed"
+    asked = usual_mistake(column, factor, description.parameters)
+    return f"the {column} changes {factor:.3g} times as fast as in them: {asked}" if asked else ""
+
+
+def _other_unit(record: JointRecord, baseline: Baseline, description: ActuatorDescription) -> str:
     """Return why the effort of a record cannot be that of the unit; empty where it can.
 
     Friction alone may grow several times. With inertia it does so by another unit, sign or sensor.
@@ -221,13 +233,17 @@ def _other_unit(record: JointRecord, baseline: Baseline) -> str:
     if not baseline.shape.has_inertia:
         return ""
     ratios = record.values[[DRY, INERTIA]] / baseline.healthy[[DRY, INERTIA]]
-    if np.all(ratios > _OTHER_UNIT) or np.all(ratios < 1.0 / _OTHER_UNIT):
-        return (
-            f"the effort is {float(np.mean(ratios)):.3g} times that of the healthy records: "
-            "another unit or sign, or a failed sensor; compare the mapping with that of the "
-            "healthy records"
-        )
-    return ""
+    is_other = np.all(ratios > _OTHER_UNIT) or np.all(ratios < 1.0 / _OTHER_UNIT)
+    if not is_other:
+        return ""
+    # The friction is better determined than the inertia.
+    factor = float(ratios[0])
+    asked = usual_mistake("current", factor, description.parameters)
+    return (
+        f"the effort is {factor:.3g} times that of the healthy records: "
+        f"{asked or 'another unit or sign, or a failed sensor'}; compare the mapping with that of "
+        "the healthy records"
+    )
 
 
 def _notes(window: Window, record: JointRecord) -> list[str]:

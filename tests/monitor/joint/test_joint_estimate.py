@@ -10,7 +10,9 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_NAMES, FRICTION
+from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
+from ema_monitor.identification.defects import usual_mistake
 from ema_monitor.identification.estimate import (
     DEPARTED,
     FAILED,
@@ -398,3 +400,58 @@ def test_changed_friction_is_no_lag(plain):
     for factor in (0.8, 1.3, 2.0):
         assert "The effort is" not in estimate(plain, PLAIN.times(coulomb=factor)).reason
     assert "The effort is" not in estimate(plain, PLAIN.times(viscous=2.0)).reason
+
+
+# Another unit
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e3, "thousandths read as whole units"),
+        (1e-3, "whole units read as thousandths"),
+        (-1.0, "is its sign the other one"),
+        (17.0, "another unit or sign, or a failed sensor"),
+    ],
+)
+def test_factor_of_the_effort_is_named(plain, factor, words):
+    found = measured(PLAIN)
+    telemetry = replace(found.telemetry, current=factor * found.telemetry.current)
+    refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
+    assert refused.verdict == REFUSED
+    assert words in refused.reason
+    ratio = re.findall(r"the effort is (\S+) times", refused.reason)[0]
+    assert float(ratio) == pytest.approx(factor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (math.degrees(1.0), "is it in degrees"),
+        (math.radians(1.0), "was in degrees"),
+        (2.0 * math.pi, "was in turns"),
+        (1e3, "thousandths read as whole units"),
+    ],
+)
+def test_factor_of_the_position_is_named(plain, factor, words):
+    found = measured(PLAIN)
+    telemetry = replace(found.telemetry, position=factor * found.telemetry.position)
+    refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
+    assert refused.verdict == REFUSED
+    assert words in refused.reason
+
+
+def test_faster_motion_is_no_mistake(plain):
+    found = measured(PLAIN)
+    telemetry = replace(found.telemetry, position=3.0 * found.telemetry.position)
+    refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
+    assert "the speed is 3.1 times that of the healthy records" in refused.reason
+    assert "is it" not in refused.reason
+
+
+@pytest.mark.parametrize("column", ["current", "speed", "position"])
+def test_gear_ratio_in_a_column_is_named(column):
+    parameters = ActuatorParameters(tau=1.0 / 120.0)
+    assert "other side of the gear" in usual_mistake(column, 121.0, parameters)
+    assert "the gear ratio in it twice" in usual_mistake(column, 1.0 / 118.0, parameters)
+    assert not usual_mistake(column, 17.0, parameters)
