@@ -13,7 +13,7 @@ from hypothesis.stateful import invariant, precondition, rule
 from ema_cli.fleet import HeardFleet
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH
-from ema_core.levels import OK
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_dashboard.hub import Totals
 from ema_dashboard.metrics import Metrics
 from ema_interfaces.msg import Health
@@ -317,31 +317,41 @@ class Claimed(Walk):
     @invariant()
     def nobody_says_ok_who_does_not_know(self) -> None:
         """Each sink is asked of each unit."""
+        levels = self._levels()
         for name in _UNITS:
-            said = self._said_ok(name)
             if not self._knows(name):
+                said = [
+                    sink for (unit, sink), level in levels.items() if (unit, level) == (name, OK)
+                ]
                 assert said == [], f"{name} is said to be OK by {', '.join(said)}"
 
-    def _said_ok(self, name: str) -> list[str]:
-        """Return the names of the sinks by which a unit is OK."""
-        said = {"metrics": False, "terminal": False}
-        key = ("ema_health_level", name)
+    @invariant()
+    def all_say_the_same(self) -> None:
+        """A unit has one level, and beside a warning no index of 1."""
+        levels = self._levels()
+        for name, health in self.latched.items():
+            assert health.level not in (WARN, ERROR) or health.health_index <= 0.99
+            said = {sink: level for (unit, sink), level in levels.items() if unit == name}
+            # Who shows it may let it expire a moment before its monitor does.
+            assert set(said.values()) <= {health.level, STALE}, f"{name}: {said}"
+            assert said.get("status", health.level) == health.level, f"{name}: {said}"
+
+    def _levels(self) -> dict[tuple[str, str], int]:
+        """Return the levels by unit and sink."""
+        levels: dict[tuple[str, str], int] = {}
         for family in self.metrics.collect():
-            for sample in family.samples:
-                if (sample.name, sample.labels.get("actuator_id")) == key:
-                    said["metrics"] = sample.value == OK
+            for sample in family.samples if family.name == "ema_health_level" else ():
+                levels[sample.labels["actuator_id"], "metrics"] = int(sample.value)
         for shown, level in self.page.items():
-            if shown.endswith(f" {name}"):
-                said[f"page, {shown}"] = level == OK
+            topic, _, name = shown.partition(" ")
+            levels[name, f"page, {topic}"] = level
         for row in self.fleet.rows(self.clock_s, self.now_ns):
-            if row.actuator_id == name:
-                said["terminal"] = row.level == OK
-        if name in self.latched:
-            said["topic"] = self.latched[name].level == OK
-        if self.is_active:
-            tasks = unit_tasks(self.actuators[name], 0)[1:]
-            said |= {task.name: task.level == OK for task in tasks[:1]}
-        return [sink for sink, is_ok in said.items() if is_ok]
+            levels[row.actuator_id, "terminal"] = row.level
+        for name, health in self.latched.items():
+            levels[name, "topic"] = health.level
+            if self.is_active:
+                levels[name, "status"] = unit_tasks(self.actuators[name], 0)[1].level
+        return levels
 
     def teardown(self) -> None:
         """Remove the files."""

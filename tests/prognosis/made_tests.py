@@ -1,6 +1,7 @@
 """Estimates of tests as a monitor would find them, without a monitor, and histories of them."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,14 @@ def made_test(
         valid=True,
         reason="",
     )
+
+
+def hiding(test: Estimate, hidden: Collection[str]) -> Estimate:
+    """The same test, in which the motion hides some faults: they look healthy."""
+    unobservable = test.unobservable | np.isin(FAULT_NAMES, list(hidden))
+    covariance = test.covariance.copy()
+    covariance[unobservable] = covariance[:, unobservable] = np.nan
+    return replace(test, unobservable=unobservable, covariance=covariance)
 
 
 def entry(number: int) -> Entry:

@@ -12,8 +12,8 @@ from action_msgs.msg import GoalStatus
 from rclpy.action.client import ActionClient
 
 from ema_interfaces.action import IdentifyFaults
-from ema_interfaces.msg import FaultEstimate
-from ema_interfaces.srv import Calibrate
+from ema_interfaces.msg import FaultEstimate, Health
+from ema_interfaces.srv import Calibrate, GetHistory
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
 from ema_ros import topics
@@ -24,6 +24,7 @@ from .monitor_session import FLAP, Goal, MonitorSession, Source, corrupted, in_w
 from .spinning import where_it_spins
 
 NAME = "/ema/monitor/calibrate"
+FORCED: dict[str, Any] = {"force": True, "person": "Ada"}
 # At once: more than the node has threads, and than the usual depth of a service.
 _GOALS = 50
 
@@ -229,9 +230,54 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
         ({"load": True, "file": "nowhere.yaml"}, "No such file"),
         ({"windows": 1, "file": "/dev/zero"}, "parameter calibration_folder"),
     ):
-        answer = calibrate(session, **request)
+        answer = calibrate(session, **request, **FORCED)
         assert (answer.success, answer.calibration_id) == (False, "")
         assert text in answer.message
+
+
+@pytest.mark.parametrize("request_", [{"windows": 1}, {"load": True, "file": "x.yaml"}])
+def test_unit_in_warning_gets_no_other_baseline_unless_a_person_forces_it(
+    session: MonitorSession, request_: dict[str, Any]
+):
+    answer = calibrate(session, **request_)
+    assert not answer.success
+    for text in ("unit 'SIM-0001' of 'flap' is not healthy", "friction 0.29", "force and person"):
+        assert text in answer.message
+    answer = calibrate(session, **request_, person="Ada")
+    assert "is not healthy" in answer.message
+    answer = calibrate(session, **request_, force=True, person="\n")
+    assert "person: expected 1 to 60 printable characters" in answer.message
+
+
+def test_forced_calibration_of_a_worn_unit_is_no_repair(tmp_path: Path):
+    """A step of friction to 0.2 and a baseline of it: OK, with the change in the history."""
+    source = Source()
+    with monitor({"calibration_folder": str(tmp_path)}) as session:
+        session.describe()
+        for friction in (0.0, 0.0, 0.15, 0.15, 0.15):
+            source.set(friction=friction)
+            session.feed(source.cycle())
+            assert session.next_estimate().valid
+        session.until(lambda: session.healths()[-1].level == Health.WARN)
+        request = Calibrate.Request(windows=2, **FORCED)
+        future = session.start(Calibrate, NAME, request)
+        until_waited_for(session)
+        for _ in range(2):
+            session.feed(source.cycle())
+            session.next_estimate()
+        answer = session.result(future)
+        assert answer.success, answer.message
+        for _ in range(8):
+            session.feed(source.cycle())
+            assert session.next_estimate().calibration_id == answer.calibration_id
+        session.until(lambda: session.healths()[-1].level == Health.OK)
+        history = session.call(GetHistory, "/ema/monitor/get_history", GetHistory.Request())
+        events = history.history.events
+        assert "repair" not in [event.kind for event in events]
+        [change] = [event for event in events if "baseline changed by Ada, forced" in event.text]
+        assert change.kind == "calibration"
+        assert answer.calibration_id in change.text
+        assert "which showed friction 0.1" in change.text
 
 
 def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, monkeypatch):
@@ -239,7 +285,7 @@ def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, mo
         raise OverflowError("too large")
 
     monkeypatch.setattr(session.node.store, "load", fail)
-    answer = calibrate(session, load=True, file="x.yaml")
+    answer = calibrate(session, load=True, file="x.yaml", **FORCED)
     assert (answer.success, answer.message) == (False, "failed: OverflowError('too large')")
     monkeypatch.setattr(session.node._calls, "_identify_for", fail)
     _, result = Goal(session).result()

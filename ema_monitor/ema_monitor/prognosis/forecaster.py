@@ -1,6 +1,7 @@
 """From the growth of a unit to its outlook, and to quantiles of its faults to come."""
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -12,6 +13,7 @@ from ema_core.levels import OK
 from ema_monitor.health import (
     TORQUE_PER_AMPERE,
     HealthLimits,
+    Recurrence,
     Tracked,
     assess,
     with_requirements,
@@ -69,7 +71,12 @@ def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
 
 
 def outlook_of(
-    growth: GrowthRecord, settings: PrognosisSettings, requirements: Requirements | str
+    growth: GrowthRecord,
+    settings: PrognosisSettings,
+    requirements: Requirements | str,
+    shown: Mapping[str, Estimate],
+    recent: Collection[str],
+    intermittent: Mapping[str, Recurrence],
 ) -> Outlook:
     """Return health and remaining life after the latest test, without events.
 
@@ -81,6 +88,12 @@ def outlook_of(
         Limits, horizon and duty.
     requirements
         Those of the unit, or why they cannot be monitored.
+    shown
+        Estimate of the latest test that has shown a fault, by fault.
+    recent
+        Faults for which that test is recent.
+    intermittent
+        Faults that come and go.
 
     Raises
     ------
@@ -109,10 +122,16 @@ def outlook_of(
     horizon = min(tracker.horizon_hours, tracker.horizon_factor * observed) / future.factor
     # Alarms do not wait for a count.
     judged = {
-        item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
+        item.name: Tracked(
+            item.value, item.sigma, item.name in growth.doubtful, item.name in recent
+        )
         for item in (tracked if growth.latest_is_used else ())
     }
-    health = assess(entry.estimate, limits, judged)
+    for name, last in shown.items():
+        if name not in judged and last.end_ns < entry.stamp_ns:
+            value, sigma = (getattr(row, name) for row in (last.faults, last.sigma))
+            judged[name] = Tracked(value, sigma, is_recent=name in recent)
+    health = assess(entry.estimate, limits, judged, intermittent)
     required = _required(growth, entry.estimate, tracked, prognosis, horizon, limits, requirements)
     if isinstance(required, str):
         required = RequiredLife.unknown(required, settings.requirements)

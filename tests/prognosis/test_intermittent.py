@@ -1,0 +1,116 @@
+"""A fault that comes and goes warns until a person acknowledges it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import FAULT
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.sentences import cause_of_level
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
+
+from .made_tests import FIRST_NS, PERIOD_NS, UNIT, made_test
+
+SETTINGS = [
+    PrognosisSettings(good_for_s=30.0),
+    PrognosisSettings(service=Service(hours_per_cycle=10.0), good_for_s=30.0),
+]
+
+
+def outlooks(
+    frictions: Sequence[float],
+    settings: PrognosisSettings,
+    unit: Unit | None = None,
+    first: int = 0,
+) -> tuple[Unit, list[Outlook]]:
+    unit = unit or Unit(History(*UNIT), settings)
+    made = []
+    for number, friction in enumerate(frictions, first):
+        outlook = unit.update(made_test(number, seed=3, friction=friction), None, settings)
+        assert outlook is not None
+        made.append(outlook)
+    return unit, made
+
+
+def levels(made: Sequence[Outlook]) -> list[int]:
+    return [one.health.level for one in made]
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
+@pytest.mark.parametrize("every", [2, 3, 5, 10])
+def test_fault_in_every_so_many_tests_is_never_ok_again(settings: PrognosisSettings, every: int):
+    course = [0.02] * 10 + [0.8 if i % every == every - 1 else 0.02 for i in range(3 * every)]
+    made = outlooks(course, settings)[1]
+    again = 10 + 2 * every - 1
+    assert min(levels(made[again:])) >= WARN
+    # In a test that shows it, the fault is there.
+    assert made[again].health.level == ERROR
+    assert made[-1].health.level == ERROR
+    assert max(one.health.health_index for one in made[again:]) == 0.0
+    assert "friction is intermittent: beyond its limit in" in cause_of_level(made[-1])
+    events = [event for one in made for event in one.events if "is intermittent" in event.text]
+    assert (events[0].kind, events[0].stamp_ns) == (FAULT, FIRST_NS + again * PERIOD_NS)
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
+def test_one_occurrence_and_a_lasting_fault_are_not_intermittent(settings: PrognosisSettings):
+    for course in (
+        [0.02] * 5 + [0.8] + [0.02] * 10,
+        [0.02] * 5 + [0.8] * 5 + [0.02] * 10,  # a repair
+        [0.02] * 5 + [0.8] + [0.02] * 25 + [0.8],  # more than 20 tests apart
+    ):
+        made = outlooks(course, settings)[1]
+        assert not any("intermittent" in cause_of_level(one) for one in made)
+
+
+def test_noise_about_the_limit_is_not_intermittent():
+    rng = np.random.default_rng(4)
+    course = (0.5 + 0.004 * rng.standard_normal(40)).tolist()
+    made = outlooks(course, SETTINGS[1])[1]
+    assert not any("intermittent" in cause_of_level(one) for one in made)
+
+
+def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_path: Path):
+    settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
+    course = [0.02] * 5 + [0.8, 0.02, 0.8] + [0.02] * 5
+    unit, made = outlooks(course, settings, Unit(History(*UNIT, path), settings))
+    assert made[-1].health.level == WARN
+    unit.note("Ada: a bag was changed")  # of the newest test, not of the event
+    outlook = unit.resume(None, settings)
+    assert outlook is not None
+    assert outlook.health.level == WARN
+    unit.note("Ada: connector replaced", FIRST_NS + 7 * PERIOD_NS)
+    made = outlooks([0.02] * 3, settings, unit, first=len(course))[1]
+    assert made[-1].health.level == OK
+    unit.history.close()
+    again = Unit(History(*UNIT, path), settings)
+    outlook = again.resume(None, settings)
+    assert outlook is not None
+    assert outlook.health.level == OK
+    # It comes back: two more occurrences count anew.
+    made = outlooks([0.8, 0.02, 0.8, 0.02], settings, again, first=len(course) + 3)[1]
+    assert made[-1].health.level >= WARN
+    assert "in 2 of the latest 12 tests" in cause_of_level(made[-1])
+    again.history.close()
+
+
+def test_tests_that_hide_the_fault_tell_nothing_of_it():
+    settings = SETTINGS[0]
+    unit = Unit(History(*UNIT), settings)
+    for number, friction in enumerate([0.8, 0.0, 0.8, 0.0, 0.8]):
+        test = made_test(number, friction=friction)
+        if not friction:
+            hidden = test.unobservable.copy()
+            hidden[0] = True
+            test = replace(test, unobservable=hidden)
+        outlook = unit.update(test, None, settings)
+    assert outlook is not None
+    assert outlook.health.level == ERROR
+    assert "intermittent" not in cause_of_level(outlook)
