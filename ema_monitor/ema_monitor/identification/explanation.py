@@ -45,6 +45,9 @@ MOST_LOSS: Final = 1.1
 DOUBTFUL_SIGMAS: Final = 4.0
 """From this distance from what is usual on, a cause is doubted: other places are looked at, too."""
 
+DOUBTFUL_INERTIA_SIGMAS: Final = 1.0
+"""The same of the inertia: it may stand for the gain of the current sensor, far from it."""
+
 # By how much an explanation may be worse before it is fitted.
 _ABOUT = 2.0
 # Causes that change the strength of the motor, and the power of it that they go with.
@@ -52,8 +55,9 @@ _WEAKER: Final = {"torque_constant": 1.0, "inertia": -1.0}
 _SEEDED: Final = {
     "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
     "command_delay": (1.0, 2.0, 4.0),
+    "current_gain": (-14.0, -10.0, -6.0, 6.0, 10.0, 14.0),
 }
-_MOST_SEEDS = 2
+_MOST_SEEDS = 3
 _MOST_STEPS = 8
 _STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 _CONVERGED = 2e-3
@@ -265,7 +269,11 @@ class Explainer:
         if not self._suspects:
             return False
         away = np.abs(self._objective.cause_sigmas(at.point))
-        if np.any(away[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
+        causes = self._objective.hidden_causes
+        most = [
+            DOUBTFUL_INERTIA_SIGMAS if one.name == "inertia" else DOUBTFUL_SIGMAS for one in causes
+        ]
+        if np.any((away > most)[kept[self._causes.start :]]):
             return True
         return at.cost > self._objective.fitness.good_cost and at.cost > self._objective.fair_cost()
 
