@@ -222,3 +222,15 @@ def test_window_is_found_wherever_the_running_index_is(first_index: int):
         assert isinstance(found.window, Window)
         windows.append(found.window.telemetry.first_index - index)
     assert windows[0] == windows[1]
+
+
+def test_modelled_drive_without_a_command_says_so():
+    whole = cycles(12)
+    finder = WindowFinder(SETTINGS, FLAP)
+    assert fed(finder, replace(whole, command=np.empty(0))) == []
+    assert finder.finish() == []
+    assert "the telemetry has no command" in finder.shortage
+    assert finder.obstacle == finder.shortage
+    unknown = WindowFinder(SETTINGS, replace(FLAP, drive="unknown"))
+    fed(unknown, replace(whole, command=np.empty(0)))
+    assert "command" not in unknown.obstacle

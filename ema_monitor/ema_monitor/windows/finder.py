@@ -92,6 +92,7 @@ class WindowFinder:
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
         self._sample_period: float | None = None
+        self._lacks_command = False
         self._period_reported = False
         # Since the settings were set: windows before, samples, and the longest run without a gap.
         self._windows_before = self._samples = self._run = self._longest_run = 0
@@ -159,6 +160,11 @@ class WindowFinder:
         """Why so far no window could be complete, whatever the command; empty when one could."""
         if self._sample_period is None:
             return ""
+        if self._trigger is not None and not self.finds_records and self._lacks_command:
+            return (
+                "windows are cut by the position command, and the telemetry has no command: map "
+                "it, or describe the drive as unknown, which is judged without a command"
+            )
         samples = round(self.window_s / self._sample_period)
         if self._longest_run > samples:
             return ""
@@ -240,6 +246,7 @@ class WindowFinder:
         self._run += len(block)
         self._longest_run = max(self._longest_run, self._run)
         self._last, self._sample_period = block, block.sample_period
+        self._lacks_command = not block.has_command
         if self._trigger is None or self.description is None:
             self._keep(block)
             return []
