@@ -1,5 +1,6 @@
 """Commands, run in the process of the test, and the sample that they read."""
 
+import re
 from pathlib import Path
 
 from click.testing import CliRunner, Result
@@ -8,6 +9,14 @@ from ema_cli.main import main
 
 SAMPLE = Path(__file__).parents[1] / "bags" / "faulty_flap.mcap"
 """Bag of one window, with friction of 0.25 and eccentricity of 0.1."""
+
+
+_PROGRESS = re.compile(r"^.*: .*\b(so far|about \d+ \w+ left)\n", re.MULTILINE)
+
+
+def without_progress(error: str) -> str:
+    """Return what a process printed on standard error, without the progress of a busy machine."""
+    return _PROGRESS.sub("", error)
 
 
 def ema(*arguments: str | Path, typed: str = "") -> Result:

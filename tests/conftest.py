@@ -11,6 +11,7 @@ import pytest
 from click.testing import Result
 
 from ema_cli.processes.domains import Domain
+from ema_cli.show import progress
 from ema_core.linear_algebra import array_environment
 
 from . import commands
@@ -57,6 +58,14 @@ def pytest_configure(config: pytest.Config) -> None:
 def ema() -> Callable[..., Result]:
     """Return what runs a command in this process."""
     return commands.ema
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _commands_are_in_time() -> Iterator[None]:
+    """Let no command print its progress, however busy the machine is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(progress, "FIRST_LINE_S", 3600.0)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from ema_cli.show import progress
 
-from ..commands import SAMPLE, ema
+from ..commands import SAMPLE, ema, without_progress
 
 
 @pytest.fixture(autouse=True)
@@ -21,6 +21,12 @@ def test_long_command_says_how_far_it_is_and_how_long_it_takes(tmp_path):
     line = r"simulating: \d+%, cycle \d of 6, about \d+ s left"
     assert re.search(f"^{line}$", said.stderr, re.MULTILINE), said.stderr
     assert "left" not in said.stdout
+
+
+def test_progress_is_told_from_what_else_is_printed(tmp_path):
+    said = ema("simulate", "--cycles", "6", "-o", tmp_path / "six.mcap")
+    assert "left" in said.stderr
+    assert without_progress(said.stderr + "Error: it is left\n") == "Error: it is left\n"
 
 
 def test_json_stays_alone_on_standard_output():

@@ -14,7 +14,7 @@ from ema_bags.reader import Bag
 from ema_cli.bags.diagnoses import read_history
 from ema_cli.figures.history import draw_history
 
-from ..commands import SAMPLE
+from ..commands import SAMPLE, without_progress
 from ..waiting import DEADLINE_S, started, wait_for
 
 PLAYED = ("/ema/telemetry", "/ema/actuator_description", "/ema/simulated_faults")
@@ -128,5 +128,5 @@ def test_impossible_options_are_one_clear_line(tmp_path: Path):
     command = ["ema", "record", "-o", "a.mcap", "-p", "max_bag_size=1000000"]
     result = subprocess.run(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, check=False)
     assert result.returncode == 1
-    [line] = result.stderr.splitlines()
+    [line] = without_progress(result.stderr).splitlines()
     assert "is one file: expected a folder" in line
