@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: docs parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
+.PHONY: test-pythons docs parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -30,6 +30,9 @@ test-long: setup ## what `make test` leaves out: the study of the thesis, long b
 
 quick: setup ## the tests of the numerics that are done in seconds; they need no ROS
 	$(activate) && $(pytest) -n 2 --without-ros -m "not slow and not long" $(numerics) $(ARGS)
+
+test-pythons: ## set-up, `make quick` and a demo of 10 s with each of Python 3.11 to 3.13 that is installed
+	tools/test_pythons.sh $(ARGS)
 
 parameters: setup ## docs/parameters.md, from the declarations of the nodes
 	$(activate) && python tools/parameter_page.py
