@@ -93,7 +93,7 @@ def test_record_that_is_too_short_says_what_it_has_and_needs(ema, tmp_path, desc
     calibration = tmp_path / "calibration.yaml"
     result = ema("calibrate", tmp_path / "short.mcap", "-o", calibration)
     assert result.exit_code == 1
-    assert "gap of 3 samples" in result.stderr
+    assert "3 lost samples of 125 interpolated" in result.stderr
     assert re.search(
         r"no healthy record can be used: \d+ rows of steady motion in one direction, at least 30 "
         "are needed: give longer motion",

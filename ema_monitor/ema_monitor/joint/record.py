@@ -9,6 +9,7 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_core.wording import counted
 from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
 from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
 from ema_monitor.joint.parts import parts_of
@@ -22,6 +23,9 @@ NO_DAY: Final = -1
 
 FEWEST_ROWS: Final = 30
 FEWEST_STROKES: Final = 3
+"""Strokes that a record has at least in each direction; 2 s of a long stroke count as one."""
+FEWEST_REVERSING: Final = 2
+"""Strokes that it has at least, however long: place and time are told apart by repetition."""
 SLOWEST, FASTEST = 0.5, 1.6
 """Range of the speed of a record, over that of the healthy records [-]."""
 
@@ -101,7 +105,12 @@ def defect_of(signals: Signals, preparation: Preparation) -> str:
             "needed: give longer motion"
         )
     for way, name in ((1, "forward"), (-1, "backward")):
-        if (strokes := signals.strokes(way)) < FEWEST_STROKES:
+        if (strokes := signals.strokes(way)) < FEWEST_REVERSING:
+            return (
+                f"{counted(strokes, 'stroke')} {name}, at least {FEWEST_REVERSING} in each "
+                "direction are needed: move to and fro"
+            )
+        if (strokes := signals.pieces(way)) < FEWEST_STROKES:
             return (
                 f"{strokes} strokes {name}, at least {FEWEST_STROKES} in each direction are "
                 "needed: move to and fro"

@@ -103,9 +103,18 @@ class Signals:
     def __len__(self) -> int:
         return len(self.effort)
 
+    def pieces(self, way: int) -> int:
+        """Return how many strokes there are in a direction, 1 or -1; long ones count every 2 s."""
+        return len(self._numbers(way))
+
     def strokes(self, way: int) -> int:
         """Return how many strokes there are in a direction, 1 or -1."""
-        return len(np.unique(self.stroke[np.sign(self.direction) == way]))
+        # Between two strokes there is a number without rows; between pieces of one there is none.
+        numbers = self._numbers(way)
+        return int(np.count_nonzero(np.diff(numbers) > 1)) + (len(numbers) > 0)
+
+    def _numbers(self, way: int) -> NDArray[np.intp]:
+        return np.unique(self.stroke[np.sign(self.direction) == way])
 
     def every_other_stroke(self) -> Flags:
         """Return the rows of every other stroke of each direction, ``(n,)``.
@@ -260,11 +269,12 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     keep = moving & (np.abs(direction) > _ONE_WAY)
     ends = math.ceil(_ENDS * sigma)
     keep[:ends] = keep[-ends:] = False
+    # A gap does not divide a stroke.
+    stroke = _strokes(np.sign(direction) * keep, step)
     if not np.all(fine.is_measured):
         keep &= np.convolve(~fine.is_measured, np.ones(2 * ends + 1), mode="same") < 0.5
     every = max(1, round(_ROW * sigma))
     rows = np.flatnonzero(keep)[::every] if every > 1 else np.flatnonzero(keep)
-    stroke = _strokes(np.sign(direction) * keep, step)
     speeds = np.abs(speed[keep])
     first_wave = 3 + len(STRIBECK_SPEEDS)
     return Signals(

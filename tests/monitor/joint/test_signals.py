@@ -1,8 +1,11 @@
 """All columns of a record pass one filter without phase, whose band follows the motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ema_core.telemetry import Telemetry
 from ema_monitor.joint.signals import Preparation, block_means, cutoff_of, filtered, motion_band
 from ema_monitor.joint.smoothing import smoothed
 
@@ -91,3 +94,21 @@ def test_cutoff_stays_between_the_slowest_and_a_share_of_the_rate():
     assert cutoff_of(100.0, 0.01) == pytest.approx(20.0)
     # A fifth of 5 Hz is below the slowest cut-off.
     assert cutoff_of(0.01, 0.2) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("strokes", [1, 2, 4])
+def test_strokes_are_counted_by_reversals_and_long_ones_in_pieces(strokes):
+    seconds = 8.0
+    t = 0.01 * np.arange(round(2 * strokes * seconds / 0.01))
+    speed = np.sign(np.sin(np.pi * t / seconds + 1e-9))
+    position = 0.01 * np.cumsum(speed)
+    telemetry = Telemetry(0, 0.01, 1, position, speed, position, np.empty(0))
+    lost = np.zeros(len(t), dtype=bool)
+    lost[400:450] = True  # a gap divides no stroke
+    for one in (telemetry, replace(telemetry, interpolated=lost)):
+        signals = filtered(
+            block_means(one, described(), 2.0), PREPARATION._replace(usual_speed=1.0)
+        )
+        for way in (1, -1):
+            assert signals.strokes(way) == strokes
+            assert signals.pieces(way) == 4 * strokes
