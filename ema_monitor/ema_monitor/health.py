@@ -372,7 +372,7 @@ def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits)
         level=STALE,
         health_index=math.nan,
         confidence=0.0,
-        reason="; ".join(filter(None, [missing, health.reason])),
+        reason=missing,  # the comparison itself says the rest
     )
 
 

@@ -245,7 +245,18 @@ def test_ok_needs_a_judgement_of_friction():
     health = health_of(comparison(not_judged(FRICTION, "one direction only")))
     assert health.level == STALE
     assert np.isnan(health.health_index)
-    assert health.reason.startswith("Coulomb friction is not judged: one direction only; ")
+    assert health.reason == "Coulomb friction is not judged: one direction only"
+
+
+def test_doubtful_change_leaves_the_level_open_and_is_named_with_its_size():
+    doubt = replace(not_judged(FRICTION, "not certain"), change=0.147, low=0.1, high=0.2)
+    assert health_of(comparison(doubt)).reason == (
+        "Coulomb friction is not judged: not certain; Coulomb friction may have changed by +14.7 %"
+    )
+    inertia = replace(not_judged("inertia", "not certain"), change=0.05, low=0.02, high=0.08)
+    assert health_of(comparison(unchanged(FRICTION, 0.06), inertia)).reason == (
+        "inertia may have changed by +5.0 %, which is beyond usual variation, but not certain"
+    )
 
 
 def test_friction_tracked_over_earlier_tests_does_not_replace_its_judgement():

@@ -98,11 +98,12 @@ def why_no_level(comparison: Comparison, warn_limit: float) -> str:
         Relative change of friction at which a warning is given [-].
     """
     friction, label = comparison[FRICTION], label_of(FRICTION)
+    doubts = [_doubt_sentence(item) for item in comparison.doubtful]
     if not friction.is_judged:
-        return f"{label} is not judged: {friction.reason or 'no reason is known'}"
-    if comparison.doubtful:
-        labels = _joined((label_of(item.name) for item in comparison.doubtful), "and")
-        return f"{labels}: the change is beyond usual variation, but not certain"
+        words = f"{label} is not judged: {friction.reason or 'no reason is known'}"
+        return "; ".join([words, *doubts])
+    if doubts:
+        return f"{_joined(doubts, 'and')}, which is beyond usual variation, but not certain"
     if friction.smallest_change < warn_limit:
         return ""
     limit = f"its warning limit is {_plain(warn_limit, friction)} %"

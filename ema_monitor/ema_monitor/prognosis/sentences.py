@@ -36,7 +36,7 @@ def cause_of_level(outlook: Outlook) -> str:
     if outlook.failure:
         return outlook.failure
     if health.level not in (WARN, ERROR):
-        return "" if health.level == OK else reason_of(outlook)
+        return "" if health.level == OK else health.reason or outlook.rul.reason
     every = (*health.faults, *health.requirements)
     items = [one for one in every if one.level == health.level or math.isfinite(one.held)]
     if not items:
