@@ -90,5 +90,6 @@ def test_phase_of_the_ripple_is_free_in_each_record(shift):
 def test_calibration_file_keeps_the_ripples(calibration, tmp_path):
     calibration.save(tmp_path / "calibration.yaml")
     loaded = load_calibration(tmp_path / "calibration.yaml")
+    assert isinstance(loaded, JointCalibration)
     assert loaded.baseline.preparation == calibration.baseline.preparation
     assert len(loaded.baseline.preparation.ripples) == 1
