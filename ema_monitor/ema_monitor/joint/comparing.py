@@ -49,6 +49,7 @@ _FOR_A_PARAMETER: Final = 6.0
 _EFFECT_OF_PLAY: Final = 0.1
 _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
+_CORRELATION_FREEDOM: Final = 6.0
 _SINGULAR: Final = 1e-12
 _LEAST_RATIO: Final = 0.2
 _FEWEST_FOR_TEMPERATURE: Final = 6
@@ -146,8 +147,25 @@ class Comparer:
     def spread(self) -> Array:
         """Covariance of what differs between a typical record and the healthy mean, ``(5, 5)``."""
         days, count = len(set(self.baseline.days)), len(self.baseline.records)
-        between = [self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))]
-        return np.diag(between) * (1.0 + 1.0 / days) + np.mean(self.errors, axis=0) / count
+        variances = [self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))]
+        sigmas = np.sqrt(variances)
+        between = self._correlations(sigmas) * np.outer(sigmas, sigmas)
+        return between * (1.0 + 1.0 / days) + np.mean(self.errors, axis=0) / count
+
+    def _correlations(self, sigmas: Array) -> Array:
+        """Return the correlations of the coefficients between records, ``(5, 5)``.
+
+        A payload that varies changes gravity and inertia together: together they are less of a
+        witness than two. Few records show little of it. ``sigmas`` are the standard deviations
+        between records, ``(5,)``.
+        """
+        errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
+        spread = np.sqrt(sigmas**2 + errors)
+        values = self.baseline.values
+        units = (values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+        moments = _CORRELATION_FREEDOM * np.eye(len(COEFFICIENTS)) + units.T @ units
+        scales = np.sqrt(np.diag(moments))
+        return np.asarray(moments / np.outer(scales, scales), dtype=np.float64)
 
     def scatter(self, weights: Array, *, with_temperature: bool = True) -> Scatter:
         """Return the scatter of a linear combination of the coefficients, weights ``(5,)``.
@@ -322,12 +340,15 @@ class _Test:
         if self._baseline.shape.load_share and set(best.quantities) == {FRICTION, TORQUE}:
             # Friction that rises with the load raises inertia and gravity at the motor as well.
             return (FRICTION,), (TORQUE, *self._baseline.hidden_in_friction)
+        close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _TOLD_APART]
+        # Two changes take more evidence than one.
+        chosen = min(close, key=lambda n: len(self._comparer.hypotheses[n].quantities))
+        best = self._comparer.hypotheses[chosen]
         rivals: list[str] = []
-        for number in order[1:]:
-            other = self._comparer.hypotheses[int(number)]
-            if costs[number] - costs[order[0]] >= _TOLD_APART:
-                break
-            if not set(best.quantities) < set(other.quantities):
+        for number in close:
+            other = self._comparer.hypotheses[number]
+            is_wider = set(best.quantities) < set(other.quantities)
+            if not is_wider or costs[number] < costs[chosen]:
                 rivals += [name for name in other.quantities if name not in best.quantities]
         if FRICTION in best.quantities:
             rivals += self._baseline.hidden_in_friction

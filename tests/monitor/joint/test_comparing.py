@@ -24,6 +24,8 @@ from ema_monitor.joint.comparison import (
     Judgement,
 )
 from ema_monitor.joint.shape import DRY, Shape
+from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
+from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
 
 from .baselines import (
@@ -129,6 +131,50 @@ def _vague(covariance):
     """Return the covariance of a record that hardly shows inertia, viscous friction, gravity."""
     scales = np.array([1.0, 45.0, 10.0, 1.0, 100.0])
     return covariance * np.outer(scales, scales)
+
+
+def _with_payload(values, payload: float):
+    """Return coefficients with a payload that adds this share of gravity and inertia."""
+    factors = np.ones(5)
+    factors[[INERTIA_COLUMN, GRAVITY_COLUMN]] += payload
+    return values * factors
+
+
+@pytest.mark.parametrize("payload", [-0.1, 0.1])
+def test_payload_that_varies_is_no_witness_of_torque_per_ampere(payload):
+    """In healthy records too, gravity and inertia rise together, as if the motor were weaker."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        base = baseline_of(seed, scatter=0.003)
+        records = tuple(
+            replace(one, values=_with_payload(one.values, rng.uniform(-0.1, 0.1)))
+            for one in base.records
+        )
+        comparer = Comparer(replace(base, records=records))
+        values = changed(comparer.baseline.healthy, friction=1.08)
+        found = comparer.compare(record_of(_with_payload(values, payload)))
+        assert FRICTION in names(found) | rivals(found), seed
+        for one in found.changed:
+            # Torque per ampere is not claimed for certain.
+            assert one.name in (FRICTION, FRICTION_OVER_INERTIA) or FRICTION in one.rivals, seed
+
+
+def test_correlation_of_gravity_and_inertia_is_that_of_the_payload():
+    def correlation(payload: float) -> float:
+        rng = np.random.default_rng(3)
+        base = baseline_of(scatter=0.003, days=3, a_day=6)
+        records = tuple(
+            replace(one, values=_with_payload(one.values, payload * rng.uniform(-1.0, 1.0)))
+            for one in base.records
+        )
+        spread = Comparer(replace(base, records=records)).spread
+        pair = [INERTIA_COLUMN, GRAVITY_COLUMN]
+        (of_inertia, both), (_, of_gravity) = spread[np.ix_(pair, pair)]
+        return float(both / np.sqrt(of_inertia * of_gravity))
+
+    # Six of 24 records are assumed to be uncorrelated.
+    assert correlation(0.2) > 0.6
+    assert abs(correlation(0.0)) < 0.3
 
 
 def test_torque_has_no_witness_where_only_friction_is_visible():
