@@ -59,8 +59,8 @@ def table_recordings(
     for values, part in parts:
         found = [[read_record(part, *one, accepts=False)] for one in actuators]
         messages = (
-            (_full_name(name), type_name(type(message)), message, *stamps)
-            for name, message, *stamps in _messages(found, _BLOCK_IN_MEMORY_S)
+            (_full_name(name), type_name(type(message)), message, received_ns, stamp_ns)
+            for name, message, received_ns, stamp_ns in _messages(found, _BLOCK_IN_MEMORY_S)
         )
         yield values, MemoryRecording(table, messages)
 

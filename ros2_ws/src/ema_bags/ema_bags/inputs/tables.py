@@ -3,6 +3,7 @@
 import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Mapping as ByName
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -214,7 +215,7 @@ class TableColumns:
         return [*np.flatnonzero((given != given.shift()).any(axis=1)).tolist(), len(given)]
 
 
-_Columns = dict[str, "pd.Series[Any] | NDArray[Any]"]
+_Columns = ByName[str, "pd.Series[Any] | NDArray[Any]"]
 """Columns by name: of plain numbers as arrays, others as pandas reads them."""
 
 
