@@ -1,6 +1,7 @@
 """A worn unit is no baseline: calibrations that are implausible for their description."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import pytest
 
@@ -14,7 +15,7 @@ FLAP = ActuatorDescription()
 
 
 def windows(
-    faults: Mapping[str, float], parameters: ActuatorParameters | None = None, **more: object
+    faults: Mapping[str, float], parameters: ActuatorParameters | None = None, **more: Any
 ) -> list[Window]:
     found = []
     for seed in range(3):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -95,8 +96,10 @@ def test_bound_decides_and_of_a_degraded_estimate_the_value(name: str):
     beyond = CauseEstimate(name, -limit - (ONE_SIDED_95 * sigma + 1e-6), sigma)
     within = beyond._replace(value=-limit - (ONE_SIDED_95 * sigma - 1e-6))
     for field in ("causes", "measured"):
-        assert name in unusual_causes(estimated(**{field: (beyond,)}))
-        assert not unusual_causes(estimated(**{field: (within,)}))
+        given: dict[str, Any] = {field: (beyond,)}
+        assert name in unusual_causes(estimated(**given))
+        given = {field: (within,)}
+        assert not unusual_causes(estimated(**given))
     degraded = estimated(verdict=DEGRADED)
     assert name in unusual_causes(replace(degraded, causes=(within,)))
     usual = within._replace(value=0.9 * limit)

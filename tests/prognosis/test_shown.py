@@ -1,7 +1,8 @@
 """A level needs every fault: each one is known for as long as the test that showed it."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ HOURS = Service(hours_per_cycle=10.0)
 
 
 def outlook_after(
-    course: list[Collection[str]],
+    course: Sequence[Collection[str]],
     settings: PrognosisSettings,
     parameters: ActuatorParameters | None = None,
     **faults: float,
@@ -34,7 +35,7 @@ def outlook_after(
     """What follows from tests that hide some faults each, of a unit with faults."""
     unit, outlook = Unit(History(*UNIT), settings), None
     for number, hidden in enumerate(course):
-        seen = {name: value for name, value in faults.items() if name not in hidden}
+        seen: dict[str, Any] = {name: value for name, value in faults.items() if name not in hidden}
         test = hiding(made_test(number, **seen), hidden)
         outlook = unit.update(test, parameters, settings, received_ns=test.end_ns + S)
     assert outlook is not None
@@ -83,7 +84,7 @@ def test_first_test_that_hides_a_fault_is_not_ok():
 
 def test_ok_ends_when_the_oldest_showing_test_does_not_when_the_newest_one_does():
     settings = replace(LIVE, service=HOURS)
-    unit = Unit(History(*UNIT), settings)
+    unit, outlook = Unit(History(*UNIT), settings), None
     for number, hidden in enumerate([(), ("backlash",), ("backlash",)]):
         test = hiding(made_test(number), hidden)
         outlook = unit.update(test, None, settings, received_ns=test.end_ns)
