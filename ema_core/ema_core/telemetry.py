@@ -119,7 +119,7 @@ class Telemetry:
             self.sample_period,
             self.first_index + start,
             *(getattr(self, name)[start:stop] for name in COLUMNS),
-            self.interpolated[start:stop],
+            interpolated=self.interpolated[start:stop],
         )
 
 
@@ -173,7 +173,7 @@ def join(blocks: list[Telemetry]) -> Telemetry:
         first.sample_period,
         first.first_index,
         *(np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS),
-        interpolated,
+        interpolated=interpolated,
     )
 
 
@@ -196,7 +196,7 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
         for before, after in ((getattr(last, name), getattr(block, name)) for name in COLUMNS)
     ]
     stamp_ns = last.stamp_at(len(last))
-    return Telemetry(stamp_ns, h, begin, *columns, np.ones(count, dtype=bool))
+    return Telemetry(stamp_ns, h, begin, *columns, interpolated=np.ones(count, dtype=bool))
 
 
 def bridged(blocks: Sequence[Telemetry]) -> list[Telemetry]:

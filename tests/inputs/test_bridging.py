@@ -9,8 +9,9 @@ import pytest
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.defects import not_finite
 from ema_core.acquisition import Acquisition
-from ema_monitor.windows.finder import WindowFinder
+from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.windows.window import Window
 
 from .conftest import cycle, described, mapping_from
 from .joint_motion import TAU as JOINT_TAU
@@ -214,6 +215,8 @@ def test_lost_messages_end_no_record_and_are_counted():
     finder = WindowFinder(TriggerSettings(), target.description)
     events = [event for block in kept for event in finder.feed(block)]
     [segment] = [*events, *finder.finish()]
+    assert isinstance(segment, Segment)
+    assert isinstance(segment.window, Window)
     record = segment.window.telemetry
     assert len(record) > 2300
     measured = sum(len(block) for block in kept)

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ema_core.arrays import Array
+from ema_core.arrays import Array, Flags
 from ema_monitor.joint.signals import Fine, Preparation, filter_sigma
 from ema_monitor.joint.smoothing import smoothed
 
@@ -145,7 +145,7 @@ def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
     return curvature, slope, middle - 0.5 * slope**2 / curvature
 
 
-def _rows(fine: Fine, speed: Array, usual: float, sigma: float) -> Array:
+def _rows(fine: Fine, speed: Array, usual: float, sigma: float) -> Flags:
     """Return the rows in motion or near it, apart from ends and long gaps, ``(n,)``."""
     ends = math.ceil(_REACH * sigma)
     around = np.ones(2 * ends + 1)

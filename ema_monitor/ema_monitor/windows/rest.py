@@ -90,7 +90,9 @@ class PositionBins:
             Whether each is interpolated, ``(n,)``, or ``(0,)`` if none is. Its distance to its
             neighbours is no resolution.
         """
-        flags = interpolated if len(interpolated) else np.zeros(len(position))
+        flags = np.zeros(len(position))
+        if len(interpolated):
+            flags[interpolated] = 1.0
         self._pending.append(np.stack([position, flags]))
         self._pending_count += len(position)
         whole = (self.next_index + self._pending_count) // self.size * self.size - self.next_index
