@@ -5,7 +5,6 @@ import json
 import os
 import socket
 import ssl
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -30,23 +29,6 @@ from .client import SUBPROTOCOL, Web
 from .session import DashboardSession, values, wait_for_value
 
 TOKEN = "0123456789abcdef-token"
-
-
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    folder = tmp_path_factory.mktemp("tls")
-    certificate, key = folder / "certificate.pem", folder / "key.pem"
-    subprocess.run(
-        [
-            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
-            *("-subj", "/CN=localhost"),
-            *("-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"),
-            *("-out", certificate, "-keyout", key),
-        ],
-        check=True,
-        capture_output=True,
-    )
-    return certificate, key
 
 
 @pytest.fixture
@@ -149,7 +131,7 @@ def test_a_token_is_needed_where_one_is_set(session, web, token_file):
     assert refused_handshake(web, node.address, Authorization=f"Bearer {TOKEN}") == 101
     assert refused_handshake(web, f"{node.address}?token={TOKEN}") == 101
     status, headers, _ = web.get(f"{node.address}?token={TOKEN}")
-    assert (status, headers["Location"]) == (303, "/")
+    assert (status, headers["Location"]) == (303, "./")
     cookie = headers["Set-Cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie

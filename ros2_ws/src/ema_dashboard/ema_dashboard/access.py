@@ -56,6 +56,13 @@ class Access:
                 return f"origin {told!r} may not connect: see the parameter allowed_origins"
         return ""
 
+    def sockets(self, host: str, scheme: str) -> list[str]:
+        """Return the origins of the WebSockets of a page, also behind a proxy that adds TLS."""
+        own = f"{scheme}://{host.lower()}"
+        secure = f"https://{host.lower()}"
+        origins = [own, *[secure] * (secure != own and secure in self._origins)]
+        return [origin.replace("http", "ws", 1) for origin in origins]
+
     def knows(self, *, token: str | None, cookie: str | None) -> bool:
         """Return whether the right token, or the cookie for it, was shown, or none is needed."""
         if not self._token:

@@ -200,8 +200,10 @@ class WebServer:
         if request.headers.get("Upgrade", "").lower() == "websocket":
             return await self._connect(request)
         if "token" in request.query and self._access.needs_token:
-            # Out of the address line, and so out of histories and screenshots.
-            answer = web.Response(status=303, headers={**_HEADERS, "Location": request.path})
+            # Out of the address line, and so out of histories and screenshots. Relative, as a proxy
+            # may serve the page below a path of its own.
+            place = f"./{request.rel_url.raw_path.rpartition('/')[2]}"
+            answer = web.Response(status=303, headers={**_HEADERS, "Location": place})
             answer.set_cookie(
                 _COOKIE,
                 self._access.cookie,
@@ -229,7 +231,7 @@ class WebServer:
 
     def _file(self, request: web.Request, file: Made) -> web.Response:
         # WebSockets are named, as not all browsers take them for part of 'self'.
-        sockets = f"{self._scheme.replace('http', 'ws')}://{request.headers['Host']}"
+        sockets = " ".join(self._access.sockets(request.headers["Host"], self._scheme))
         headers = {
             **_HEADERS,
             "Content-Security-Policy": (

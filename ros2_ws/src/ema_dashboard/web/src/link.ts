@@ -160,7 +160,7 @@ async function refusal(event: CloseEvent, wasOpen: boolean): Promise<string> {
   // A browser does not tell how an upgrade was answered. A POST passes the same checks, as it has the
   // same origin in its header, and is never served.
   try {
-    const answer = await fetch("/", { method: "POST", cache: "no-store" });
+    const answer = await fetch(".", { method: "POST", cache: "no-store" });
     if (answer.status === 405) {
       return "the page is served but its data are not: the server has as many clients as it allows";
     }

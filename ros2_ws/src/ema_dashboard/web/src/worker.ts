@@ -56,7 +56,8 @@ function isWatched(key: string): boolean {
   return watched !== null && keyOf(watched) === key;
 }
 
-const link = new Link(new URL("/", self.location.href.replace(/^http/, "ws")).href, {
+// Beside this script: a proxy may serve the page below a path of its own.
+const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).href, {
   wants(topic) {
     const [namespace, name] = split(topic);
     if (OF_THE_SYSTEM.has(topic) || OF_ALL.has(name)) return true;

@@ -87,7 +87,7 @@ function NoteForm({ event, of, close }: { event: UnitEvent; of: Address; close: 
     const { sec, nanosec } = event.stamp;
     const content = { namespace: of.namespace, actuator_id: of.id, sec, nanosec };
     try {
-      const answer = await fetch("/note", {
+      const answer = await fetch("note", {
         method: "POST",
         headers: { "Content-Type": "application/json" },
         body: JSON.stringify({ ...content, ...Object.fromEntries(typed) }),
