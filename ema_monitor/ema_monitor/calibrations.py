@@ -79,7 +79,8 @@ def calibrate(
     if not accepted_by and (reason := implausible(made, windows[0])):
         raise ValueError(
             f"the windows are implausible for a healthy unit of this description: {reason}; check "
-            "unit and description, or force the calibration and name who accepts it"
+            "unit and description, or name who accepts it: force and person of ~/calibrate, "
+            "--accepted-by of `ema calibrate`"
         )
     return replace(made, baseline=WindowBaseline.of(one.telemetry for one in windows))
 

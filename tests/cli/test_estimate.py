@@ -152,6 +152,10 @@ def test_calibration_on_a_faulty_bag_is_refused_unless_it_is_accepted(ema, tmp_p
     assert "records simulated faults" in result.stderr
     assert "--accept-defects" in result.stderr
     result = ema("calibrate", SAMPLE, "--accept-defects", "-o", output)
+    assert (result.exit_code, output.exists()) == (1, False)
+    assert "implausible for a healthy unit" in result.stderr
+    accepted = "--accept-defects", "--accepted-by", "Ada"
+    result = ema("calibrate", SAMPLE, *accepted, "-o", output)
     assert result.exit_code == 0
     assert "warning: " in result.stderr
     assert "residual of a healthy window unknown" in result.stdout
@@ -168,7 +172,9 @@ def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, 
     assert blind.exit_code == 1
     assert "never rested within 1e-06 rad" in blind.stderr
     calibration = tmp_path / "c.yaml"
-    assert ema("calibrate", bag, "-p", "threshold_urad=20", "-o", calibration).exit_code == 0
+    by_ada = "--accepted-by", "Ada"
+    result = ema("calibrate", bag, "-p", "threshold_urad=20", *by_ada, "-o", calibration)
+    assert result.exit_code == 0
     [estimate] = json.loads(ema("estimate", bag, "-p", "threshold_urad=20", "--json").stdout)
     assert estimate["valid"]
     assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
