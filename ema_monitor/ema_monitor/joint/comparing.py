@@ -7,7 +7,7 @@ the one that leaves the least of the departure is named, unless others explain i
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -86,11 +86,15 @@ class Comparer:
         Healthy records of the unit.
     effort_unit, effort_scale
         Unit in which a load is reported, and its size for 1 A.
+    known_correlations
+        Correlations of the coefficients between records, ``(5, 5)``; None for those that the
+        healthy records show. Records that are only forecast show none.
     """
 
     baseline: Baseline
     effort_unit: str = "A"
     effort_scale: float = 1.0
+    known_correlations: Array | None = field(default=None, repr=False, compare=False)
 
     def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
         """Return what has changed in a record, and which healthy records would show more."""
@@ -147,20 +151,25 @@ class Comparer:
     def spread(self) -> Array:
         """Covariance of what differs between a typical record and the healthy mean, ``(5, 5)``."""
         days, count = len(set(self.baseline.days)), len(self.baseline.records)
-        variances = [self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))]
-        sigmas = np.sqrt(variances)
-        between = self._correlations(sigmas) * np.outer(sigmas, sigmas)
+        known = self.known_correlations
+        correlations = self.correlations if known is None else known
+        between = correlations * np.outer(self._sigmas, self._sigmas)
         return between * (1.0 + 1.0 / days) + np.mean(self.errors, axis=0) / count
 
-    def _correlations(self, sigmas: Array) -> Array:
-        """Return the correlations of the coefficients between records, ``(5, 5)``.
+    @cached_property
+    def _sigmas(self) -> Array:
+        """Standard deviations between records, ``(5,)``."""
+        return np.sqrt([self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))])
+
+    @cached_property
+    def correlations(self) -> Array:
+        """Correlations of the coefficients between records, ``(5, 5)``.
 
         A payload that varies changes gravity and inertia together: together they are less of a
-        witness than two. Few records show little of it. ``sigmas`` are the standard deviations
-        between records, ``(5,)``.
+        witness than two. Few records show little of it.
         """
         errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
-        spread = np.sqrt(sigmas**2 + errors)
+        spread = np.sqrt(self._sigmas**2 + errors)
         values = self.baseline.values
         units = (values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
         moments = _CORRELATION_FREEDOM * np.eye(len(COEFFICIENTS)) + units.T @ units
@@ -233,7 +242,10 @@ class Comparer:
         """Further healthy records that would lower the smallest change of friction."""
         now, found = self.smallest_changes[FRICTION], []
         for days in (0, _MORE_DAYS):
-            lower = Comparer(self.baseline.extended(_MORE_RECORDS, days)).smallest_changes[FRICTION]
+            extended = Comparer(
+                self.baseline.extended(_MORE_RECORDS, days), known_correlations=self.correlations
+            )
+            lower = extended.smallest_changes[FRICTION]
             if lower < _WORTH_IT * now:
                 found.append(Improvement(FRICTION, days, _MORE_RECORDS, lower))
         return tuple(sorted(found, key=lambda one: one.smallest_change)[:1])

@@ -53,9 +53,9 @@ def test_more_days_beyond_several_lower_the_smallest_change_as_predicted(days, s
     for seed in range(12):
         baseline = baseline_of(seed, days=days, scatter=scatter)
         more = baseline_of(seed, days=days + 2, scatter=scatter)
-        for found, one in ((predicted, baseline.extended(6, 2)), (reached, more)):
-            found.append(Comparer(one).smallest_changes[FRICTION])
-    # The forecast repeats the scatter shown, further days may add to it: it is 5 to 11 % too low
-    # over 40 seeds. What two days show varies by half, a mean of 12 by 15 %.
+        known = Comparer(baseline).correlations
+        extended = Comparer(baseline.extended(6, 2), known_correlations=known)
+        predicted.append(extended.smallest_changes[FRICTION])
+        reached.append(Comparer(more).smallest_changes[FRICTION])
+    # What two days show varies by half, a mean of 12 by 15 %.
     assert np.mean(predicted) == pytest.approx(np.mean(reached), rel=0.25)
-    assert np.mean(predicted) <= 1.05 * np.mean(reached)
