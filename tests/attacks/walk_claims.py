@@ -88,6 +88,8 @@ class Claimed(Walk):
         self.now_ns, self.clock_s = FIRST_NS, 1000.0
         # Of drives that count from power-on: when that was [s].
         self.power_on_s: dict[str, float] = {"tab": 900.0}
+        # When the clock of the machine was set, and by how much [s].
+        self.steps: list[tuple[float, float]] = []
         self.newest: dict[str, Tested] = {}
         self.lost: dict[str, Tested] = {}
         # When each unit was last tested without a hidden fault in fact [s].
@@ -171,7 +173,8 @@ class Claimed(Walk):
         if name in self.power_on_s:
             up_s = self.clock_s - self.power_on_s[name]
             return max(_POWER_ON_NS + round(up_s * _S) - ago_ns, 0)
-        return self.now_ns - ago_ns
+        later = (step_s for at_s, step_s in self.steps if at_s > self.clock_s - ago_s)
+        return self.now_ns - ago_ns - round(sum(later) * _S)
 
     def _test(self, name: str, kind: str, ago_s: float = 0.0) -> None:
         """Test a unit, or receive a test that ended some time ago."""
@@ -234,6 +237,7 @@ class Claimed(Walk):
     def step_clock(self, seconds: float) -> None:
         """The clock of the machine is set."""
         self.now_ns += round(seconds * _S)
+        self.steps.append((self.clock_s, seconds))
         self._report()
 
     @rule(name=st.sampled_from(_UNITS), passed_s=st.sampled_from((0.0, 0.5, 10.0)))

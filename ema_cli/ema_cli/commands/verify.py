@@ -33,6 +33,7 @@ from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.prognosis.history import read_intact_history
+from ema_monitor.prognosis.order import moved
 from ema_ros.messages import faults_from_message
 from ema_ros.stamps import stamp_from_message
 
@@ -199,7 +200,8 @@ def _of_history(
     for bag in bags:
         windows |= _windows(Bag(bag), actuator_id)
     entries = sorted([*history.entries, *history.late], key=lambda entry: entry.stamp_ns)
-    tests = [_Recorded(number, one.estimate) for number, one in enumerate(entries)]
+    estimates = (moved(one.estimate, -one.shift_ns) for one in entries)
+    tests = [_Recorded(number, one) for number, one in enumerate(estimates)]
     yield from _made_again(actuator_id, tests, windows, calibrations)
 
 

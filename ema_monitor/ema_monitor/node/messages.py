@@ -189,7 +189,7 @@ def history_to_message(
     return _made(
         UnitHistory,
         description,
-        stamp_ns=tests[-1].entry.stamp_ns if tests else None,
+        stamp_ns=tests[-1].entry.end_ns if tests else None,
         tests=[_unit_test(test) for test in tests],
         events=tuple(
             EventReport.of(event)
@@ -208,7 +208,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
         UnitTest,
         test.entry,
         found,
-        stamp=stamp_to_message(estimate.end_ns),
+        stamp=stamp_to_message(test.entry.end_ns),
         flight_hours=test.hours,
         verdict=VERDICTS.index(estimate.verdict),
         faults=np.where(unobservable, np.nan, np.array(estimate.faults)),

@@ -14,6 +14,9 @@ SAME_TEST_SIGMAS: Final = 4.0
 """Standard deviations by which a fault of the same test identified again never differs."""
 
 
+_LEAST_AHEAD_NS: Final = 1_000_000_000
+
+
 class Place(NamedTuple):
     """Where a test belongs.
 
@@ -72,7 +75,9 @@ def place_of(
     is_ordered = not isinstance(newest, UnusedCycle) or newest.is_ordered
     if newest.shift_ns and is_ordered and end_ns > newest.end_ns:
         return Place(newest.shift_ns)
-    if received_ns < (newest_received_ns or newest.end_ns) or not estimate.valid:
+    has_gone_back = received_ns < (newest_received_ns or newest.end_ns)
+    is_ahead = end_ns > received_ns + _LEAST_AHEAD_NS  # stamped before the clock went back
+    if (has_gone_back and not is_ahead) or not estimate.valid:
         # A failure is a failure, whenever it was.
         return Place(shift_ns)
     return Place(shift_ns, _problem(end_ns, newest))
