@@ -86,7 +86,8 @@ class JointRecord:
 
     def is_same(self, other: "JointRecord") -> bool:
         """Return whether both are of the same telemetry, however it was fitted."""
-        return self.stamp_ns == other.stamp_ns and self.travel == other.travel
+        both_unknown = math.isnan(self.travel) and math.isnan(other.travel)
+        return self.stamp_ns == other.stamp_ns and (both_unknown or self.travel == other.travel)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,14 @@
 """The coefficients of a joint are those of its plant, and only terms that its records show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.learning import learn
-from ema_monitor.joint.record import read_record
+from ema_monitor.joint.record import JointRecord, read_record
 from ema_monitor.joint.shape import DRY, GRAVITY, INERTIA, LOAD, VISCOUS
 
 from .plant import (
@@ -219,3 +221,12 @@ def test_records_without_motion_friction_or_direction_are_refused_with_the_reaso
     short: list[Telemetry] = [one.part(0, 150) for one in healthy_telemetry()]
     with pytest.raises(ValueError, match="no healthy record can be used"):
         learn(short, described())
+
+
+def test_records_of_unknown_travel_are_the_same_by_their_stamps():
+    """Those of older calibrations have none."""
+    record = JointRecord(5, np.zeros(2), np.eye(2), 1.0)
+    assert record.is_same(replace(record, values=np.ones(2)))
+    assert not record.is_same(replace(record, stamp_ns=6))
+    assert not record.is_same(replace(record, travel=2.0))
+    assert replace(record, travel=2.0).is_same(replace(record, travel=2.0))
