@@ -39,7 +39,7 @@ def _kernels(ema, tmp_path_factory) -> None:
         (("simulate",), "case"),
         (("recover", SAMPLE), "whole.mcap"),
         (("plot", SAMPLE), "case.png"),
-        (("calibrate", SAMPLE, "--accept-defects"), "c.yaml"),
+        (("calibrate", SAMPLE, "--accept-defects", "--accepted-by", "Ada"), "c.yaml"),
     ],
 )
 def test_nothing_is_left_of_what_could_not_be_written(

@@ -60,7 +60,7 @@ def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("compare", "--algorithms", "least_squares"),
         ("prognose", "--hours-per-cycle", "10"),
         ("report", "-o", "out.html"),
-        ("calibrate", "--accept-defects", "-o", "out.yaml"),
+        ("calibrate", "--accept-defects", "--accepted-by", "Ada", "-o", "out.yaml"),
     ],
     ids=" ".join,
 )

@@ -18,6 +18,19 @@ PLAUSIBLE_SHARE: Final = 0.1
 """Share of the current that the model of a plausible unit may miss: 1 to 4 % of healthy ones."""
 
 
+FAULTY: Final = (
+    "friction",
+    "backlash",
+    "loop_gain",
+    "turns_a",
+    "turns_b",
+    "turns_c",
+    "eccentricity_cos",
+    "eccentricity_sin",
+)
+"""Deviations that a fault is taken for."""
+
+
 def implausible(calibration: Calibration, window: Window) -> str:
     """Return in what a calibration is implausible for its description; "" if it is plausible.
 
@@ -30,7 +43,7 @@ def implausible(calibration: Calibration, window: Window) -> str:
 
     Notes
     -----
-    The deviations are compared with those expected of a unit, and what the model misses, without
+    Deviations that a fault is taken for are compared with those expected of a unit, and what the model misses, without
     the correction and the scatter between windows, with the current: a worn unit may need faults
     that are no deviation, such as play.
     """
@@ -41,7 +54,7 @@ def _reasons(calibration: Calibration, window: Window) -> Iterator[str]:
     priors = unit_priors(calibration.parameters, window.excitation, calibration.form)
     for one in priors:
         value = getattr(calibration.unit, one.name)
-        if abs(value - one.expected) > PLAUSIBLE_SIGMAS * one.sigma:
+        if one.name in FAULTY and abs(value - one.expected) > PLAUSIBLE_SIGMAS * one.sigma:
             name = one.name.replace("_", " ")
             yield f"{name} is {value:+.3g}, expected {one.expected:.2g} ± {one.sigma:.2g}"
     share = _missed_share(calibration, window)
