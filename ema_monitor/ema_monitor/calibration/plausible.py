@@ -43,9 +43,9 @@ def implausible(calibration: Calibration, window: Window) -> str:
 
     Notes
     -----
-    Deviations that a fault is taken for are compared with those expected of a unit, and what the model misses, without
-    the correction and the scatter between windows, with the current: a worn unit may need faults
-    that are no deviation, such as play.
+    Deviations that a fault is taken for are compared with those expected of a unit. What the model
+    misses, without the correction and the scatter between windows, is compared with the current: a
+    worn unit may need faults that are no deviation, such as play.
     """
     return "; ".join(_reasons(calibration, window))
 
