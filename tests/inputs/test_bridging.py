@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.defects import not_finite
+from ema_bags.inputs.defects import not_finite, two_publishers
 from ema_core.acquisition import Acquisition
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
@@ -182,24 +182,30 @@ def joint_bridge(of=None, **settings):
     return Bridge(given, description, BridgeSettings(**settings))
 
 
-def send_moves(target, seconds, *, begin=0, speed_factor=1.0, position=None, lost=()):
-    """Send states of a joint at 200 Hz, but the lost ones; return the blocks that come out."""
+def send_moves(
+    target, seconds, *, begin=0, speed_factor=1.0, position=None, lost=(), publishers_ns=(0,)
+):
+    """Send states of a joint at 200 Hz, but the lost ones; return the blocks that come out.
+
+    Each of the publishers sends them, so much later than the first.
+    """
     columns, stamps = moves(seconds)
     place = columns["position"] if position is None else position
     blocks = []
     for i in range(begin, len(stamps)):
         if i in lost:
             continue
-        stamp = int(stamps[i])
-        header = SimpleNamespace(stamp=SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9))
-        message = SimpleNamespace(
-            header=header,
-            name=["flap"],
-            position=[place[i]],
-            velocity=[columns["speed"][i] * JOINT_TAU * speed_factor],
-            effort=[columns["current"][i]],
-        )
-        target.collector.add(STATES, message, stamp, stamp + 10_000)
+        for late_ns in publishers_ns:
+            stamp = int(stamps[i]) + late_ns
+            time = SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9)
+            message = SimpleNamespace(
+                header=SimpleNamespace(stamp=time),
+                name=["flap"],
+                position=[place[i]],
+                velocity=[columns["speed"][i] * JOINT_TAU * speed_factor],
+                effort=[columns["current"][i]],
+            )
+            target.collector.add(STATES, message, stamp, stamp + 10_000)
         blocks += target.advance()
     return blocks
 
@@ -281,3 +287,31 @@ def test_wraps_and_messages_of_zeros_are_bridged_live():
     assert target.withheld == 0
     moved, true = (values - values[0] for values in (position, columns["position"]))
     np.testing.assert_allclose(moved, true, atol=0.02)
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-4])
+@pytest.mark.parametrize("offset", [0.1, 0.35, 0.8])
+def test_two_publishers_of_one_joint_are_an_error(drift, offset):
+    """Their samples are not read as one series of twice the rate."""
+    _, stamps = moves(10.0)
+    period = int(stamps[1] - stamps[0])
+    late = stamps + int(offset * period) + (drift * (stamps - stamps[0])).astype(np.int64)
+    [defect] = two_publishers(np.sort(np.concatenate([stamps, late])))
+    assert defect.is_error
+    assert "each at 200 Hz" in defect.text
+
+
+def test_jitter_and_lost_samples_are_no_second_publisher():
+    _, stamps = moves(10.0)
+    period, rng = stamps[1] - stamps[0], np.random.default_rng(1)
+    for size in (0.0, 0.05, 0.2):
+        noise = np.rint(size * period * rng.standard_normal(len(stamps))).astype(np.int64)
+        assert list(two_publishers(np.sort(stamps + noise))) == []
+        assert list(two_publishers(np.delete(stamps, rng.integers(0, len(stamps), 300)))) == []
+
+
+def test_telemetry_of_two_publishers_is_withheld():
+    target = joint_bridge(learn_s=0.5)
+    send_moves(target, 6.0, publishers_ns=(0, 1_500_000))
+    assert "two_publishers" in [item.name for item in target.refused]
+    assert target.withheld > 0

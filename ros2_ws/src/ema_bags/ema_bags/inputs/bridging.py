@@ -14,6 +14,7 @@ from ema_bags.inputs.defects import (
     other_rate,
     refused,
     stream_defects,
+    two_publishers,
     withholding,
 )
 from ema_bags.inputs.importing import SampleStream, uses_arrival
@@ -251,6 +252,7 @@ class Bridge:
         assert self.rate is not None
         self.defects = [
             *other_rate(self.rate, self._given),
+            *([] if self._clock else two_publishers(times)),
             *stream_defects(
                 self.losses - first.losses,
                 self.rebuilt - first.rebuilt,

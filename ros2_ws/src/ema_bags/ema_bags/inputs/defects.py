@@ -31,6 +31,7 @@ _SAME_RATE: Final = 2e-3
 _SIMILAR_RATE: Final = 0.1
 _GAP: Final = 1.5
 _LEAST_STEPS: Final = 200
+_ALTERNATING: Final = 0.2
 _JUMP: Final = 20.0
 _JUMP_OF_RANGE: Final = 0.05
 _NAMES: Final = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}
@@ -154,6 +155,29 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
         yield InputDefect(
             "other_rate", text, "the rate of the samples is used", False, needs_action=False
         )
+
+
+def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
+    """Yield that stamps, ``(n,)`` [ns], alternate between a short and a long step.
+
+    The samples of two publishers do, and are read as one series of twice the rate.
+    """
+    steps = np.diff(stamps_ns).astype(float)
+    if len(steps) < _LEAST_STEPS or np.any(steps[:2] <= 0.0):
+        return
+    usual = float(np.median(steps[: len(steps) // 2 * 2].reshape(-1, 2).mean(axis=1)))
+    # Of neighbours and of next but one, as clocks that drift change the steps slowly.
+    near, next_one = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, 2))
+    if np.median(near) < _ALTERNATING or np.percentile(next_one, 90.0) > _ALTERNATING / 2.0:
+        return
+    pairs = steps[: len(steps) // 2 * 2].reshape(-1, 2)
+    low, high = sorted(1e-6 * np.median(pairs, axis=0))
+    text = (
+        f"the steps of the stamps alternate between {low:.3g} and {high:.3g} ms: two publishers "
+        f"send the joint, each at {1e9 / (2.0 * usual):.4g} Hz"
+    )
+    remedy = "let one publisher send it: `ros2 topic info -v` names them"
+    yield InputDefect("two_publishers", text, remedy)
 
 
 def renewed_slowly(rate: Rate, published: Rate) -> InputDefect:

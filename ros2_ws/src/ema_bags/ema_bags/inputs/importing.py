@@ -16,6 +16,7 @@ from ema_bags.inputs.defects import (
     other_rate,
     renewed_slowly,
     stream_defects,
+    two_publishers,
 )
 from ema_bags.inputs.held import renewed_rows
 from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
@@ -204,6 +205,7 @@ def import_series(
         # They are on a line: what it moves as it follows the clock is no jitter of the samples.
         rate = replace(rate, jitter=0.0)
     raw, notes = join_topics(by_topic, mapping, stamps), list(other_rate(rate, description))
+    doubled = [] if mapping.is_table or rebuilt else list(two_publishers(stamps))
     if (rows := renewed_rows(raw)) is not None:
         rate, published = _renewed_rate(stamps[rows], rate, mapping), rate
         raw, stamps = {name: values[rows] for name, values in raw.items()}, stamps[rows]
@@ -219,6 +221,7 @@ def import_series(
         )
     defects = [
         *notes,
+        *doubled,
         *stream_defects(
             stream.losses,
             rebuilt,
