@@ -216,17 +216,20 @@ class Claimed(Walk):
         """Healthy tests, after which it may be OK, and perhaps a faulty one."""
         self.test(name, ["good"] * 3 + ["faulty"] * faulty)
 
-    @precondition(lambda self: self.is_active and self.tested not in self.power_on_s)
+    @precondition(
+        lambda self: (
+            self.is_active and self.tested in self.newest and self.tested not in self.power_on_s
+        )
+    )
     @rule(kind=st.sampled_from(["good", "good", *_KINDS]), late_s=st.sampled_from((3.0, 1800.0)))
     def test_late(self, kind: str, late_s: float) -> None:
-        """A test that ended before the last one of a unit, or long ago.
+        """A test that ended before the last one of a unit, a moment or long before.
 
         Stamps that count from power-on do not show how old a test is.
         """
         name = self.tested
         self._pass(1.0)
-        newest = self.newest.get(name, Tested(self.clock_s, ""))
-        self._test(name, kind, self.clock_s - newest.measured_s + late_s)
+        self._test(name, kind, self.clock_s - self.newest[name].measured_s + late_s)
 
     @rule(seconds=st.sampled_from((1.0, 6.0, 40.0)))
     def wait(self, seconds: float) -> None:
