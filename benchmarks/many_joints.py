@@ -50,6 +50,7 @@ JOINT: Final = "servo"
 _UNITS: Final = 4
 _RECORDS: Final = 3
 _HEALTHY: Final = 6
+_PATIENCE_S: Final = 300.0
 
 
 def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], ActuatorDescription]:
@@ -121,6 +122,10 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
                     node.units.receive_telemetry(message)
                 while len(node.worker.queue):  # in real time the worker has this long
                     time.sleep(0.01)
+            # A record ends when the next one begins.
+            end_s = time.monotonic() + _PATIENCE_S
+            while len(estimates) < number * joints and time.monotonic() < end_s:
+                time.sleep(0.01)
             spent_s += (time.process_time() - begin_s) * (number > 0)
         node.trigger_deactivate()
         rclpy.shutdown()
