@@ -254,3 +254,28 @@ def test_limits_are_in_the_units_of_the_sources(mapped):
         }
     )
     assert limits_of(mapping, joint(1000.0), 1e-3) == {}
+
+
+@pytest.mark.parametrize("held", [5, 15])
+@pytest.mark.parametrize(
+    "names", [("position", "speed", "current"), ("position",), ("speed",), ("current",)]
+)
+def test_repeated_values_of_a_modelled_drive_question_neither_gears_nor_scales(
+    mapped, telemetry, columns, names, held
+):
+    """All together are resampled; single columns that are held are refused."""
+    for name in names:
+        columns[name] = np.repeat(columns[name][::held], held)[: len(telemetry)]
+    got = import_series(
+        {"": Series(telemetry.stamps_ns, telemetry.stamps_ns, columns)}, mapped(), described(1000)
+    )
+    repeats, *others = got.defects
+    assert repeats.name == "values_repeat"
+    assert f"{held} times" in repeats.text
+    is_whole = len(names) == 3
+    assert repeats.is_error == (not is_whole)
+    assert 1.0 / got.rate.period == pytest.approx(1000.0 / held if is_whole else 1000.0)
+    words = " ".join(str(item.remedy) for item in got.defects)
+    assert "tau" not in words
+    assert "scale" not in words
+    assert all(item.name == "gear_ratio" and "too few" in item.remedy for item in others)

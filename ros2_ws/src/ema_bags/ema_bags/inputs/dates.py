@@ -148,7 +148,7 @@ def _zone_s(parts: "pd.DataFrame") -> NDArray[np.int64]:
     zone = parts["zone"].str.extract(r"(?P<sign>[+-])(?P<h>\d\d):?(?P<m>\d\d)")
     ahead = 3600 * zone["h"].astype(float) + 60 * zone["m"].astype(float)
     signs = np.where(zone["sign"] == "-", -1, 1)
-    return signs * ahead.fillna(0).to_numpy(np.int64)
+    return np.asarray(signs * ahead.fillna(0.0).to_numpy(float), dtype=np.int64)
 
 
 def _days(parts: "pd.DataFrame") -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:

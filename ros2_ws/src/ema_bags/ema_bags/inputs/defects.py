@@ -55,14 +55,16 @@ def find_defects(
         Stamps of the samples, ``(n,)`` [ns].
     """
     found = list(_other_drive(mapping, description))
-    found += _held(columns, stamps_ns)
+    found += _held(columns, stamps_ns, is_unknown=description.drive == "unknown")
     found += _jumps(columns["position"], stamps_ns)
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
     found += _frozen(columns, motion, is_unknown=description.drive == "unknown")
     if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in found}:
-        found += _wrong_factors(motion, mapping, description)
+        # Of a position or speed that is held, the ratio is one of delays, not of gears.
+        if not any(item.name == "values_repeat" and item.is_error for item in found):
+            found += _wrong_factors(motion, mapping, description)
         found += find_commanded(columns, description.parameters.tau)
     if not any(item.is_error for item in found):
         found += _wrong_current(motion, mapping, description)
@@ -214,9 +216,12 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
 
 
 def _held(
-    columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64]
+    columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64], *, is_unknown: bool
 ) -> Iterator[InputDefect]:
-    """Yield sensor columns that are renewed at a rate below the rate of the samples."""
+    """Yield sensor columns that are renewed at a rate below the rate of the samples.
+
+    The model of a known drive would take the steps for faults.
+    """
     held = find_held(columns)
     if not held:
         return
@@ -225,8 +230,12 @@ def _held(
         f"the {name} repeats each value {count} times (renewed at {rate_hz / count:.4g} Hz)"
         for name, count in held.items()
     ]
-    remedy = "it is used as it is; have the driver publish each value once"
-    yield InputDefect("values_repeat", ", ".join(parts), remedy, False, needs_action=False)
+    remedy = "have the driver publish each value once, and all at one rate"
+    if is_unknown:
+        remedy = "it is used as it is; have the driver publish each value once"
+    yield InputDefect(
+        "values_repeat", ", ".join(parts), remedy, not is_unknown, needs_action=not is_unknown
+    )
 
 
 def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:

@@ -219,6 +219,11 @@ def import_series(
             f"none of {stream.losses.samples} samples has a finite value in all of "
             f"{', '.join(stream.filled)}"
         )
+    found = find_defects(columns, stamps, mapping, stream.description)
+    if rows is not None:
+        few = f"{1.0 / rate.period:.4g} Hz may be too few for this motion: have the source renew "
+        few += "its values faster"
+        found = [replace(one, remedy=few) if one.name == "gear_ratio" else one for one in found]
     defects = [
         *notes,
         *doubled,
@@ -229,7 +234,7 @@ def import_series(
             is_unknown=description.drive == "unknown",
         ),
         *not_finite(columns),
-        *find_defects(columns, stamps, mapping, stream.description),
+        *found,
         *(stream.rises.defects() if stream.rises else ()),
     ]
     first_ns = min(int(run.stamps_ns[0]) for run in runs)

@@ -129,7 +129,7 @@ class ImpossibleSamples:
         far = self._far(known, steps)
         first = len(self._position)
         held, self._held = self._held, 0
-        for row in np.flatnonzero(steps > far) + 1:
+        for row in (np.flatnonzero(steps > far) + 1).tolist():
             if row < max(first, 1) or (row > first and bad[rows[row - 1 - first]]):
                 continue
             most = _MOST_IN_A_ROW - (held if row == first else 0)

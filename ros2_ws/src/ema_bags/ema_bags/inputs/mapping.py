@@ -76,7 +76,7 @@ DEFECTS: Final = (
     *("position_scale", "command_scale", "speed_scale", "drive_of_i_q", "gear_ratio"),
     *("command_position", "current_size", "not_finite", "time_not_monotonic"),
     *("position_jumps", "impossible_samples", "temperature_range"),
-    "two_publishers",
+    *("two_publishers", "values_repeat"),
 )
 """Names of the defects that are errors, which a mapping can accept."""
 
