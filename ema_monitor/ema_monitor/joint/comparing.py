@@ -166,17 +166,19 @@ class Comparer:
         """Correlations of the coefficients between records, ``(5, 5)``.
 
         A payload that varies changes gravity and inertia together: together they are less of a
-        witness than two. Few records show little of it.
+        witness than two. Few records show little of it. What the temperature explains is left out.
         """
         errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
         spread = np.sqrt(self._sigmas**2 + errors)
-        values = self.baseline.values
-        units = (values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+        left = self.baseline.values - self.baseline.values.mean(axis=0)
+        if self._temperatures is not None:
+            left = left - np.outer(self._temperatures, self._slopes)
+        units = left / np.where(spread > 0.0, spread, 1.0)
         moments = _CORRELATION_FREEDOM * np.eye(len(COEFFICIENTS)) + units.T @ units
         scales = np.sqrt(np.diag(moments))
         return np.asarray(moments / np.outer(scales, scales), dtype=np.float64)
 
-    def scatter(self, weights: Array, *, with_temperature: bool = True) -> Scatter:
+    def scatter(self, weights: Array) -> Scatter:
         """Return the scatter of a linear combination of the coefficients, weights ``(5,)``.
 
         It is that at a known temperature, if the combination depends on a temperature that was
@@ -185,7 +187,7 @@ class Comparer:
         baseline = self.baseline
         values = baseline.values @ weights
         days = math.sqrt(float(weights**2 @ baseline.prior_sigmas**2))
-        covariates, measured = None, self._temperatures if with_temperature else None
+        covariates, measured = None, self._temperatures
         if measured is not None and _helps(values, measured):
             covariates = measured[:, None]
         variances = np.einsum("i,nij,j->n", weights, self.errors, weights)
@@ -196,6 +198,33 @@ class Comparer:
         if self._temperatures is None or not math.isfinite(record.temperature):
             return None
         return np.array([(record.temperature - self._mean_temperature) / _TEMPERATURE_UNIT])
+
+    def at_temperature_of(self, record: JointRecord) -> "Comparer":
+        """Return the comparer for a record: without the temperature if the record has none."""
+        return self if math.isfinite(record.temperature) else self._over_temperatures
+
+    @cached_property
+    def _over_temperatures(self) -> "Comparer":
+        if self._temperatures is None:
+            return self
+        records = tuple(replace(one, temperature=math.nan) for one in self.baseline.records)
+        return replace(self, baseline=replace(self.baseline, records=records))
+
+    def expected(self, record: JointRecord) -> Array:
+        """Return the healthy coefficients at the temperature of a record, ``(5,)``."""
+        temperature = self.temperature(record)
+        healthy = self.baseline.healthy
+        return healthy if temperature is None else healthy + temperature * self._slopes
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """Change of each coefficient with the covariate of the temperature, ``(5,)``."""
+        slopes, measured = np.zeros(len(COEFFICIENTS)), self._temperatures
+        if measured is not None:
+            for number, values in enumerate(self.baseline.values.T):
+                if _helps(values, measured):
+                    slopes[number] = measured @ values / (measured @ measured)
+        return slopes
 
     @cached_property
     def _mean_temperature(self) -> float:
@@ -255,11 +284,12 @@ class _Test:
     """One record beside its baseline."""
 
     def __init__(self, comparer: Comparer, record: JointRecord) -> None:
+        comparer = comparer.at_temperature_of(record)
         self._comparer, self._record = comparer, record
-        self._baseline = comparer.baseline
+        self._baseline, self._healthy = comparer.baseline, comparer.expected(record)
         moved = _MOTION_TOLERANCE * comparer.baseline.distance(record) * comparer.baseline.scales
         self._error = comparer.error(record.covariance) + np.diag(moved**2)
-        self._departure = record.values - self._baseline.healthy
+        self._departure = record.values - self._healthy
         self._total = comparer.spread + self._error
 
     def result(self) -> Comparison:
@@ -295,7 +325,7 @@ class _Test:
 
     def _is_effect_of(self, play: QuantityChange) -> bool:
         """Return whether play that has changed explains what departs in the coefficients."""
-        friction = abs(self._departure[at.DRY] / self._baseline.healthy[at.DRY])
+        friction = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
     def alone(self) -> list[QuantityChange]:
@@ -314,7 +344,7 @@ class _Test:
         """Return the test of a combination of the coefficients."""
         error = float(weights @ self._error @ weights)
         covariates = self._comparer.temperature(self._record)
-        scatter = self._comparer.scatter(weights, with_temperature=covariates is not None)
+        scatter = self._comparer.scatter(weights)
         prediction: Prediction = scatter.predict(error, self._record.day_to_predict, covariates)
         return SingleTest(float(weights @ self._record.values), prediction)
 
@@ -322,7 +352,7 @@ class _Test:
     def _tolerant(self) -> Array:
         """Covariance with what the model may miss beside changed friction, ``(5, 5)``."""
         baseline = self._baseline
-        change = abs(self._departure[at.DRY] / baseline.healthy[at.DRY])
+        change = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         scales = baseline.scales
         scales[at.VISCOUS] *= _VISCOUS_TOLERANCE
         scales[at.DRY] = 0.0
@@ -409,7 +439,7 @@ class _Test:
 
         In a self-locking gear friction raises the inertia and the gravity at the motor as well.
         """
-        healthy = self._baseline.healthy
+        healthy = self._healthy
         weights = np.zeros(len(healthy))
         weights[at.DRY], weights[at.INERTIA] = 1.0 / healthy[at.DRY], -1.0 / healthy[at.INERTIA]
         test = self._along(weights)

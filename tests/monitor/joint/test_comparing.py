@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from ema_core.arrays import Array
 from ema_monitor.joint.baseline import Gap
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
@@ -380,6 +381,43 @@ def test_record_without_temperature_is_compared_over_all_temperatures():
         for one in (20.0, math.nan)
     )
     assert unknown > 1.3 * known
+
+
+def _all_friction_follows(per_kelvin: float) -> tuple[Comparer, Array]:
+    """Return the comparer of records whose friction follows the temperature, and its change."""
+    steady = _warm(follows=False)
+    change = np.zeros(5)
+    change[[DRY, VISCOUS_COLUMN]] = (
+        per_kelvin * np.array([1.0, 3.0]) * HEALTHY[[DRY, VISCOUS_COLUMN]]
+    )
+    records = [
+        replace(one, values=one.values + (one.temperature - 20.0) * change)
+        for one in steady.baseline.records
+    ]
+    return Comparer(replace(steady.baseline, records=tuple(records))), change
+
+
+def test_temperature_that_all_friction_follows_costs_no_sensitivity():
+    """Dry and viscous friction vary together by the temperature, and apart at a known one."""
+    steady = _warm(follows=False)
+    warm, _ = _all_friction_follows(-0.01)
+    for name in (FRICTION, TORQUE, INERTIA):
+        assert warm.smallest_changes[name] < 1.2 * steady.smallest_changes[name], name
+    correlation = warm.correlations[DRY, VISCOUS_COLUMN]
+    assert correlation == pytest.approx(steady.correlations[DRY, VISCOUS_COLUMN], abs=0.1)
+
+
+@pytest.mark.parametrize("kelvin", [10.0, 20.0, 30.0])
+@pytest.mark.parametrize(
+    ("change", "name"), [({"friction": 1.15}, FRICTION), ({"inertia": 1.1}, INERTIA)]
+)
+def test_change_is_named_at_any_temperature_of_the_healthy_records(kelvin, change, name):
+    """What the temperature explains of a record is no part of the change."""
+    warm, slope = _all_friction_follows(-0.01)
+    values = np.array(HEALTHY) + (kelvin - 20.0) * slope
+    found = warm.compare(record_of(changed(values, **change), temperature=kelvin))
+    assert names(found) == {name}
+    assert rivals(found) == set()
 
 
 def test_effort_of_the_wrong_sign_is_a_change_and_no_error(comparer):
