@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from ema_bags.inputs import importing
+from ema_cli.bags import records
 
 MAPPING = """\
 position: {source: set_point_mm - error_mm, unit: mm, lead: 0.005}
@@ -48,8 +49,8 @@ def described(tmp_path):
 
 @pytest.mark.parametrize("rate_hz", [10, 25, 50, 67, 100, 500, 1000])
 def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, described, rate_hz):
-    for name in ("_BLOCK_S", "_BLOCK_SAMPLES"):
-        monkeypatch.setattr(importing, name, 1e-9)  # a sample a block
+    for module, name in ((records, "BLOCK_S"), (importing, "_BLOCK_SAMPLES")):
+        monkeypatch.setattr(module, name, 1e-9)  # a sample a block
     duration_s = max(24.0, 1600.0 / rate_hz)
     for name, friction in (("healthy", 0.6), ("worn", 0.9)):
         table = written(tmp_path / f"{name}.csv", rate_hz, duration_s, friction_a=friction)
