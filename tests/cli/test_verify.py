@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -14,10 +15,13 @@ from ema_archive.tables import PARTITIONED
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.commands.verify import Verified
+from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosed, diagnose
+from ema_monitor.diagnosis import Diagnosed, Diagnosis, diagnose
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import INERTIA
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.node.messages import estimate_to_message
@@ -26,6 +30,7 @@ from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
+from ema_sim.actuator import SimulatedActuator
 
 from ..monitor.comparisons import CASES, changed, compared, comparison
 from .conftest import repeated
@@ -43,9 +48,8 @@ def recorded(faulty_blocks) -> tuple[list[Telemetry], list[Diagnosed]]:
 
 
 @pytest.fixture
-def bag_of(recorded, tmp_path: Path) -> Callable[..., Path]:
-    def write(name: str = "bag.mcap", *, skips: int = 0, change=lambda message: None) -> Path:
-        blocks, told = recorded
+def bag_of_estimates(tmp_path: Path) -> Callable[..., Path]:
+    def write(blocks, told, name: str = "bag.mcap", change=lambda message: None) -> Path:
         class_, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         (tmp_path / name).parent.mkdir(exist_ok=True)
         bag = BagWriter(str(tmp_path / name))
@@ -53,12 +57,21 @@ def bag_of(recorded, tmp_path: Path) -> Callable[..., Path]:
             for block in blocks:
                 written.write_block(block, 0.0)
             bag.add_topic("/ema/fault_estimate", class_, qos)
-            for one in told[skips:]:
+            for one in told:
                 message = estimate_to_message(one.estimate, one.number, FLAP)
                 change(message)
                 end_ns = one.estimate.end_ns
                 bag.write("/ema/fault_estimate", message, blocks[-1].stamp_ns, end_ns)
         return tmp_path / name
+
+    return write
+
+
+@pytest.fixture
+def bag_of(recorded, bag_of_estimates) -> Callable[..., Path]:
+    def write(name: str = "bag.mcap", *, skips: int = 0, change=lambda message: None) -> Path:
+        blocks, told = recorded
+        return bag_of_estimates(blocks, told[skips:], name, change)
 
     return write
 
@@ -116,6 +129,53 @@ def test_search_that_began_at_an_estimate_that_is_missing_cannot_be_made_again(e
     assert result.exit_code == 0
     assert "window 1: cannot be made again (its search began at an estimate that" in result.output
     assert "window 2: same to the bit" in result.output
+
+
+@pytest.fixture(scope="module")
+def worn_blocks() -> list[Telemetry]:
+    """Telemetry of three cycles with backlash, where the place in the play matters."""
+    actuator = SimulatedActuator()
+    actuator.faults = fault_vector({"backlash": 0.5})
+    samples = build_cycle(THESIS_CHIRP, 1e-4).samples
+    parts = np.split(samples, range(100, len(samples), 100))
+    return repeated([actuator.advance(part) for part in parts], 3)
+
+
+def windows_in(blocks: list[Telemetry]) -> list[Segment]:
+    finder = WindowFinder(TriggerSettings(), FLAP)
+    return [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
+
+
+@pytest.mark.parametrize("loses_last", [False, True])
+def test_estimates_of_a_monitor_that_restarted_are_the_same(
+    ema, worn_blocks, bag_of_estimates, loses_last
+):
+    """It starts in the motion before a window; its history may lack what it published last."""
+    blocks = worn_blocks
+    first, second, _ = windows_in(blocks)
+    made, monitor = [], Diagnosis()
+    for one in (first, second):
+        made += [item for item in diagnose_one(monitor, one)]
+    after = next(n for n, block in enumerate(blocks) if block.stamp_ns > made[-1].estimate.end_ns)
+    restarted, kept = Diagnosis(), made[: 1 if loses_last else 2]
+    for one in kept:
+        restarted.begin_at(FLAP, one.estimate)
+    later = next(
+        found
+        for skipped in range(0, len(blocks) - after, 5)
+        if (found := windows_in(blocks[after + skipped :])) and found[0].window.play is None
+    )
+    made += [item for one in later for item in diagnose_one(restarted, one)]
+    assert [one.number for one in made] == [0, 1, 0]
+    result = ema("verify", bag_of_estimates(blocks, made))
+    assert (result.exit_code, "3 same to the bit" in result.output) == (0, True), result.output
+    assert "as by a monitor that started during the motion before the window" in result.output
+    assert ("without the test before" in result.output) == loses_last
+
+
+def diagnose_one(monitor: Diagnosis, window: Segment) -> list[Diagnosed]:
+    every = monitor.add(window, Calibration.builtin(), SearchSettings())
+    return [one for one in every if isinstance(one, Diagnosed)]
 
 
 def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):

@@ -244,6 +244,7 @@ def _made_again(
 ) -> Iterator[Verified]:
     """Make estimates of an actuator again in their order, each from its window."""
     earlier, last, is_whole = Diagnosis(), "", False
+    before_last, last_number = Diagnosis(), -1
     known = next(iter(windows.values()), None)
     for number, one in tests:
         told = Verified(actuator_id, number)
@@ -251,8 +252,12 @@ def _made_again(
         calibration = calibrations.get(one.calibration_id)
         is_there = last == one.calibration_id
         before = earlier.stopped() if one.warm_start else Diagnosis()
+        # Windows are counted from the start of a monitor.
+        has_restarted = one.warm_start and number <= last_number
+        without_last, last_number = before_last if has_restarted else None, number
         known = window or known
         if known is not None and one.valid:
+            before_last = earlier.stopped()
             earlier.begin_at(known.description, one)
             is_whole = (is_whole and is_there) or not one.warm_start
             last = one.calibration_id
@@ -268,11 +273,50 @@ def _made_again(
         elif one.warm_start and not is_there:
             yield replace(told, reason="its search began at an estimate that is not there")
         else:
-            search = SearchSettings(one.algorithm, seed=one.seed, goodness_limit=one.goodness_limit)
-            *_, again = before.add(window, calibration, search)
-            if isinstance(again, Diagnosed):
-                told = told.compared(one, again.estimate)
-                if told.state == DIFFERENT and one.warm_start and not is_whole:
-                    words = "it follows from tests before the first one that is there"
-                    told = replace(told, state=CANNOT, reason=words)
-                yield told
+            told = _of_any_start(told, one, before, without_last, window, calibration)
+            if told.state == DIFFERENT and one.warm_start and not is_whole:
+                words = "it follows from tests before the first one that is there"
+                told = replace(told, state=CANNOT, reason=words)
+            yield told
+
+
+def _of_any_start(
+    told: Verified,
+    recorded: Estimate,
+    before: Diagnosis,
+    without_last: Diagnosis | None,
+    window: RecordedWindow,
+    calibration: AnyCalibration,
+) -> Verified:
+    """Compare an estimate with those that a monitor makes, whenever it started.
+
+    A monitor that started in the middle of a motion does not know where the window begins in the
+    play. A monitor that was killed may have published a test that its history lacks: without it,
+    its search began at ``without_last``.
+    """
+    search = SearchSettings(
+        recorded.algorithm, seed=recorded.seed, goodness_limit=recorded.goodness_limit
+    )
+    results = list[Verified]()
+    for diagnosis, memory in ((before, ""), (without_last, "without the test before")):
+        for seen, play in _seen_by_a_monitor(window) if diagnosis is not None else ():
+            *_, again = diagnosis.stopped().add(seen, calibration, search)
+            assert isinstance(again, Diagnosed)
+            result = told.compared(recorded, again.estimate)
+            words = ", ".join(filter(None, [play, memory]))
+            if words and result.state in (SAME, ROUNDED):
+                result = replace(result, reason=f"as by a monitor that started {words}")
+            if result.state == SAME or (result.state == ROUNDED and not words):
+                return result
+            results.append(result)
+    return next((one for one in results if one.state == ROUNDED), results[0])
+
+
+def _seen_by_a_monitor(window: RecordedWindow) -> Iterator[tuple[RecordedWindow, str]]:
+    """Yield a window as it is in a bag, and as monitors that started at other times saw it."""
+    yield window, ""
+    if window.play is not None:
+        yield replace(window, play=None), "during the motion before the window"
+    elif window.description.drive != "unknown":
+        for play in (1.0, -1.0):
+            yield replace(window, play=play), "before the recording"
