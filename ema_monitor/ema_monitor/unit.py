@@ -3,7 +3,7 @@
 import math
 import threading
 from bisect import bisect
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -51,10 +51,17 @@ SHOWN_SHARE: Final = 0.05
 """Share of its limit from which on a fault is named where the baseline changes [-]."""
 
 MOST_NOTES: Final = 50
-"""Notes of persons between one valid test and the next."""
+"""Notes of one person between one valid test and the next."""
+
+MOST_PERSONS: Final = 20
+"""Persons with notes between one valid test and the next, which bounds the record of a test."""
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
+
+
+_NAME_END: Final = ", "
+"""What ends the name of the person in a note."""
 
 
 class KnownTest(NamedTuple):
@@ -310,23 +317,38 @@ class Unit:
             self._shown = self._shown_by_all()
             self._find_growth_anew()
 
-    def note(self, text: str, stamp_ns: int = 0) -> None:
+    def note(self, person: str, text: str, stamp_ns: int = 0) -> None:
         """Take a note of a person on an event, of the newest valid test without its stamp [ns].
 
         The next outlook has it as an event; ``resume`` gives one at once. ValueError when there is
-        no valid test that it could be kept with, or that has too many notes.
+        no valid test that it could be kept with, or that has too many notes of the person.
         """
         with self._lock:
             if not self.history.entries:
                 raise ValueError("there is no history yet: no valid test so far")
             newest_ns, assessments = self.history.entries[-1].stamp_ns, self.history.assessments
             known, of = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
-            kept = [*self._notes, *(known.events if known else ())]
-            if sum(event.kind == NOTE for event in kept) >= MOST_NOTES:
-                raise ValueError(f"the newest test has {MOST_NOTES} notes already")
-            hours = of.hours if of else math.nan
-            self._notes.append(UnitEvent(stamp_ns or newest_ns, hours, NOTE, text))
+            self._check_notes(person, [*self._notes, *(known.events if known else ())])
+            hours, words = of.hours if of else math.nan, f"{person}{_NAME_END}{text}"
+            self._notes.append(UnitEvent(stamp_ns or newest_ns, hours, NOTE, words))
             self._intermittent.acknowledge(self._time_of(stamp_ns) if stamp_ns else newest_ns)
+
+    def _check_notes(self, person: str, events: Iterable[UnitEvent]) -> None:
+        """Raise ValueError when no further note of a person fits beside events."""
+        notes = Counter(
+            event.text.partition(_NAME_END)[0] for event in events if event.kind == NOTE
+        )
+        name = person.partition(_NAME_END)[0]
+        if notes[name] >= MOST_NOTES:
+            raise ValueError(
+                f"the newest test has {MOST_NOTES} notes of {name} already; the next valid test "
+                "takes further ones"
+            )
+        if name not in notes and len(notes) >= MOST_PERSONS:
+            raise ValueError(
+                f"the newest test has notes of {MOST_PERSONS} persons already, and none of {name}; "
+                "the next valid test takes further ones"
+            )
 
     def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
         """Return why the unit is in WARN or ERROR, or was before its level expired; "" if not."""

@@ -27,7 +27,7 @@ from ema_monitor.prognosis.history_entry import (
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.unit import MOST_NOTES, Unit
+from ema_monitor.unit import MOST_NOTES, MOST_PERSONS, Unit
 
 from .lived_units import TEN_HOURS, Cycle, drawn_count, follow, plain, worn
 from .made_tests import SIGMA, UNIT, entry, made_test
@@ -124,17 +124,33 @@ def test_note_of_a_person_is_an_event_once_and_survives_restarts_and_tests(path:
     lived(path, [0.02, 0.3])
     unit = Unit(History(*UNIT, path), TEN_HOURS)
     first_ns = unit.history.entries[0].stamp_ns
-    unit.note("Ada: seen", stamp_ns=first_ns)
+    unit.note("Ada", "seen", stamp_ns=first_ns)
     outlooks = [unit.resume(None, TEN_HOURS) for _ in range(2)]
     events = [one.events for one in outlooks if one]
-    assert events == [(UnitEvent(first_ns, 10.0, "note", "Ada: seen"),), ()]
-    for _ in range(MOST_NOTES - 1):
-        unit.note("Ada: again")
-    with pytest.raises(ValueError, match="50 notes"):
-        unit.note("Ada: again")
+    assert events == [(UnitEvent(first_ns, 10.0, "note", "Ada, seen"),), ()]
     unit.history.close()
     unit, _ = lived(path, [0.3], first=2)
-    assert (10.0, "note", "Ada: seen") in kinds(unit)
+    assert (10.0, "note", "Ada, seen") in kinds(unit)
+
+
+def test_notes_of_one_person_leave_room_for_those_of_others(path: Path):
+    lived(path, [0.02, 0.3])
+    unit = Unit(History(*UNIT, path), TEN_HOURS)
+    for _ in range(MOST_NOTES):
+        unit.note("Mallory", "again")
+    unit.resume(None, TEN_HOURS)
+    for name in ("Mallory", "Mallory, again"):
+        with pytest.raises(ValueError, match="has 50 notes of Mallory already"):
+            unit.note(name, "again")
+    unit.note("Ada", "connector replaced")
+    for number in range(2, MOST_PERSONS):
+        unit.note(f"person {number}", "seen")
+    with pytest.raises(ValueError, match=f"notes of {MOST_PERSONS} persons already, and none of"):
+        unit.note("Grace", "seen")
+    unit.note("Ada", "seen")
+    unit.history.close()
+    unit, _ = lived(path, [0.3], first=2)
+    unit.note("Mallory", "once more")
 
 
 def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):

@@ -82,11 +82,11 @@ def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_
     course = [0.02] * 5 + [0.8, 0.02, 0.8] + [0.02] * 5
     unit, made = outlooks(course, settings, Unit(History(*UNIT, path), settings))
     assert made[-1].health.level == WARN
-    unit.note("Ada: a bag was changed")  # of the newest test, not of the event
+    unit.note("Ada", "a bag was changed")  # of the newest test, not of the event
     outlook = unit.resume(None, settings)
     assert outlook is not None
     assert outlook.health.level == WARN
-    unit.note("Ada: connector replaced", FIRST_NS + 7 * PERIOD_NS)
+    unit.note("Ada", "connector replaced", FIRST_NS + 7 * PERIOD_NS)
     made = outlooks([0.02] * 3, settings, unit, first=len(course))[1]
     assert made[-1].health.level == OK
     unit.history.close()

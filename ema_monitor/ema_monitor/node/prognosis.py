@@ -346,8 +346,8 @@ class MonitorPrognosis:
         person, text = one_line("person", request.person, 60), one_line("text", request.text, 500)
         _, description = self._node.units.find(request.actuator_id)
         unit, now = self._of(description), datetime.now(UTC)
-        words = f"{person}, {now:%Y-%m-%d %H:%M} UTC: {text}"
-        unit.note(words, stamp_from_message(request.stamp))
+        words = f"{now:%Y-%m-%d %H:%M} UTC: {text}"
+        unit.note(person, words, stamp_from_message(request.stamp))
         outlook = unit.resume(self._parameters(description), self.settings)
         assert outlook is not None
         self._node.units.tell(description.actuator_id, outlook.events)
