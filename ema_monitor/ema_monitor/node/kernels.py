@@ -32,7 +32,9 @@ STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
     {f"{form} model": lambda form=form: compile_kernels([form]) for form in FORMS}
     | {
         "growth": _compile_growth,
-        "duty": lambda: count_travel(np.arange(2.0), np.ones(2), 0.0, np.zeros(1), np.zeros(1)),
+        "duty": lambda: count_travel(
+            np.arange(2.0), np.ones(2), 1.0, 0.0, np.zeros(1), np.zeros(1)
+        ),
     }
 )
 """What is compiled, or loaded from the cache, by name: what an estimate and its health wait for."""

@@ -241,8 +241,10 @@ class WindowFinder:
         if self._last is not None:
             missing = block.first_index - self._last.first_index - len(self._last)
             self.lost_samples += max(0, missing)
-            is_bridged = self.finds_records and lost_between(self._last, block) is not None
-            self._run = self._run + missing if missing == 0 or is_bridged else 0
+            is_continued = missing == 0 or (
+                self.finds_records and lost_between(self._last, block) is not None
+            )
+            self._run = self._run + missing if is_continued else 0
         self._run += len(block)
         self._longest_run = max(self._longest_run, self._run)
         self._last, self._sample_period = block, block.sample_period

@@ -128,6 +128,8 @@ class RecordTrigger(WindowTrigger):
         assert self._bins is not None
         self._latest.add(block)
         bins = self._bins.add(block.position, block.interpolated)
+        if not bins:
+            return []
         events: list[Window | Refusal | Defect] = [*self._follow(bins, block.sample_period)]
         self._forget()
         return events

@@ -71,9 +71,9 @@ class PositionBins:
         self._noise_samples = max(_NOISE_SAMPLES, round(_NOISE_S / sample_period))
         self.next_index = first_index
         # Positions, and whether they are interpolated.
-        self._pending: list[Array] = []
+        self._pending: list[tuple[Array, Flags]] = []
         self._pending_count = 0
-        self._previous = np.empty((2, 0))
+        self._previous = np.empty(0), np.empty(0, dtype=bool)
         self._resolution = np.inf
         self._power = self._power_count = 0.0
         self._noises: deque[float] = deque(maxlen=_NOISE_WINDOWS)
@@ -90,10 +90,8 @@ class PositionBins:
             Whether each is interpolated, ``(n,)``, or ``(0,)`` if none is. Its distance to its
             neighbours is no resolution.
         """
-        flags = np.zeros(len(position))
-        if len(interpolated):
-            flags[interpolated] = 1.0
-        self._pending.append(np.stack([position, flags]))
+        flags = interpolated if len(interpolated) else np.zeros(len(position), dtype=bool)
+        self._pending.append((position, flags))
         self._pending_count += len(position)
         whole = (self.next_index + self._pending_count) // self.size * self.size - self.next_index
         return self._reduce(whole) if whole >= BINS_AT_ONCE * self.size else []
@@ -103,20 +101,23 @@ class PositionBins:
         return self._reduce(self._pending_count) if self._pending_count else []
 
     def _reduce(self, count: int) -> list[PositionBin]:
-        pending = np.concatenate(self._pending, axis=1)
-        rest = pending[:, count:]
-        self._pending, self._pending_count = [rest], rest.shape[1]
-        position = pending[0, :count]
+        pending, interpolated = map(np.concatenate, zip(*self._pending, strict=True))
+        self._pending = [(pending[count:], interpolated[count:])]
+        self._pending_count -= count
+        position = pending[:count]
         first = self.next_index
         starts = np.arange(-(first % self.size), count, self.size)
         starts[0] = 0
         lengths = np.append(starts[1:], count) - starts
         means = np.add.reduceat(position, starts) / lengths
-        joined, flags = both = np.concatenate([self._previous, pending[:, :count]], axis=1)
-        self._previous = both[:, -4:]
+        before, flags_before = self._previous
+        joined = np.concatenate([before, position])
+        flags = np.concatenate([flags_before, interpolated[:count]])
+        self._previous = joined[-4:], flags[-4:]
         differences = joined[1:] - joined[:-1]
-        measured = (flags[1:] + flags[:-1]) == 0.0
-        steps = _aligned(np.where(measured, np.abs(differences), np.inf), count)
+        steps = np.abs(differences)
+        steps[flags[1:] | flags[:-1]] = np.inf
+        steps = _aligned(steps, count)
         steps[steps <= _RELATIVE_ROUNDING * np.abs(position)] = np.inf
         fourth = differences
         for _ in range(3):
@@ -176,8 +177,9 @@ class SteadyRun:
         while self._highs and self._highs[-1][1] <= item.position:
             self._highs.pop()
         self._highs.append(entry)
-        self._begin_at(max(self.begin, item.last + 1 - longest))
-        while self.travel > threshold:
+        if (begin := item.last + 1 - longest) > self.begin:
+            self._begin_at(begin)
+        while self._highs[0][1] - self._lows[0][1] > threshold:
             self._begin_at(min(self._lows[0][0], self._highs[0][0]))
 
     def _begin_at(self, index: int) -> None:

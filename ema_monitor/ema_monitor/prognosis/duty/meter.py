@@ -20,26 +20,33 @@ _S_PER_HOUR: Final = 3600.0
 
 
 @kernel(nogil=False)
-def count_travel(position: Array, load: Array, last: float, amount: Array, moment: Array) -> float:
+def count_travel(
+    position: Array, current: Array, limit: float, last: float, amount: Array, moment: Array
+) -> float:
     """Count the travel of a shaft by load, in place; return from where to count on.
 
     Parameters
     ----------
     position
         Angles of the user shaft [rad], ``(n,)``.
-    load
-        Loads [-], ``(n,)``.
+    current
+        Currents [A], ``(n,)``; ``(0,)`` if not measured: then the load is 1.
+    limit
+        Current at which the load is 1 [A].
     last
         Angle up to which travel is counted [rad]; NaN when there was none before.
     amount, moment
         Travel [rad], and the sum of travel times load [rad], by class, ``(k,)``.
     """
     for i in range(position.size):
+        load = min(abs(current[i]) / limit, _MOST_LOAD) if current.size else 1.0
+        if not np.isfinite(position[i]) or np.isnan(load):
+            continue
         way = abs(position[i] - last)
         if way >= RESOLUTION:
-            number = min(int(load[i] * amount.size), amount.size - 1)
+            number = min(int(load * amount.size), amount.size - 1)
             amount[number] += way
-            moment[number] += way * load[i]
+            moment[number] += way * load
             last = position[i]
         elif not way < RESOLUTION:
             last = position[i]
@@ -67,6 +74,7 @@ class DutyMeter:
         self._most_pieces = most_pieces
         self._last = np.nan
         self._next_index = -1
+        self._hours = 0.0
         self._flown = FlownDuty()
 
     def add(
@@ -76,14 +84,15 @@ class DutyMeter:
         if block.first_index != self._next_index:
             self._last = np.nan
         self._next_index = block.first_index + len(block)
-        position = np.ascontiguousarray(block.position, dtype=np.float64)
-        load = np.ones(len(block))
-        if len(block.current):
-            load = np.minimum(np.abs(block.current) / parameters.I_max, _MOST_LOAD)
-        known = np.isfinite(position) & ~np.isnan(load)
-        self._last = count_travel(position[known], load[known], self._last, *self._flown.travel)
+        position, current = (
+            np.ascontiguousarray(column, dtype=np.float64)
+            for column in (block.position, block.current)
+        )
+        self._last = count_travel(
+            position, current, parameters.I_max, self._last, *self._flown.travel
+        )
         hours = len(block) * block.sample_period / _S_PER_HOUR
-        self._flown = replace(self._flown, hours=self._flown.hours + hours)
+        self._hours += hours
         if rise is not None:
             number = int((rise - LEAST_RISE) / CLASS_KELVIN)
             number = min(max(number, 0), WINDING_CLASSES - 1)
@@ -91,10 +100,11 @@ class DutyMeter:
 
     def cut(self, end_ns: int) -> None:
         """Assign the duty since the last cut to a window by the stamp of its end [ns]."""
-        self.pieces.append((end_ns, self._flown))
+        self.pieces.append((end_ns, replace(self._flown, hours=self._hours)))
         if self._most_pieces and len(self.pieces) > self._most_pieces:
             (_, one), (stamp_ns, other) = self.pieces.popleft(), self.pieces.popleft()
             self.pieces.appendleft((stamp_ns, one + other))
+        self._hours = 0.0
         self._flown = FlownDuty()
 
     def take(self, end_ns: int) -> FlownDuty:
