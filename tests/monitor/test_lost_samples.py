@@ -12,7 +12,7 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 
-from .test_records import H, START_NS, UNKNOWN, rest, sine, telemetry
+from .test_records import START_NS, UNKNOWN, H, rest, sine, telemetry
 
 
 def pieces(whole: Telemetry, lost: NDArray[np.bool_]) -> list[Telemetry]:
