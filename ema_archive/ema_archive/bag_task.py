@@ -18,9 +18,11 @@ from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
 
 DONE: Final = "done"
+INCOMPLETE: Final = "incomplete"
 DAMAGED: Final = "damaged"
 FAILED: Final = "failed"
-"""What became of a bag: it was read, it cannot be read, or it could not be read this time."""
+"""What became of a bag: it was read as a whole, or only in part as it is damaged; it cannot be
+read, or it could not be read this time."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +62,10 @@ class UnitRows:
 
 @dataclass(frozen=True)
 class BagResult:
-    """What became of a bag: one of ``DONE``, ``DAMAGED``, ``FAILED``, and why it is not the first.
+    """What became of a bag: ``DONE``, or another state and its reason.
 
     The reason may also be that it has no window; remarks are what is wrong with it beside that.
+    ``end_ns`` is the log time of its last message that can be read [ns]; 0 when there is none.
     """
 
     task: BagTask
@@ -72,6 +75,7 @@ class BagResult:
     remarks: list[str] = field(default_factory=list)
     units: list[UnitRows] = field(default_factory=list)
     software: str = field(default_factory=estimation_software)
+    end_ns: int = 0
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
@@ -134,7 +138,10 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
         if not found.windows:
             reasons.append(_without_window(found))
     state = DONE if units else DAMAGED
-    return BagResult(task, state, "; ".join(reasons), sha256, remarks, units)
+    if units and not bag.is_whole:
+        state, reasons = INCOMPLETE, [bag.damage, *reasons]
+    end_ns = bag.end_ns or 0
+    return BagResult(task, state, "; ".join(reasons), sha256, remarks, units, end_ns=end_ns)
 
 
 def _rows_of_unit(

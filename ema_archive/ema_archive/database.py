@@ -2,17 +2,21 @@
 
 import fcntl
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Final, Self
 
 from ema_archive.partitions import TABLES
+from ema_archive.sources import content_digest
+from ema_archive.tables import WHOLE
+from ema_core.wording import counted
 
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
-_VERSION: Final = 7
+_VERSION: Final = 8
 _TABLES: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 INSERT INTO meta VALUES ('settings', ''), ('sources', '[]'), ('scan', '0');
@@ -22,11 +26,12 @@ CREATE TABLE bag (
     seen TEXT NOT NULL DEFAULT '', sha256 TEXT NOT NULL DEFAULT '',
     software TEXT NOT NULL DEFAULT '', settings TEXT NOT NULL DEFAULT '',
     reason TEXT NOT NULL DEFAULT '', remarks TEXT NOT NULL DEFAULT '',
-    windows INTEGER NOT NULL DEFAULT 0, valid INTEGER NOT NULL DEFAULT 0
+    windows INTEGER NOT NULL DEFAULT 0, valid INTEGER NOT NULL DEFAULT 0,
+    end_ns INTEGER NOT NULL DEFAULT 0
 ) WITHOUT ROWID;
 CREATE TABLE part (
     url TEXT NOT NULL, unit TEXT NOT NULL, model TEXT NOT NULL, months TEXT NOT NULL,
-    calibration_id TEXT NOT NULL, last_ns INTEGER NOT NULL,
+    calibration_id TEXT NOT NULL, last_ns INTEGER NOT NULL, windows INTEGER NOT NULL,
     PRIMARY KEY (url, unit, model)
 ) WITHOUT ROWID;
 CREATE INDEX bag_of_content ON bag (sha256);
@@ -48,6 +53,10 @@ CREATE TABLE file (
 _REMEDY: Final = (
     "where it is damaged, scan the bags to a new archive: all that it has is made of them"
 )
+
+
+_REPLACED_S: Final = 0.2
+"""Time after which a run that replaces a file has noted it [s]."""
 
 
 class Database(AbstractContextManager[Any, None]):
@@ -72,7 +81,7 @@ class Database(AbstractContextManager[Any, None]):
             except BlockingIOError as error:
                 self._lock.close()
                 raise ValueError(f"{archive} is being changed by another command") from error
-        self._db = sqlite3.connect(self._path, timeout=30.0, isolation_level=None)
+        self._db = self._connected(writes)
         try:
             self._prepare()
         except BaseException as error:
@@ -94,6 +103,27 @@ class Database(AbstractContextManager[Any, None]):
         self._db.close()
         if self._lock is not None:
             self._lock.close()
+
+    def _connected(self, writes: bool) -> sqlite3.Connection:
+        """Return a connection; a reader may lack the permission to write, also beside the file."""
+        db = sqlite3.connect(self._path, timeout=30.0, isolation_level=None)
+        if writes:
+            return db
+        try:
+            # Fails where SQLite cannot make the files that it shares with those that write.
+            db.execute("SELECT 1 FROM sqlite_master").fetchall()
+        except sqlite3.OperationalError:
+            db.close()
+            log = self._path.with_name(f"{FILE}-wal")
+            if log.exists() and log.stat().st_size:
+                raise OSError(
+                    f"{self._path} cannot be read without permission to write: its last changes "
+                    f"are in {log.name}; run `ema archive status` with permission to write first"
+                ) from None
+            # Nobody can change it, or without these files: it is read as it is.
+            url = f"{self._path.resolve().as_uri()}?immutable=1"
+            db = sqlite3.connect(url, uri=True, isolation_level=None)
+        return db
 
     def _check(self, is_new: bool) -> None:
         """Check that there is an archive, or a place for a new one."""
@@ -153,5 +183,46 @@ class Database(AbstractContextManager[Any, None]):
     def _count(self, what: str, values: Any = ()) -> int:
         return self._rows(f"SELECT count(*) FROM {what}", values)[0][0]
 
+    def require_tables(self) -> None:
+        """Raise ValueError where a file of the tables is missing or damaged."""
+        if damaged := self._damaged_files():
+            such = damaged[0][0].relative_to(self.archive)
+            raise ValueError(
+                f"{counted(len(damaged), 'file')} of the tables missing or damaged, such as "
+                f"{such}: `ema archive run {self.archive}` makes them anew"
+            )
+
+    def _damaged_files(self) -> list[tuple[Path, str, str]]:
+        """Return the files that are missing, or not as they were written; their unit and month."""
+        damaged = self._files_not_as_noted()
+        if damaged:
+            time.sleep(_REPLACED_S)
+            again = set(self._files_not_as_noted())
+            damaged = [one for one in damaged if one in again]
+        return damaged
+
+    def _files_not_as_noted(self) -> list[tuple[Path, str, str]]:
+        noted = self._rows("SELECT path, unit, month, size, changed_ns, sha256 FROM file")
+        damaged = [
+            (path, unit, month)
+            for name, unit, month, *as_noted in noted
+            if not _is_as_noted(path := self.archive / name, *as_noted)
+        ]
+        names = {name for name, *_ in noted}
+        whole = (f"{TABLES}/{name}.parquet" for name in WHOLE)
+        # Each scan and run writes these.
+        missing = [name for name in whole if name not in names and int(self._get("scan"))]
+        return damaged + [(self.archive / name, "", "") for name in missing]
+
     def _get(self, name: str) -> str:
         return self._rows("SELECT value FROM meta WHERE name = ?", (name,))[0][0]
+
+
+def _is_as_noted(path: Path, size: int, changed_ns: int, sha256: str) -> bool:
+    try:
+        stat = path.stat()
+    except OSError:
+        return False
+    # A copy of a file is as it was.
+    is_same = stat.st_mtime_ns == changed_ns or content_digest(path) == sha256
+    return stat.st_size == size and is_same

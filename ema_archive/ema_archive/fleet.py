@@ -34,6 +34,9 @@ class FleetSummary:
 
     Attributes
     ----------
+    bags
+        Bags in all; how many cannot be read, can be read only in part, could not be read the last
+        time, and are not read yet.
     levels
         Units, how many of them have each level, median of their health index, and the latest test.
     worst
@@ -55,6 +58,7 @@ class FleetSummary:
         Units tested and known, windows and valid ones of the last three years, by month.
     """
 
+    bags: Row
     levels: Row
     worst: list[Row]
     models: list[Row]
@@ -107,7 +111,8 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
                 timer.cancel()
             if time.monotonic() > end_s:
                 raise ValueError(f"the summary takes more than {limit_s:g} s")
-    [found["levels"]], lives = found["levels"], found.pop("lives")
+    [found["levels"]], [found["bags"]] = found["levels"], found["bags"]
+    lives = found.pop("lives")
     columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
     steps = [_plain(step._asdict()) for step in survival(*columns)]
     # Not more than a picture can show, the last among them.

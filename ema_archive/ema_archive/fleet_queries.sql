@@ -1,5 +1,13 @@
 -- What a fleet's summary asks, each part by its name. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
 
+-- name: bags
+SELECT
+    count(*) AS bags, count(*) FILTER (WHERE state = 'damaged') AS damaged,
+    count(*) FILTER (WHERE state = 'incomplete') AS incomplete,
+    count(*) FILTER (WHERE state = 'failed') AS failed,
+    count(*) FILTER (WHERE state IN ('new', 'interrupted')) AS unread
+FROM bags;
+
 -- name: levels
 SELECT
     count(*) AS units, max(tested) AS latest_test,

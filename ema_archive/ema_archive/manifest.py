@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask
+from ema_archive.bag_task import DAMAGED, DONE, FAILED, INCOMPLETE, BagResult, BagTask
 from ema_archive.database import FILE, Database
 from ema_archive.partitions import STAMPS, month_of, path_of, read_rows
 from ema_archive.settings import ArchiveSettings, estimation_software
@@ -29,7 +29,7 @@ CASE
     WHEN seen <> mark THEN 'changed'
     WHEN software <> :software THEN 'other software'
     WHEN settings <> :settings THEN 'other settings'
-    WHEN EXISTS (
+    WHEN state <> 'damaged' AND EXISTS (
         SELECT 1 FROM part WHERE part.url = bag.url
         AND calibration_id <> current_id(iif(:pattern <> '', :pattern, bag.beside), part.unit)
     ) THEN 'other calibration'
@@ -46,9 +46,9 @@ class Status:
 
     Attributes
     ----------
-    bags, gone, due, damaged, failed
-        Bags in all; of these no longer at their place, to be done, that cannot be read, and that
-        could not be read the last time.
+    bags, gone, due, damaged, incomplete, failed
+        Bags in all; of these no longer at their place, to be done, that cannot be read, that can be
+        read only in part, and that could not be read the last time.
     reasons
         Why bags are to be done, and how many each.
     units, units_due
@@ -64,6 +64,7 @@ class Status:
     gone: int
     due: int
     damaged: int
+    incomplete: int
     failed: int
     reasons: dict[str, int]
     units: int
@@ -147,6 +148,7 @@ class Manifest(Database):
             self._count(f"bag WHERE NOT {_THERE}"),
             sum(reasons.values()),
             self._count("bag WHERE state = ?", (DAMAGED,)),
+            self._count("bag WHERE state = ?", (INCOMPLETE,)),
             self._count("bag WHERE state = ?", (FAILED,)),
             reasons,
             self._count("unit"),
@@ -175,8 +177,10 @@ class Manifest(Database):
     def done(self) -> Iterator[tuple[BagTask, str, str]]:
         """Yield the task of each bag that is done, the digest of its content, and the software."""
         settings = self.settings
-        query = "SELECT url, mark, beside, sha256, software FROM bag WHERE state = ? ORDER BY url"
-        for url, mark, beside, sha256, software in self._rows(query, (DONE,)):
+        query = (
+            "SELECT url, mark, beside, sha256, software FROM bag WHERE state IN (?, ?) ORDER BY url"
+        )
+        for url, mark, beside, sha256, software in self._rows(query, (DONE, INCOMPLETE)):
             yield BagTask(url, mark, beside, settings), sha256, software
 
     def estimates_of(self, url: str) -> Iterator[dict[str, Any]]:
@@ -235,7 +239,7 @@ class Manifest(Database):
                 db.execute("UPDATE bag SET state = 'interrupted' WHERE url = ?", (url,))
                 for (model, unit), names in months.items():
                     db.execute(
-                        "INSERT INTO part VALUES (?, ?, ?, ?, '', 0) "
+                        "INSERT INTO part VALUES (?, ?, ?, ?, '', 0, 0) "
                         "ON CONFLICT (url, unit, model) DO UPDATE SET months = excluded.months",
                         (url, unit, model, " ".join(sorted(names))),
                     )
@@ -278,11 +282,30 @@ class Manifest(Database):
                     # What was found of it before still holds.
                     values = (one.state, one.reason, one.task.url)
                     db.execute("UPDATE bag SET state = ?, reason = ? WHERE url = ?", values)
+                elif one.state == DAMAGED:
+                    self._commit_damaged(one, settings)
                 else:
                     self._commit_bag(one, settings)
             for url in moved:
                 self._forget_parts(url)
                 db.execute("DELETE FROM bag WHERE url = ?", (url,))
+
+    def _commit_damaged(self, one: BagResult, settings: ArchiveSettings) -> None:
+        """Note a bag that cannot be read; what was found of it before stays."""
+        self._db.execute(
+            "UPDATE bag SET state = ?, reason = ?, seen = ?, software = ?, settings = ? "
+            "WHERE url = ?",
+            (
+                one.state,
+                one.reason,
+                one.task.mark,
+                one.software,
+                settings.estimation_id,
+                one.task.url,
+            ),
+        )
+        units = "(SELECT unit FROM part WHERE url = ?)"
+        self._db.execute(f"UPDATE unit SET is_due = 1 WHERE unit IN {units}", (one.task.url,))
 
     def _commit_bag(self, one: BagResult, settings: ArchiveSettings) -> None:
         db, url = self._db, one.task.url
@@ -290,7 +313,7 @@ class Manifest(Database):
         estimates = [row for part in one.units for row in part.estimates]
         db.execute(
             "UPDATE bag SET state = ?, seen = ?, sha256 = ?, software = ?, settings = ?, "
-            "reason = ?, remarks = ?, windows = ?, valid = ? WHERE url = ?",
+            "reason = ?, remarks = ?, windows = ?, valid = ?, end_ns = ? WHERE url = ?",
             (
                 one.state,
                 one.task.mark,
@@ -301,6 +324,7 @@ class Manifest(Database):
                 "; ".join(one.remarks),
                 len(estimates),
                 sum(row["valid"] for row in estimates),
+                one.end_ns,
                 url,
             ),
         )
@@ -309,8 +333,16 @@ class Manifest(Database):
             months = " ".join(sorted(set(map(month_of, stamps_ns))))
             last_ns = max(stamps_ns, default=0)
             db.execute(
-                "INSERT INTO part VALUES (?, ?, ?, ?, ?, ?)",
-                (url, part.unit, part.model, months, part.calibration_id, last_ns),
+                "INSERT INTO part VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (
+                    url,
+                    part.unit,
+                    part.model,
+                    months,
+                    part.calibration_id,
+                    last_ns,
+                    len(part.estimates),
+                ),
             )
             db.execute(
                 "INSERT INTO unit (unit, actuator_id, serial_number, model, is_due) "
@@ -341,6 +373,21 @@ class Manifest(Database):
             if is_due or maker != made_by(settings, identity_of(calibration)):
                 found.append(UnitEntry(unit, actuator_id, serial_number, model, source))
         return found
+
+    def lost_after(self, unit: str) -> str:
+        """Return why the newest test of a unit may be lost; "" where it is not.
+
+        It may be lost with a damaged bag, unless a later bag that is whole has a test.
+        """
+        rows = self._rows(
+            "SELECT url, state, reason FROM part JOIN bag USING (url) "
+            "WHERE unit = :unit AND state IN (:damaged, :incomplete) AND NOT EXISTS ("
+            "SELECT 1 FROM part AS later JOIN bag AS whole USING (url) WHERE later.unit = :unit "
+            "AND later.windows AND whole.state = :done AND whole.end_ns > bag.end_ns) "
+            "ORDER BY bag.end_ns DESC, url LIMIT 1",
+            {"unit": unit, "damaged": DAMAGED, "incomplete": INCOMPLETE, "done": DONE},
+        )
+        return next((f"later tests may be lost: {_named(*row)}" for row in rows), "")
 
     def kept_history(self, unit: str) -> KeptHistory | None:
         """Return the history of a unit that its next tests are added to; None without any."""
@@ -393,6 +440,11 @@ class Manifest(Database):
     def _name(self, path: Path) -> str:
         return str(path.relative_to(self.archive))
 
+    def note_table(self, path: Path) -> None:
+        """Note a table that is one file as it was just written."""
+        with self._changing():
+            self._note_file(path, "")
+
     def _note_file(self, path: Path, unit: str, month: str = "") -> None:
         """Note a file as it was just written; one that is not there would have no rows."""
         if path.exists():
@@ -400,15 +452,6 @@ class Manifest(Database):
             noted = (stat.st_size, stat.st_mtime_ns, content_digest(path))
             values = (self._name(path), unit, month, *noted)
             self._db.execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?)", values)
-
-    def _damaged_files(self) -> list[tuple[Path, str, str]]:
-        """Return the files that are missing, or not as they were written; their unit and month."""
-        noted = self._rows("SELECT path, unit, month, size, changed_ns, sha256 FROM file")
-        return [
-            (path, unit, month)
-            for name, unit, month, *as_noted in noted
-            if not _is_as_noted(path := self.archive / name, *as_noted)
-        ]
 
     def mend(self) -> list[str]:
         """Have what is damaged made anew; return what was found, and what cannot be, in words."""
@@ -436,11 +479,8 @@ class Manifest(Database):
         return words
 
 
-def _is_as_noted(path: Path, size: int, changed_ns: int, sha256: str) -> bool:
-    try:
-        stat = path.stat()
-    except OSError:
-        return False
-    # One that was copied is as it was.
-    is_same = stat.st_mtime_ns == changed_ns or content_digest(path) == sha256
-    return stat.st_size == size and is_same
+def _named(url: str, state: str, reason: str) -> str:
+    if url in reason:
+        return reason
+    what = "cannot be read" if state == DAMAGED else "can be read only in part"
+    return f"{url} {what}: {reason}"

@@ -9,6 +9,7 @@ from typing import Any, Final
 import duckdb
 import pyarrow as pa
 
+from ema_archive.database import FILE, Database
 from ema_archive.partitions import STAMPS, TABLES
 from ema_archive.tables import PARTITIONED, WHOLE
 from ema_core.files import complete_file
@@ -21,14 +22,20 @@ FORMATS: Final = (".csv", ".parquet")
 def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPyConnection]:
     """Yield a connection with a view for each table of an archive, and the ready ones.
 
-    It reads the tables of the archive and no other file, and its settings cannot be changed.
+    It reads the tables of the archive and no other file, and its settings cannot be changed. Of
+    tables without the database of the archive it is not known which files are missing.
 
     Raises
     ------
     ValueError
-        When a table is damaged, or what the block asks cannot be answered: some errors come only
-        while rows are read.
+        When a file of the tables is missing or damaged, or what the block asks cannot be answered:
+        some errors come only while rows are read.
+    OSError
+        When the database cannot be read.
     """
+    if (archive / FILE).exists():
+        with Database(archive, writes=False) as database:
+            database.require_tables()
     tables = (archive / TABLES).resolve()
     try:
         with duckdb.connect() as db:

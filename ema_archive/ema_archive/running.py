@@ -9,7 +9,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diagnose_bag
+from ema_archive.bag_task import DAMAGED, DONE, FAILED, INCOMPLETE, BagResult, BagTask, diagnose_bag
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import (
     STAMPS,
@@ -46,8 +46,9 @@ class RunTally:
 
     Attributes
     ----------
-    bags, damaged, failed
-        Bags that were done; of these those that cannot, or could not, be read.
+    bags, damaged, incomplete, failed
+        Bags that were done; of these those that cannot be read, can be read only in part, or could
+        not be read.
     units, followed
         Units whose health and life was found, and how many of their windows were followed for it.
     not_followed
@@ -58,6 +59,7 @@ class RunTally:
 
     bags: int = 0
     damaged: int = 0
+    incomplete: int = 0
     failed: int = 0
     units: int = 0
     followed: int = 0
@@ -69,6 +71,8 @@ def scan(
     manifest: Manifest, sources: Sequence[str], follow: Callable[[int], None] = lambda _: None
 ) -> int:
     """List the bags of the sources of an archive, those given anew included; return how many.
+
+    The tables that are one file each are then as the archive is.
 
     Raises
     ------
@@ -84,6 +88,7 @@ def scan(
             follow(found)
     # Only now: where a store is out of reach, its bags are not gone.
     manifest.end_scan(number, every)
+    write_summaries(manifest)
     return found
 
 
@@ -135,13 +140,14 @@ def run_bags(
                 result = _bag_result(outcome)
                 tally.bags += 1
                 tally.damaged += result.state == DAMAGED
+                tally.incomplete += result.state == INCOMPLETE
                 tally.failed += result.state == FAILED
                 gathered.append(result)
                 if len(gathered) >= _MOST_GATHERED or time.monotonic() > began + _GATHERED_S:
                     written, gathered = gathered, []
                     write_results(manifest, written, settings)
                     began = time.monotonic()
-                follow("bags", tally.bags, total, tally.damaged + tally.failed)
+                follow("bags", tally.bags, total, tally.damaged + tally.incomplete + tally.failed)
     finally:
         # After a full disk none is left: what could not be written is done again.
         write_results(manifest, gathered, settings)
@@ -165,7 +171,7 @@ def write_results(
     """
     if not results:
         return
-    kept = [one for one in results if one.state != FAILED]
+    kept = [one for one in results if one.state not in (FAILED, DAMAGED)]
     moved = manifest.moved(kept)
     # Without rows: those that they have are taken away.
     left = [BagResult(BagTask(url, "", "", settings), DONE) for url in moved]
@@ -194,6 +200,7 @@ def run_units(
             settings,
             **{name: read_unit(manifest.archive, name, entry.unit) for name in PARTITIONED},
             kept=manifest.kept_history(entry.unit),
+            lost=manifest.lost_after(entry.unit),
         )
         for entry in entries
     )
@@ -227,7 +234,9 @@ def write_summaries(manifest: Manifest) -> None:
         for name, found in summary.items():
             rows[name] += [row | {"model": model, "unit": unit} for row in found]
     for name, found in rows.items():
-        write_table(folder / f"{name}.parquet", pa.Table.from_pylist(found, WHOLE[name]))
+        path = folder / f"{name}.parquet"
+        write_table(path, pa.Table.from_pylist(found, WHOLE[name]))
+        manifest.note_table(path)
     # By parts: of millions of bags there is no need to hold all.
     schema = WHOLE["bags"]
     with (
@@ -239,3 +248,4 @@ def write_summaries(manifest: Manifest) -> None:
             found = [dict(zip(schema.names, row, strict=True)) for row in page]
             found = [row | {"is_there": bool(row["is_there"])} for row in found]
             writer.write_table(pa.Table.from_pylist(found, schema))
+    manifest.note_table(folder / "bags.parquet")

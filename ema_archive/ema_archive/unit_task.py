@@ -17,7 +17,7 @@ from ema_archive.sources import calibration_of, changed_ns, identity_of
 from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
 from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
-from ema_core.levels import ERROR
+from ema_core.levels import ERROR, OK, STALE
 from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
@@ -64,7 +64,8 @@ class UnitEntry:
 class UnitTask:
     """What a worker is to do with the tests of a unit: its rows in these tables, in order of time.
 
-    Without what an earlier task kept, tests are followed from the first.
+    Without what an earlier task kept, tests are followed from the first. ``lost`` is why later
+    tests may be lost, empty where they are not.
     """
 
     entry: UnitEntry
@@ -73,6 +74,7 @@ class UnitTask:
     usage: pa.Table
     health: pa.Table
     kept: KeptHistory | None
+    lost: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
     valid = Counter(month_of(row["end_ns"]) for row in estimates if row["valid"])
     changed = changed_ns(entry.source, entry.key)
     latest = rows[-1] if rows else health_row(last, "") | shared
+    if task.lost:
+        latest = _unconfirmed(latest, task.lost)
     return UnitResult(
         maker,
         prognosis_software(),
@@ -159,6 +163,14 @@ def follow_unit(task: UnitTask) -> UnitResult:
         kept,
         len(estimates) - known,
     )
+
+
+def _unconfirmed(row: Row, lost: str) -> Row:
+    """Return health after which tests may be lost: an alarm holds, an OK does not."""
+    words = {"reason": "; ".join(filter(None, [lost, row["reason"]]))}
+    if row["level"] != OK:
+        return {**row, **words}
+    return {**row, **words, "level": STALE, "last_level": OK, "confidence": 0.0}
 
 
 def _history_of(

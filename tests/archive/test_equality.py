@@ -96,7 +96,7 @@ def test_executor_and_workers_change_nothing(ema, whole, made_fleet, tmp_path):
     other = the_other_way_round(made_fleet, tmp_path)
     done = ema("archive", "run", other, "--executor", "threads", "--workers", "2")
     assert done.stdout == (
-        "10 bags done, 2 units followed; 0 damaged, 0 could not be read\n"
+        "10 bags done, 2 units followed; 0 damaged, 0 read in part, 0 could not be read\n"
         "2 of 10 windows refused, most of them: "
         "gap of 300 samples: index 44501 follows 44200\nall is up to date\n"
     )

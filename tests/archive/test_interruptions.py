@@ -159,7 +159,7 @@ def done_bag(friction):
     return BagResult(TASK, DONE, units=[UnitRows("flap", "1", "model", calibration_id, [row], [])])
 
 
-@pytest.mark.parametrize("found", [done_bag(0.9), BagResult(TASK, DAMAGED, "nothing in it")])
+@pytest.mark.parametrize("found", [done_bag(0.9), BagResult(TASK, DONE, "nothing in it")])
 def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monkeypatch, found):
     """A run dies with other settings, which are then taken back: no row of these stays."""
     archive = tmp_path / "archive"

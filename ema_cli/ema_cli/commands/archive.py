@@ -15,7 +15,7 @@ from rich.text import Text
 
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
-from ema_archive.running import run, scan, write_summaries
+from ema_archive.running import run, scan
 from ema_archive.settings import ArchiveSettings
 from ema_cli.bags.identifying import ALGORITHM_OPTION, SEED_OPTION
 from ema_cli.bags.predicting import GROWTH_OPTIONS, PROGNOSIS_SECTIONS, prognosis_over, with_growth
@@ -114,7 +114,6 @@ def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
                 manifest, sources, lambda count: progress.update(task, state=counted(count, "bag"))
             )
         status = manifest.status(manifest.settings)
-        write_summaries(manifest)
     click.echo(f"{folder}: {counted(found, 'bag')}")
     click.echo(_due_in_words(status))
 
@@ -157,7 +156,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         status = manifest.status(manifest.settings)
     click.echo(
         f"{counted(tally.bags, 'bag')} done, {counted(tally.units, 'unit')} followed; "
-        f"{tally.damaged} damaged, {tally.failed} could not be read"
+        f"{tally.damaged} damaged, {tally.incomplete} read in part, "
+        f"{tally.failed} could not be read"
     )
     click.echo(_refused_in_words(folder, status), nl=False)
     click.echo(_due_in_words(status))
@@ -165,10 +165,11 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         click.echo(words, err=True)
     for unit, reason in tally.not_followed.items():
         click.echo(f"unit {unit} could not be followed: {reason}", err=True)
-    if tally.damaged or tally.failed:
+    is_damaged = bool(tally.damaged or tally.incomplete or tally.failed)
+    if is_damaged:
         click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
     is_useless = bool(status.windows) and not status.valid
-    if tally.damaged or tally.failed or tally.not_followed or status.unordered or is_useless:
+    if is_damaged or tally.not_followed or status.unordered or is_useless:
         sys.exit(REFUSED)
 
 
@@ -191,6 +192,7 @@ def status_(folder: Path, as_json: bool) -> None:
     )
     for count, what in (
         (status.damaged, "cannot be read"),
+        (status.incomplete, "can be read only in part: later tests may be lost"),
         (status.failed, "could not be read the last time"),
         (status.gone, "missing: their results stay"),
     ):

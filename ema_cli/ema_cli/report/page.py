@@ -140,6 +140,7 @@ def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
         command,
         archive=archive,
         fleet=fleet,
+        bags=_bags_in_words(fleet),
         label_of=label_of,
         ages=[(f"{row['from_hours']:,.4g} – {row['to_hours']:,.4g}", row) for row in fleet.ages],
         models=[(row["model"], row) for row in fleet.models],
@@ -179,6 +180,21 @@ def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Mark
     if value is None or not math.isfinite(value):
         return Markup("–")
     return Markup('<data value="{}">{}</data>').format(value, f"{scale * value:{form}}")
+
+
+def _bags_in_words(fleet: FleetSummary) -> str:
+    """Return how many bags are not, or not wholly, in the tables; "" if there are none."""
+    counts = [
+        f"{fleet.bags[name]:,} {what}"
+        for name, what in (
+            ("damaged", "cannot be read"),
+            ("incomplete", "can be read only in part"),
+            ("failed", "could not be read the last time"),
+            ("unread", "not read yet"),
+        )
+        if fleet.bags[name]
+    ]
+    return f"Of {counted(fleet.bags['bags'], 'bag')}: {', '.join(counts)}" if counts else ""
 
 
 def _survival_in_words(fleet: FleetSummary) -> str:

@@ -75,6 +75,8 @@ class Contents:
         The program that wrote it, by its header.
     gaps
         What its recorder could not write.
+    is_whole
+        Whether no message is lost; an index that is damaged loses none.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -84,6 +86,7 @@ class Contents:
     damage: list[str] = field(default_factory=list)
     library: str = ""
     gaps: list[Gap] = field(default_factory=list)
+    is_whole: bool = True
 
     def define(self, record: object) -> None:
         """Take a schema or channel, which must not differ from what is known of it."""
@@ -263,6 +266,7 @@ def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
             contents.damage.append(
                 f"topic {channel.topic} has no type: schema {channel.schema_id} is not defined"
             )
+    contents.is_whole = not (broken or contents.damage)
     if broken:
         contents.damage.append(f"{broken}; {_intact(contents)}; any later messages are lost")
     elif not index_is_whole:

@@ -48,6 +48,7 @@ class Bag(Recording):
     def __init__(self, path: str | Path) -> None:
         super().__init__(Path(path))
         self._damage: dict[str, None] = {}
+        self._is_whole = True
         self._files: dict[Path, Contents] = {}
         self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
@@ -74,6 +75,14 @@ class Bag(Recording):
         they are read.
         """
         return "; ".join([*self._damage, *self.malformed.remarks()])
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether no message is lost by damage, as far as the recording has been read.
+
+        A file that was not closed may lack messages.
+        """
+        return self._is_whole
 
     @property
     def gaps(self) -> list[Gap]:
@@ -171,7 +180,7 @@ class Bag(Recording):
                 contents = self._files[path] = read_contents(file)
         except ValueError as error:
             raise ValueError(f"{path} {error}") from error
-        self._note(path, *contents.damage)
+        self._note(path, *contents.damage, is_loss=not contents.is_whole)
 
     def _readable(self, path: Path) -> Path:
         """Return where a file can be read; one that is compressed is unpacked as far as it goes."""
@@ -194,8 +203,9 @@ class Bag(Recording):
                 self._unpacked[path] = unpacked
         return Path(self._unpacked[path].name)
 
-    def _note(self, path: Path, *findings: str) -> None:
+    def _note(self, path: Path, *findings: str, is_loss: bool = True) -> None:
         # Of a folder it says in which file.
+        self._is_whole = self._is_whole and not (findings and is_loss)
         place = "" if path == self.path else f"{path.name}: "
         self._damage.update(dict.fromkeys(f"{place}{item}" for item in findings))
 

@@ -51,6 +51,7 @@ export interface Step {
 
 export interface Summary {
   archive: string;
+  bags: Record<"bags" | "damaged" | "incomplete" | "failed" | "unread", number>;
   levels: Levels & { latest_test: string | null };
   worst: WorstUnit[];
   models: OfModel[];
@@ -73,6 +74,17 @@ export async function fetchSummary(most: number): Promise<Summary | null> {
     throw new Error(reason ?? `the dashboard answers ${answer.status}`);
   }
   return (content as { archive: string | null }).archive === null ? null : content as Summary;
+}
+
+/** How many bags are not, or not wholly, in the tables; "" if there are none. */
+export function bagsInWords({ bags }: Summary): string {
+  const parts = ([
+    ["damaged", "cannot be read"],
+    ["incomplete", "can be read only in part"],
+    ["failed", "could not be read the last time"],
+    ["unread", "not read yet"],
+  ] as const).filter(([name]) => bags[name]).map(([name, what]) => `${bags[name]} ${what}`);
+  return parts.length ? `Of ${bags.bags} bag${bags.bags === 1 ? "" : "s"}: ${parts.join(", ")}` : "";
 }
 
 /** Columns of the curve: it begins with all, and goes on to the longest age that was watched. */

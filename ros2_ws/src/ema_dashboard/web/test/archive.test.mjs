@@ -96,6 +96,13 @@ describe("an archive of 1600 units", () => {
     await page.waitForSelector("table.fleet tbody tr");
   });
 
+  test("bags that cannot be read, or only in part, are counted", async () => {
+    const bags = { bags: 4000, damaged: 2, incomplete: 1, failed: 0, unread: 0 };
+    await open("#/archive", { ...fleet, bags });
+    const words = await page.locator(".archive .banner").innerText();
+    assert.equal(words, "Of 4000 bags: 2 cannot be read, 1 can be read only in part");
+  });
+
   test("why there is none is told", async () => {
     await open("#/archive", "the folder hangar_7 has no tables");
     const words = await page.locator("[role=alert]").innerText();

@@ -2,7 +2,7 @@
 
 import { useEffect, useMemo, useState } from "preact/hooks";
 import uPlot from "uplot";
-import { curveOf, fetchSummary, type Levels, type Summary, type WorstUnit } from "../archive.ts";
+import { bagsInWords, curveOf, fetchSummary, type Levels, type Summary, type WorstUnit } from "../archive.ts";
 import { labelOf } from "../faults.ts";
 import { fixed, hours, lifeHours, percent, significant } from "../format.ts";
 import { LEVELS, type Level, levelNow } from "../levels.ts";
@@ -32,6 +32,7 @@ export function useSummary(isShown: boolean): { summary?: Summary | null; reason
 }
 
 export function Archive({ summary, reason }: { summary?: Summary | null; reason: string }) {
+  const unread = summary ? bagsInWords(summary) : "";
   return (
     <main id="main" tabIndex={-1} class="archive">
       <h1 class="fleet-title">
@@ -40,6 +41,7 @@ export function Archive({ summary, reason }: { summary?: Summary | null; reason:
       {reason && (
         <p class="banner error" role="alert"><strong>Not read:</strong> {reason}</p>
       )}
+      {unread && <p class="banner warn" role="status">{unread}</p>}
       {summary ? <Parts summary={summary} /> : !reason && (
         <Empty>
           {summary === undefined ? "Loading…"

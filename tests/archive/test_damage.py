@@ -1,0 +1,190 @@
+"""Damaged tables and bags: no answer and no OK rests on what is missing."""
+
+import contextlib
+import json
+import os
+import random
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from ema_archive.database import FILE
+from ema_archive.manifest import Manifest
+from ema_archive.query import answer
+from ema_archive.running import run, scan
+from ema_archive.tables import WHOLE
+from ema_core.tasks import Workers
+
+from .conftest import exactly
+
+HERE = ("--executor", "threads", "--workers", "1")
+LEVELS = "select serial_number, health, last_health, reason from worst_first order by 1"
+
+
+def halve(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def flip(path: Path) -> None:
+    content, random_places = bytearray(path.read_bytes()), random.Random(1)
+    for _ in range(20):
+        content[random_places.randrange(len(content))] ^= 255
+    path.write_bytes(bytes(content))
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damage", [Path.unlink, empty, halve, flip])
+def test_damaged_table_is_named_and_made_anew_whichever_it_is(
+    ema, archive: Path, damage: Callable[[Path], None]
+):
+    before = {name: exactly(archive, name) for name in ("estimates", "health")}
+    levels = answer(archive, LEVELS)
+    files = [archive / "tables" / f"{name}.parquet" for name in WHOLE]
+    files += [sorted((archive / "tables" / name).rglob("*.parquet"))[0] for name in before]
+    for path in files:
+        damage(path)
+        name = path.relative_to(archive)
+        said = f"1 file of the tables missing or damaged, such as {name}: `ema archive run"
+        for command in (
+            ("archive", "query", archive, "select * from worst_first"),
+            ("archive", "export", archive, "units", "-o", archive.parent / "units.csv"),
+            ("report", "--fleet", archive, "-o", archive.parent / "fleet.html"),
+        ):
+            result = ema(*command)
+            assert (result.exit_code, said in result.stderr) == (1, True), (name, result.output)
+        status = ema("archive", "status", archive).stdout
+        assert "1 file of the tables missing or damaged" in status
+        result = ema("archive", "run", archive, *HERE)
+        assert (result.exit_code, "made anew" in result.stderr) == (0, True), result.output
+        assert "all is up to date" in result.stdout
+        assert answer(archive, LEVELS) == levels
+    assert {name: exactly(archive, name) for name in before} == before
+
+
+def bring_up_to_date(archive: Path, *sources: Path) -> None:
+    with Manifest(archive, is_new=True) as manifest, Workers("threads", 1) as pool:
+        scan(manifest, [str(source) for source in sources])
+        run(manifest, pool)
+
+
+@pytest.fixture
+def two_tests(made_fleet: Path, tmp_path: Path) -> Path:
+    """A folder with the bags of the first and the last test of a unit, which fails in the last."""
+    folder = tmp_path / "bags"
+    folder.mkdir()
+    for name in ("calibration.yaml", "9.mcap", "5.mcap"):
+        shutil.copy(made_fleet / "unit_0" / name, folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: Path):
+    whole, archive, cut = tmp_path / "whole", tmp_path / "archive", two_tests / "5.mcap"
+    bring_up_to_date(whole, two_tests)
+    failed = [row[1] for row in answer(whole, LEVELS)[1]]
+    assert failed != ["OK"]
+    content = cut.read_bytes()
+    cut.write_bytes(content[: len(content) // 4])
+
+    ema("archive", "scan", archive, two_tests)
+    result = ema("archive", "run", archive, *HERE)
+    assert result.exit_code == 3
+    assert "0 damaged, 1 read in part, 0 could not be read" in result.stdout
+    _, [(_, level, last, reason)] = answer(archive, LEVELS)
+    assert (level, last) == ("STALE", "OK")
+    assert reason.startswith(f"later tests may be lost: {cut} can be read only in part: it breaks")
+    status = ema("archive", "status", archive).stdout
+    assert "1 bag can be read only in part: later tests may be lost" in status
+    assert json.loads(ema("archive", "status", archive, "--json").stdout)["incomplete"] == 1
+    _, [(bag, what)] = answer(archive, "select bag, what from refused where number is null")
+    assert (bag, what) == (str(cut), "incomplete")
+    page = tmp_path / "fleet.html"
+    assert ema("report", "--fleet", archive, "-o", page).exit_code == 0
+    assert "Of 2 bags: 1 can be read only in part" in page.read_text()
+    # Nothing more is done until the bag changes; then its test counts.
+    assert "all is up to date" in ema("archive", "run", archive, *HERE).stdout
+    cut.write_bytes(content)
+    bring_up_to_date(archive)
+    assert [row[1] for row in answer(archive, LEVELS)[1]] == failed
+
+
+@pytest.mark.slow
+def test_bag_that_is_damaged_later_takes_no_test_back(two_tests: Path, tmp_path: Path):
+    archive, newest = tmp_path / "archive", two_tests / "5.mcap"
+    bring_up_to_date(archive, two_tests)
+    _, [(_, level, _, reason)] = answer(archive, LEVELS)
+    before = exactly(archive, "health")
+    empty(newest)
+    bring_up_to_date(archive)
+    assert exactly(archive, "health") == before
+    _, [(_, after, _, words)] = answer(archive, LEVELS)
+    assert after == level != "OK"
+    assert words.startswith(f"later tests may be lost: {newest}")
+    assert words.endswith(reason)
+
+
+@pytest.mark.slow
+def test_later_test_of_a_whole_bag_follows_a_cut_one(two_tests: Path, tmp_path: Path):
+    archive, first = tmp_path / "archive", two_tests / "9.mcap"
+    content = first.read_bytes()
+    first.write_bytes(content[: len(content) * 9 // 10])
+    bring_up_to_date(archive, two_tests)
+    _, [(_, level, _, reason)] = answer(archive, LEVELS)
+    assert level != "STALE"
+    assert "lost" not in reason
+    _, [(states,)] = answer(archive, "select list(state order by state) from bags")
+    assert states == ["done", "incomplete"]
+
+
+@contextlib.contextmanager
+def made_read_only(folder: Path) -> Iterator[Path]:
+    """Let no file and no folder be written, as on a medium that is read-only."""
+    modes = [(path, path.stat().st_mode) for path in (folder, *folder.rglob("*"))]
+    for path, mode in modes:
+        path.chmod(mode & ~0o222)
+    is_root = os.geteuid() == 0
+    if is_root and subprocess.run(["chattr", "-R", "+i", folder], check=False).returncode:
+        pytest.skip("the file system cannot refuse that root writes")
+    try:
+        yield folder
+    finally:
+        if is_root:
+            subprocess.run(["chattr", "-R", "-i", folder], check=True)
+        for path, mode in modes:
+            path.chmod(mode)
+
+
+@pytest.mark.slow
+def test_read_only_archive_can_be_read(ema, archive: Path, tmp_path: Path):
+    with made_read_only(archive):
+        assert "all is up to date" in ema("archive", "status", archive).stdout
+        result = ema("archive", "query", archive, LEVELS)
+        assert (result.exit_code, len(result.stdout.splitlines())) == (0, 3), result.output
+        assert ema("report", "--fleet", archive, "-o", tmp_path / "fleet.html").exit_code == 0
+        assert ema("verify", archive).exit_code == 0
+        result = ema("archive", "run", archive)
+        assert result.exit_code == 1
+        assert str(archive) in result.stderr
+    assert "all is up to date" in ema("archive", "run", archive, *HERE).stdout
+
+
+def test_read_only_archive_whose_last_changes_are_not_in_its_database_is_refused(
+    ema, made_fleet: Path, tmp_path: Path
+):
+    archive, copy = tmp_path / "archive", tmp_path / "copy"
+    with Manifest(archive, is_new=True) as manifest:
+        scan(manifest, [str(made_fleet)])
+        shutil.copytree(archive, copy)  # as after a kill
+    (copy / f"{FILE}-shm").unlink()
+    with made_read_only(copy):
+        result = ema("archive", "status", copy)
+        assert result.exit_code == 1
+        assert f"its last changes are in {FILE}-wal" in result.stderr
+    assert "10 bags" in ema("archive", "status", copy).stdout
