@@ -73,8 +73,9 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
-        n = len(self)
-        if not n or {len(getattr(self, name)) for name in (*OPTIONAL, "interpolated")} - {0, n}:
+        n = len(self.position)
+        optional = self.command, self.current, self.speed, self.interpolated
+        if not n or not {0, n}.issuperset(map(len, optional)):
             listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
             raise ValueError(
                 f"telemetry columns must have one length of at least 1, not {listed}; only "

@@ -17,7 +17,7 @@ from ema_monitor.windows.records import (
     MOST_RECORD_SAMPLES,
     RecordTrigger,
 )
-from ema_monitor.windows.rest import BINS_AT_ONCE
+from ema_monitor.windows.rest import BIN_S, BINS_AT_ONCE
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
     ANY_MOTION,
@@ -128,7 +128,7 @@ class WindowFinder:
         """Return how long before the latest sample a window can begin that it completes [s]."""
         if self._trigger is not None and not self.finds_records:
             return self.window_s
-        return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * sample_period
+        return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * max(BIN_S, sample_period)
 
     @property
     def longest_motion_s(self) -> float:

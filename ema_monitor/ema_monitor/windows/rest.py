@@ -7,10 +7,12 @@ import numpy as np
 
 from ema_core.arrays import Array, Flags
 
-BINS_AT_ONCE: Final = 12
+BINS_AT_ONCE: Final = 25
 """Number of bins that are followed at once; a decision waits for so many."""
 
-_BIN_S: Final = 0.04
+BIN_S: Final = 0.04
+"""Length of a bin, if that is a sample at least [s]."""
+
 _SMALLEST_THRESHOLD: Final = 2e-5
 # Positions differ by multiples of the resolution, or of a part of it: rounding decides nothing.
 _STEPS: Final = 4.29
@@ -67,7 +69,7 @@ class PositionBins:
     """
 
     def __init__(self, sample_period: float, first_index: int) -> None:
-        self.size = max(1, int(_BIN_S / sample_period * (1.0 + 1e-9)))
+        self.size = max(1, int(BIN_S / sample_period * (1.0 + 1e-9)))
         self._noise_samples = max(_NOISE_SAMPLES, round(_NOISE_S / sample_period))
         self.next_index = first_index
         # Positions, and whether they are interpolated.

@@ -348,7 +348,7 @@ def _columns(missing: tuple[str, ...]) -> str:
 def not_finite(block: Telemetry) -> str:
     """Return which sample is not finite, or so large that computing with it is of no use."""
     columns = [getattr(block, name) for name in COLUMNS]
-    if np.abs(np.concatenate(columns)).max() < _LARGEST:
+    if np.maximum.reduce(np.abs(np.concatenate(columns))) < _LARGEST:
         return ""
     for name, column in zip(COLUMNS, columns, strict=True):
         bad = np.flatnonzero(~(np.abs(column) < _LARGEST))
