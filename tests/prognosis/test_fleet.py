@@ -8,13 +8,15 @@ import pytest
 from ema_core.faults import kind_of
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet import Fleet, FleetUnit, fleet_of
+from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.fleet import (
     GrownFault,
     curves_without_fleet,
     distribution,
     grid_digest,
+    with_fleet,
 )
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.settings import TrackerSettings, known_law
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History, history_path, read_history
 from ema_monitor.prognosis.history_entry import Entry
@@ -243,3 +245,16 @@ def test_unit_that_was_repaired_says_how_its_faults_grew_before_and_after():
     [first] = fleet_of([history_of(tests[:30])], LIMITS).units.values()
     assert np.array_equal(first.faults[0].log_likelihood, before)
     assert not np.array_equal(after, before)
+
+
+def test_units_share_a_grid_that_no_fleet_changes() -> None:
+    limits = HealthLimits()
+    cells = grid(limits, TrackerSettings())
+    prior = cells.prior.copy()
+    assert grid(HealthLimits(), TrackerSettings()) is cells
+    assert grid(HealthLimits(friction=2.0 * limits.friction), TrackerSettings()) is not cells
+    laws = {"friction": known_law("friction", "linear:1e-3")}
+    assert grid(limits, TrackerSettings(laws=laws)) is not cells
+    with pytest.raises(ValueError, match="read-only"):
+        cells.prior[0] = 0.0
+    assert np.array_equal(with_fleet(cells, TrackerSettings()).prior, prior)

@@ -8,6 +8,7 @@ Beside cells of a steady rate there are those whose rate wanders about that of a
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
@@ -78,10 +79,19 @@ _ROW: Final = np.dtype(
 
 
 def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
-    """Return the cells for all components, by their limits and by the laws that are known."""
+    """Return the cells for all components, by their limits and by the laws that are known.
+
+    Units with the same limits and laws share them: the columns are read-only.
+    """
+    return _grid(limits, tuple(settings.laws.items()))
+
+
+@lru_cache(maxsize=4)
+def _grid(limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...]) -> Cells:
+    known_laws = dict(laws)
     by_law = {law: [np.zeros(0, _ROW)] for law in LAWS}
     for number, name in enumerate(COMPONENTS):
-        limit, known = limits.of(name), settings.laws.get(name)
+        limit, known = limits.of(name), known_laws.get(name)
         two_sided = FAULTS[FAULT_NAMES.index(name)].is_two_sided
         still = np.zeros(1, _ROW)
         still["side"], still["prior"], still["place"] = 1.0, CONSTANT_PRIOR, -1
@@ -102,6 +112,8 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     rows = np.concatenate([*found.values()])
     columns = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
     columns["prior"] /= np.bincount(rows["component"], rows["prior"])[rows["component"]]
+    for column in columns.values():
+        column.flags.writeable = False
     return Cells(slices, **columns)
 
 
