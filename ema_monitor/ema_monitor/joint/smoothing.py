@@ -24,6 +24,7 @@ def smoothed(columns: Array, sigma: float) -> Array:
     kernel: Array = np.exp(-0.5 * (places / max(sigma, 1e-9)) ** 2)
     kernel /= np.sum(kernel)
     rows = np.atleast_2d(columns)
-    padded = np.pad(rows, ((0, 0), (reach, reach)), mode="edge")
+    before, after = (np.repeat(ends, reach, axis=1) for ends in (rows[:, :1], rows[:, -1:]))
+    padded = np.concatenate([before, rows, after], axis=1)
     found: Array = np.array([np.convolve(row, kernel, mode="valid") for row in padded])
     return found.reshape(columns.shape)

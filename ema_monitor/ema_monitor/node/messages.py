@@ -117,6 +117,8 @@ def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **valu
 
 def _field(kind: str, value: Any) -> Any:
     """Return a value as a field of a message is set; its kind is as ROS names it."""
+    if (plain := _PLAIN.get(kind)) is not None:
+        return plain(value)
     if isinstance(value, np.ndarray):
         # Fields of a fixed number of values are arrays of numpy.
         if kind.endswith("]"):
@@ -130,7 +132,7 @@ def _field(kind: str, value: Any) -> Any:
         return message_of(getattr(import_module(f"{package}.msg"), name), value)
     if isinstance(value, list) or "/" in kind:
         return value
-    return _PLAIN.get(kind, int)(value)
+    return int(value)
 
 
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
