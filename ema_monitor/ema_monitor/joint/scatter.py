@@ -214,4 +214,4 @@ def _shares(logarithms: Array) -> Array:
 
 def _normal(z: Array) -> Array:
     """Return the normal distribution function, also far out in its lower tail."""
-    return np.array([0.5 * math.erfc(-one / _ROOT_2) for one in z.tolist()])
+    return 0.5 * np.array([*map(math.erfc, (z / -_ROOT_2).tolist())])
