@@ -9,6 +9,7 @@ import numpy as np
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.elasticity import with_elasticity
 from ema_monitor.joint.lag import aligned, effort_lag, with_shift
 from ema_monitor.joint.record import defect_of, read_record
 from ema_monitor.joint.ripple import with_ripples
@@ -73,11 +74,12 @@ def learn(
     if not usable:
         raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
     is_linear = bool(description.parameters.lead)
-    preparation, chosen = with_ripples(
-        preparation,
-        lambda wanted: [filtered(blocks[number], wanted) for number in usable],
-        is_linear=is_linear,
-    )
+
+    def prepared(wanted: Preparation) -> list[Signals]:
+        return [filtered(blocks[number], wanted) for number in usable]
+
+    preparation = with_elasticity(preparation, prepared, is_linear=is_linear)
+    preparation, chosen = with_ripples(preparation, prepared, is_linear=is_linear)
     shape = choose_shape(chosen, is_linear=is_linear)
     found = [
         read_record(

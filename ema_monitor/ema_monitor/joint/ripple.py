@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_monitor.joint.heldout import IMPROVES, general_design, halves, held_out_error
 from ema_monitor.joint.signals import Preparation, Signals, filter_sigma
 
 _Prepared = tuple[Preparation, list[Signals]]
 
 _MOST: Final = 2
 _FIRST_STEP: Final = 0.125  # periods over the travel
-_IMPROVES: Final = 0.95
 _FEWEST_PERIODS: Final = 1.5
 _SLOW: Final = 0.2
 _PASSED: Final = 2.0
@@ -42,7 +42,7 @@ def with_ripples(
         Whether the joint is linear, so that no gravity follows its angle.
     """
     signals = prepared(preparation)
-    error = _error(signals, is_linear=is_linear)
+    error = held_out_error(signals, is_linear=is_linear)
     for _ in range(_MOST):
         wave_number = _strongest(signals, preparation, is_linear=is_linear)
         if wave_number is None:
@@ -51,10 +51,10 @@ def with_ripples(
         def judged(wave: float, before: Preparation = preparation) -> tuple[float, _Prepared]:
             wider = before._replace(ripples=(*before.ripples, wave))
             rows = prepared(wider)
-            return _error(rows, is_linear=is_linear), (wider, rows)
+            return held_out_error(rows, is_linear=is_linear), (wider, rows)
 
         best = wave_number, *judged(wave_number)
-        if not best[1] < _IMPROVES * error:
+        if not best[1] < IMPROVES * error:
             break
         step = _FIRST_STEP / max(float(np.ptp(one.position)) for one in signals)
         for size in (step, step / 4.0):
@@ -75,32 +75,6 @@ def _lowest(
     return middle[0] + size * max(-1.0, min(1.0, offset))
 
 
-def _design(signals: Signals, *, is_linear: bool) -> Array:
-    """Return columns that explain the effort of most joints, each free in a record, ``(n, p)``."""
-    gravity = [] if is_linear else [np.sin(signals.position), np.cos(signals.position)]
-    columns = [signals.direction, signals.acceleration, signals.speed, np.ones(len(signals))]
-    return np.column_stack([*columns, *gravity, signals.stribeck[:, 1], signals.ripple])
-
-
-def _halves(signals: Signals) -> tuple[Signals, Signals]:
-    chosen = signals.every_other_stroke()
-    return signals.at(chosen), signals.at(~chosen)
-
-
-def _error(records: Sequence[Signals], *, is_linear: bool) -> float:
-    """Return the error in the strokes between those fitted [A]; infinite where it is unknown."""
-    logs = []
-    for record in records:
-        fitted, rest = _halves(record)
-        design = _design(fitted, is_linear=is_linear)
-        if min(len(fitted), len(rest)) < 2 * design.shape[1]:
-            continue
-        values = np.linalg.lstsq(design, fitted.effort, rcond=None)[0]
-        missed = rest.effort - _design(rest, is_linear=is_linear) @ values
-        logs.append(math.log(float(np.mean(missed**2)) + _TINY))
-    return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
-
-
 def _strongest(
     records: Sequence[Signals], preparation: Preparation, *, is_linear: bool
 ) -> float | None:
@@ -110,17 +84,17 @@ def _strongest(
     strokes are not looked for.
     """
     sigma_s = filter_sigma(preparation.cutoff_hz)
-    halves = [_Half(_halves(one)[0], sigma_s, is_linear=is_linear) for one in records]
-    halves = [one for one in halves if one.travel > 0.0]
-    if not halves:
+    some = [_Half(halves(one)[0], sigma_s, is_linear=is_linear) for one in records]
+    some = [one for one in some if one.travel > 0.0]
+    if not some:
         return None
-    travel = max(one.travel for one in halves)
-    lowest = _FEWEST_PERIODS / float(np.median([one.travel for one in halves]))
+    travel = max(one.travel for one in some)
+    lowest = _FEWEST_PERIODS / float(np.median([one.travel for one in some]))
     highest = _PASSED * preparation.cutoff_hz / (_SLOW * preparation.usual_speed)
     bins = 1 << math.ceil(math.log2(max(2.0, _BINS_A_PERIOD * highest * travel)))
     bins = min(bins, _MOST_BINS)
     width = travel / (bins - 1)
-    power = np.sum([one.spectrum(width, bins) for one in halves], axis=0)
+    power = np.sum([one.spectrum(width, bins) for one in some], axis=0)
     waves = np.arange(len(power)) / (width * _PADDING * bins)
     within = (waves >= lowest) & (waves <= highest)
     if not np.any(within):
@@ -129,9 +103,9 @@ def _strongest(
     explained = 0.0
     for reach, count in ((1.0, 8), (0.125, 4)):
         near = best + reach / travel * np.arange(-count, count + 1) / count
-        shares = [float(np.mean([one.explained(wave) for one in halves])) for wave in near]
+        shares = [float(np.mean([one.explained(wave) for one in some])) for wave in near]
         best, explained = float(near[np.argmax(shares)]), max(shares)
-    return best if explained > 1.0 - _IMPROVES**2 and best >= lowest else None
+    return best if explained > 1.0 - IMPROVES**2 and best >= lowest else None
 
 
 class _Half:
@@ -150,7 +124,9 @@ class _Half:
         self._position, self._blur = signals.position, sigma_s * np.abs(signals.speed)
         if not self.travel > 0.0:
             return
-        basis, sizes, _ = np.linalg.svd(_design(signals, is_linear=is_linear), full_matrices=False)
+        basis, sizes, _ = np.linalg.svd(
+            general_design(signals, is_linear=is_linear), full_matrices=False
+        )
         self._basis = basis[:, sizes > _TINY * sizes[0]]
         self._left = signals.effort - self._basis @ (self._basis.T @ signals.effort)
         self._power = float(self._left @ self._left) + _TINY

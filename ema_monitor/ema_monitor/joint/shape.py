@@ -48,6 +48,9 @@ class Shape:
         Number of the Stribeck speed in ``STRIBECK_SPEEDS``, and its friction [A].
     load_share, load_inertia
         Share of the load torque that is friction [-], and the inertia in it [A.s^2/rad].
+    of_inertia, of_gravity
+        Change of the coefficients by the load friction that doubled inertia and doubled gravity
+        bring, ``(5,)``; empty without a load share.
     sine, cosine, centre
         Gravity [A], and the angle that it counts from [rad].
     has_gravity, has_inertia, has_viscous
@@ -60,6 +63,8 @@ class Shape:
     dip: float = 0.0
     load_share: float = 0.0
     load_inertia: float = 0.0
+    of_inertia: tuple[float, ...] = ()
+    of_gravity: tuple[float, ...] = ()
     sine: float = 0.0
     cosine: float = 0.0
     centre: float = 0.0
@@ -86,8 +91,14 @@ class Shape:
 
     def load_friction(self, signals: Signals) -> Array:
         """Return the friction in a record if all of the load torque were friction, ``(n,)`` [A]."""
-        load = np.abs(self.load_inertia * signals.acceleration + self.gravity(signals))
-        return load * signals.direction
+        load = self.load_inertia * signals.acceleration + self.gravity(signals)
+        return np.asarray(np.abs(load) * signals.direction, dtype=np.float64)
+
+    def load_friction_of_parts(self, signals: Signals) -> tuple[Array, Array]:
+        """Return the load friction that doubled inertia and doubled gravity add, ``(n,)`` [A]."""
+        inertia, gravity = self.load_inertia * signals.acceleration, self.gravity(signals)
+        way = self.load_share * np.sign(inertia + gravity) * signals.direction
+        return way * inertia, way * gravity
 
     def design(self, signals: Signals) -> Array:
         """Return the columns of ``COEFFICIENTS``, ``(n, 5)``."""
@@ -108,18 +119,17 @@ class Shape:
 class RecordFit(NamedTuple):
     """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and the residuals.
 
-    ``ripple`` are the amplitudes of the sines and cosines of its ripples, ``(2 r,)``: they are free
-    in each record, as its position may count from another zero.
+    ``free`` are the coefficients of ``Signals.free``, ``(k,)``.
     """
 
     values: Array
     covariance: Array
     residuals: Array
-    ripple: Array
+    free: Array
 
     def predict(self, shape: Shape, signals: Signals) -> Array:
         """Return the effort that the coefficients predict in other rows, ``(n,)`` [A]."""
-        return shape.design(signals) @ self.values + signals.ripple @ self.ripple
+        return shape.design(signals) @ self.values + signals.free @ self.free
 
 
 def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> RecordFit:
@@ -135,14 +145,14 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
         Coefficients that decide what the record leaves open, ``(5,)``: those of the baseline. When
         None, zeros and ones.
     """
-    design = np.column_stack([shape.design(signals), signals.ripple])
+    design = np.column_stack([shape.design(signals), signals.free])
     effort = float(np.sqrt(np.mean(signals.effort**2))) + _TINY
     scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     if healthy is None:
         healthy = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-    waves = signals.ripple.shape[1]
-    used = np.concatenate([shape.used, np.ones(waves, dtype=bool)])
-    values = np.concatenate([healthy, np.zeros(waves)])
+    terms = signals.free.shape[1]
+    used = np.concatenate([shape.used, np.ones(terms, dtype=bool)])
+    values = np.concatenate([healthy, np.zeros(terms)])
     prior = Prior(values[used], _FREE * scales[used])
     found = regress(design[:, used], signals.effort, signals.stroke, prior)
     covariance = np.zeros((len(used), len(used)))
@@ -190,7 +200,7 @@ class _Record:
         gravity = [np.sin(angle), np.cos(angle) - 1.0]
         self._common = np.column_stack([signals.direction, signals.stribeck, *gravity])
         ones = np.ones(len(signals))
-        columns = [signals.acceleration, signals.speed, ones, signals.ripple]
+        columns = [signals.acceleration, signals.speed, ones, signals.free]
         self._free = np.column_stack(columns)
         self._inverse = np.linalg.pinv(self._free, rcond=_TINY)
         self.common, self.effort = self.left(self._common), self.left(signals.effort)
@@ -246,7 +256,23 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
             "the healthy records show no dry friction: the effort does not follow the direction of "
             "the motion; does the effort have the sign of the motion?"
         )
-    return _observable(shape, signals)
+    return _with_load_columns(_observable(shape, signals), signals)
+
+
+def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
+    """Return the model with the coefficients that stand for the load friction of a payload."""
+    if not shape.load_share:
+        return shape
+    columns = []
+    for one in records:
+        free = np.concatenate([shape.used, np.ones(one.free.shape[1], dtype=bool)])
+        design = np.column_stack([shape.design(one), one.free])
+        values = np.zeros((len(free), 2))
+        target = np.column_stack(shape.load_friction_of_parts(one))
+        values[free] = np.linalg.lstsq(design[:, free], target, rcond=None)[0]
+        columns.append(values[: len(COEFFICIENTS)])
+    of_inertia, of_gravity = np.median(columns, axis=0).T.tolist()
+    return replace(shape, of_inertia=tuple(of_inertia), of_gravity=tuple(of_gravity))
 
 
 def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:

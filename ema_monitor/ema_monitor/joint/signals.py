@@ -35,7 +35,7 @@ _ROW: Final = 1.5
 _LONGEST_STROKE_S: Final = 2.0
 _USUAL_SPEED: Final = 95.0
 _COLUMNS: Final = (
-    *("effort", "position", "speed", "acceleration", "direction", "stribeck", "ripple", "stroke"),
+    *("effort", "position", "speed", "acceleration", "direction", "stribeck", "free", "stroke"),
 )
 
 
@@ -52,12 +52,15 @@ class Preparation(NamedTuple):
         95 % quantile of the speed [rad/s].
     ripples
         Wave numbers of the ripples of the effort along the position [1/rad].
+    is_elastic
+        Whether the effort depends on jerk and snap, as with an elastic gear.
     """
 
     cutoff_hz: float
     lag_s: float
     usual_speed: float
     ripples: tuple[float, ...] = ()
+    is_elastic: bool = False
 
     @property
     def highest_period(self) -> float:
@@ -79,8 +82,10 @@ class Signals:
         Filtered sign of the speed [-].
     stribeck
         Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``.
-    ripple
-        Filtered sine and cosine of the position for each of the ripples, ``(n, 2 r)``.
+    free
+        Terms of the preparation, whose coefficients are free in each record, ``(n, k)``: filtered
+        sine and cosine of the position for each ripple; jerk and snap of an elastic joint
+        [rad/s^3], [rad/s^4].
     stroke
         Running number of the stroke that a row belongs to.
     usual_speed
@@ -95,7 +100,7 @@ class Signals:
     acceleration: Array
     direction: Array
     stribeck: Array
-    ripple: Array
+    free: Array
     stroke: NDArray[np.intp]
     usual_speed: float
     rate: float
@@ -277,6 +282,10 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     rows = np.flatnonzero(keep)[::every] if every > 1 else np.flatnonzero(keep)
     speeds = np.abs(speed[keep])
     first_wave = 3 + len(STRIBECK_SPEEDS)
+    free = [*smooth[first_wave : first_wave + len(waves)]]
+    if preparation.is_elastic:
+        jerk = np.gradient(acceleration, step)
+        free += [jerk, np.gradient(jerk, step)]
     return Signals(
         smooth[0, rows],
         smooth[1, rows],
@@ -284,7 +293,7 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
         acceleration[rows],
         direction[rows],
         smooth[3:first_wave, rows].T,
-        smooth[first_wave : first_wave + len(waves), rows].T,
+        np.array(free).reshape(len(free), len(time))[:, rows].T,
         stroke[rows],
         float(np.percentile(speeds, _USUAL_SPEED)) if len(speeds) else 0.0,
         1.0 / (every * step),

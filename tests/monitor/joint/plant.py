@@ -43,6 +43,9 @@ class Joint:
         Friction beyond Coulomb friction at rest [A], and how fast it falls [rad/s].
     ripple, ripple_waves
         Amplitude of a ripple along the position [A], and its wave number [1/rad].
+    resonance_hz
+        Resonance of the gear between motor and load, of half of the inertia each [Hz]. Position and
+        gravity are those of the load, friction is that of the motor.
     torque
         Torque per ampere, over healthy [-].
     play, wind_up
@@ -58,17 +61,22 @@ class Joint:
     stribeck_speed: float = 0.2
     ripple: float = 0.0
     ripple_waves: float = 3.0
+    resonance_hz: float = np.inf
     torque: float = 1.0
     play: float = 0.0
     wind_up: float = 0.0
 
     def effort(self, motion: Motion) -> Column:
         """Return the effort [A]."""
-        dip = self.stribeck * np.exp(-((motion.v / self.stribeck_speed) ** 2))
+        h = motion.time[1] - motion.time[0]
+        jerk = np.gradient(motion.a, h)
+        of_resonance = (2.0 * np.pi * self.resonance_hz) ** -2.0
+        v = motion.v + 2.0 * of_resonance * jerk
+        dip = self.stribeck * np.exp(-((v / self.stribeck_speed) ** 2))
         torque = (
-            self.inertia * motion.a
-            + (self.coulomb + dip) * np.sign(motion.v)
-            + self.viscous * motion.v
+            self.inertia * (motion.a + of_resonance * np.gradient(jerk, h))
+            + (self.coulomb + dip) * np.sign(v)
+            + self.viscous * v
             + self.gravity * np.sin(motion.q)
             + self.ripple * np.sin(2.0 * np.pi * self.ripple_waves * motion.q)
             + self.load
@@ -141,6 +149,22 @@ def ramps(duration_s: float = 40.0, h: float = H, *, speed: float = 0.5) -> Moti
     v = speed * np.clip(np.where(t % 4.0 < 2.0, 1.0, -1.0) * (1.0 - np.abs(phase)) / 0.05, -1, 1)
     q = h * np.cumsum(v)
     return Motion(t, q, v, np.gradient(v, h))
+
+
+def places(duration_s: float = 40.0, h: float = H, *, seed: int = 0) -> Motion:
+    """Return strokes of 0.5 to 1 s between random places, of least jerk, with a rest of 0.2 s."""
+    rng = np.random.default_rng(seed)
+    t = _times(duration_s, h)
+    q, v, a = np.zeros((3, len(t)))
+    begin, place = 0.0, 0.0
+    while begin < duration_s:
+        length, target = float(rng.uniform(0.5, 1.0)), float(rng.uniform(-1.0, 1.0))
+        s, way = np.clip((t - begin) / length, 0.0, 1.0), target - place
+        q += way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        v += way / length * 30.0 * s**2 * (1.0 - s) ** 2
+        a += way / length**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+        begin, place = begin + length + 0.2, target
+    return Motion(t, q, v, a)
 
 
 def telemetry_of(

@@ -1,0 +1,53 @@
+"""Error of a record's model in strokes that it was not fitted to, by which terms are admitted."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.joint.signals import Signals
+
+IMPROVES: Final = 0.95
+"""Largest error with a term, over the error without it, at which the term is admitted [-]."""
+
+_TINY: Final = 1e-12
+
+
+def general_design(signals: Signals, *, is_linear: bool) -> Array:
+    """Return columns that explain the effort of most joints, each free in a record, ``(n, p)``.
+
+    Parameters
+    ----------
+    signals
+        Rows of the record.
+    is_linear
+        Whether the joint is linear, so that no gravity follows its angle.
+    """
+    gravity = [] if is_linear else [np.sin(signals.position), np.cos(signals.position)]
+    columns = [signals.direction, signals.acceleration, signals.speed, np.ones(len(signals))]
+    return np.column_stack([*columns, *gravity, signals.stribeck[:, 1], signals.free])
+
+
+def halves(signals: Signals) -> tuple[Signals, Signals]:
+    """Return every other stroke of a record, and the strokes between."""
+    chosen = signals.every_other_stroke()
+    return signals.at(chosen), signals.at(~chosen)
+
+
+def held_out_error(records: Sequence[Signals], *, is_linear: bool) -> float:
+    """Return the error in the strokes between those fitted [A]; infinite where it is unknown.
+
+    It is the geometric mean over the records.
+    """
+    logs = []
+    for record in records:
+        fitted, rest = halves(record)
+        design = general_design(fitted, is_linear=is_linear)
+        if min(len(fitted), len(rest)) < 2 * design.shape[1]:
+            continue
+        values = np.linalg.lstsq(design, fitted.effort, rcond=None)[0]
+        missed = rest.effort - general_design(rest, is_linear=is_linear) @ values
+        logs.append(math.log(float(np.mean(missed**2)) + _TINY))
+    return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
