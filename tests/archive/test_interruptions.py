@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ema_archive import partitions
-from ema_archive.bag_task import DAMAGED, DONE, BagResult, BagTask, UnitRows
+from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
 from ema_archive.database import FILE
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_unit

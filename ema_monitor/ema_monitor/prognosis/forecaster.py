@@ -12,10 +12,12 @@ from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES
 from ema_core.levels import OK
 from ema_monitor.health import (
     TORQUE_PER_AMPERE,
+    Health,
     HealthLimits,
     Recurrence,
     Tracked,
     assess,
+    warned,
     with_requirements,
     worst_of,
 )
@@ -26,6 +28,7 @@ from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.outlook import Outlook, Removal
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import Requirements
+from ema_monitor.prognosis.sentences import SOON_HOURS
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 _TIMES: Final = 30
@@ -150,6 +153,9 @@ def outlook_of(
     hours_per_cycle = service.mean_hours_per_cycle or settings.service.hours_per_cycle or math.nan
     hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
     hours_a_day = settings.scenario.hours_per_day or service.usage
+    removal = removal_of(
+        rul, lifetimes, settings.service.removal_risk, hours_per_cycle, hours_a_day
+    )
     lives = {**prognosis.components, **required.lives}
     if any(item.name == TORQUE_PER_AMPERE for item in health.requirements):
         lives[TORQUE_PER_AMPERE] = RemainingLife.unknown("", "its growth is not tracked")
@@ -158,7 +164,7 @@ def outlook_of(
         hours=service.hours,
         cycles=entry.cycles,
         hours_per_cycle=hours_per_cycle,
-        health=health,
+        health=warned_if_due(health, removal),
         trends={item.name: item.trend for item in tracked} | dict(required.trends),
         lives=lives,
         rul_faults=prognosis.overall,
@@ -171,13 +177,20 @@ def outlook_of(
         horizon_hours=horizon,
         lifetimes=lifetimes,
         levels=levels,
-        removal=removal_of(
-            rul, lifetimes, settings.service.removal_risk, hours_per_cycle, hours_a_day
-        ),
+        removal=removal,
         tests_tell=tests_tell,
         calibrations={item.name: item.calibration for item in tracked},
         departure=entry.estimate.departure,
     )
+
+
+def warned_if_due(health: Health, removal: Removal) -> Health:
+    """Return health with a warning where it is OK and the unit is to be removed now."""
+    if health.level != OK or not removal.hours < SOON_HOURS:
+        return health
+    words = f"removal is due: {100.0 * removal.risk:.3g} % risk of failure in {removal.hours:.2g} h"
+    reason = "; ".join(filter(None, [words, health.reason]))
+    return replace(warned(health), reason=reason)
 
 
 def _required(

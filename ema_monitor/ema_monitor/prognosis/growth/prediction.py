@@ -20,7 +20,8 @@ NOT_SHOWN: Final = "fewer than two tests that agree so far"
 """Why a fault that no test has shown has no life."""
 
 LEAST_TESTS: Final = 5
-"""Tests of a level below which no component newly counts as growing."""
+"""Tests of a level below which no component newly counts as growing, and tests after a repair
+before which no life is given."""
 BEGINS_BELOW: Final = 1e-4
 """Probability of no growth below which a component counts as growing [-].
 
@@ -231,6 +232,12 @@ def growth_not_certain(constant: float, tests: int) -> str:
     missing = (log - math.log(BEGINS_BELOW)) / pace if pace > 0.0 else 0
     more = max(math.ceil(missing), LEAST_TESTS - tests, 1)
     return f"growth is not certain yet: its probability is {1.0 - constant:.3f}{_after(more)}"
+
+
+def too_soon_after(repair_hours: float, missing: int) -> str:
+    """Return why no life is given after a repair at a service hour [h]; tests are missing."""
+    since = f"fewer than {LEAST_TESTS} tests since the repair at {repair_hours:,.0f} h"
+    return since + _after(missing)
 
 
 def beyond_horizon(

@@ -44,6 +44,7 @@ from ema_monitor.prognosis.growth.prediction import (
     beyond_horizon,
     growth_not_certain,
     prognosis_of,
+    too_soon_after,
 )
 from ema_monitor.prognosis.growth.regimes import RegimeWatch
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -78,7 +79,17 @@ class Tracker(Kept):
     restores a tracker and its figures.
     """
 
-    kept = ("_tests", "_first_hours", "_growing", "_own_hours", "_phase", "hours", "updates")
+    kept = (
+        "_tests",
+        "_first_hours",
+        "_growing",
+        "_own_hours",
+        "_phase",
+        "_fell_at",
+        "_tests_since_fall",
+        "hours",
+        "updates",
+    )
     parts = ("_mixture", "_outliers", "_check", "_regimes")
 
     def __init__(
@@ -95,6 +106,8 @@ class Tracker(Kept):
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
         self._own_hours = np.full(len(COMPONENTS), np.nan)
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
+        # Hour at which a fault fell last, and tests since then; NaN for none.
+        self._fell_at, self._tests_since_fall = math.nan, 0
         self.updates = 0
         self.hours = math.nan
 
@@ -144,7 +157,10 @@ class Tracker(Kept):
                 changed[number] = False  # it is one of the jumps by which the fault grows
             else:
                 self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
+                if not rose:
+                    self._fell_at, self._tests_since_fall = self.hours, 0
         if not held.all():
+            self._tests_since_fall += 1
             odd += self._use(measurement, changed, held)
         return events + odd
 
@@ -230,10 +246,22 @@ class Tracker(Kept):
         is_over = is_shown & (np.abs(mean) - ONE_SIDED_95 * np.sqrt(variance) > limits)
         hours[is_over] = 0.0
         reasons = [
-            "" if is_over[number] else self._reason_unknown(number, one)
+            "" if is_over[number] else self.unsupported or self._reason_unknown(number, one)
             for number, one in enumerate(own)
         ]
         return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
+
+    @property
+    def unsupported(self) -> str:
+        """Why no life is given so soon after a repair; "" where tests support one.
+
+        A repair may have changed more than the faults that were seen to fall: what earlier tests
+        showed of the growth of any fault is of another unit until tests of this one agree.
+        """
+        missing = LEAST_TESTS - self._tests_since_fall
+        if math.isnan(self._fell_at) or missing <= 0:
+            return ""
+        return too_soon_after(self._fell_at, missing)
 
     def _reason_unknown(self, number: int, own_hours: Array) -> str:
         """Return why no life of a component can be given; empty when one can."""

@@ -132,7 +132,8 @@ def required_life(
         reason = f"no test has shown {', '.join(unseen)} yet"
         return RequiredLife.unknown(reason, requirements, healths)
     if not grows and not any(map(_surely_fails, healths)):
-        return RequiredLife.unknown("no significant growth", requirements, healths)
+        reason = tracker.unsupported or "no significant growth"
+        return RequiredLife.unknown(reason, requirements, healths)
     duty = prognosis.future
     longest = prognosis.overall.hours_95
     if 0.0 < longest < np.inf:

@@ -1,0 +1,99 @@
+"""Life and removal after a repair, and beside OK."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.health import Health
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.forecaster import warned_if_due
+from ema_monitor.prognosis.growth.prediction import LEAST_TESTS
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.outlook import Outlook, Removal
+from ema_monitor.prognosis.sentences import removal_in_words
+from ema_monitor.unit import Unit
+
+from .lived_units import TEN_HOURS
+from .made_tests import UNIT, made_test
+
+LAWS = {
+    "all grow": (0.05, 1.5e-3, 1.2e-3),
+    "one falls far, two by little": (0.03, 7e-4, 4e-4),
+    "one grows": (0.06, 0.0, 0.0),
+}
+
+
+def worn_test(
+    number: int, hours: float, law: tuple[float, float, float], rng: np.random.Generator
+) -> Estimate:
+    """A test: friction grows exponentially, backlash and a short circuit linearly."""
+    shape, backlash, short_circuit = law
+    return made_test(
+        number,
+        rng=rng,
+        friction=min(shape * math.expm1(8.5e-3 * hours), 0.9),
+        backlash=backlash * hours,
+        short_circuit_a=short_circuit * max(0.0, hours - 100.0),
+    )
+
+
+def repaired(law: tuple[float, float, float], seed: int, later: int) -> tuple[Unit, list[Outlook]]:
+    """A unit that fails, is repaired as a whole and wears again; its outlooks after the repair."""
+    rng, unit, number = np.random.default_rng(seed), Unit(History(*UNIT), TEN_HOURS), 0
+    outlook = None
+    while outlook is None or outlook.health.level != ERROR:
+        outlook = unit.update(worn_test(number, 10.0 * number, law, rng), None, TEN_HOURS)
+        number += 1
+    made = []
+    for after in range(later):
+        test = worn_test(number + after, 10.0 * after, law, rng)
+        made.append(unit.update(test, None, TEN_HOURS))
+    return unit, [one for one in made if one is not None]
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=list(LAWS))
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_life_is_given_before_five_tests_after_a_repair(law, seed):
+    unit, made = repaired(law, seed, later=12)
+    kinds = [[event.kind for event in one.events] for one in made]
+    last = max(number for number, some in enumerate(kinds) if "repair" in some)
+    soon = made[last : last + LEAST_TESTS - 1]
+    assert OK in {one.health.level for one in soon}
+    for number, one in enumerate(soon, start=1):
+        words = f"fewer than 5 tests since the repair at {made[last].hours:,.0f} h"
+        assert words in one.rul.reason
+        assert f"about {LEAST_TESTS - number} more test" in one.rul.reason
+        assert not any(life.known for life in one.lives.values())
+        assert math.isnan(one.removal.hours)
+        assert not one.lifetimes.size
+        assert removal_in_words(one).startswith("No date of removal yet: fewer than 5 tests")
+    assert "repair" not in made[last + LEAST_TESTS].rul.reason
+    # A replay of the tests gives the same.
+    again = Unit(unit.history, TEN_HOURS).resume(None, TEN_HOURS)
+    assert again is not None
+    assert repr(again.rul) == repr(made[-1].rul)
+
+
+def test_state_of_the_tracker_has_the_repair():
+    unit, _ = repaired(LAWS["all grow"], 1, later=3)
+    tracker = unit.growth.tracker
+    assert tracker.unsupported
+    kept = unit.growth.state()
+    unit.history.growth = kept
+    restored = Unit(unit.history, TEN_HOURS).growth
+    assert restored.kept_tests == unit.growth.tests
+    assert restored.tracker.unsupported == tracker.unsupported
+
+
+def test_no_removal_that_is_due_is_beside_ok():
+    healthy = Health(OK, 0.9, 0, 1.0, "", reason="a remark")
+    health = warned_if_due(healthy, Removal(0.05, 0.0))
+    assert (health.level, health.severity) == (WARN, 1)
+    assert health.reason == "removal is due: 5 % risk of failure in 0 h; a remark"
+    for removal in (Removal(0.05, 38.0), Removal()):
+        assert warned_if_due(healthy, removal) == healthy
+    failed = replace(healthy, level=ERROR)
+    assert warned_if_due(failed, Removal(0.05, 0.0)) == failed
