@@ -55,6 +55,9 @@ _REMEDY: Final = (
 )
 
 
+_PRIMARY_CODE: Final = 0xFF
+_NEEDS_WRITING: Final = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+
 _REPLACED_S: Final = 0.2
 """Time after which a run that replaces a file has noted it [s]."""
 
@@ -81,8 +84,10 @@ class Database(AbstractContextManager[Any, None]):
             except BlockingIOError as error:
                 self._lock.close()
                 raise ValueError(f"{archive} is being changed by another command") from error
-        self._db = self._connected(writes)
+        self._db = sqlite3.connect(self._path, timeout=30.0, isolation_level=None)
         try:
+            if not writes:
+                self._allow_read_only()
             self._prepare()
         except BaseException as error:
             self._close()
@@ -104,26 +109,24 @@ class Database(AbstractContextManager[Any, None]):
         if self._lock is not None:
             self._lock.close()
 
-    def _connected(self, writes: bool) -> sqlite3.Connection:
-        """Return a connection; a reader may lack the permission to write, also beside the file."""
-        db = sqlite3.connect(self._path, timeout=30.0, isolation_level=None)
-        if writes:
-            return db
+    def _allow_read_only(self) -> None:
+        """Let a reader do without the permission to write, also beside the file."""
         try:
             # Fails where SQLite cannot make the files that it shares with those that write.
-            db.execute("SELECT 1 FROM sqlite_master").fetchall()
-        except sqlite3.OperationalError:
-            db.close()
+            self._db.execute("SELECT 1 FROM sqlite_master").fetchall()
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & _PRIMARY_CODE not in _NEEDS_WRITING:
+                raise
             log = self._path.with_name(f"{FILE}-wal")
             if log.exists() and log.stat().st_size:
                 raise OSError(
                     f"{self._path} cannot be read without permission to write: its last changes "
                     f"are in {log.name}; run `ema archive status` with permission to write first"
                 ) from None
-            # Nobody can change it, or without these files: it is read as it is.
+            # Without these files nobody is changing it: it is read as it is.
+            self._db.close()
             url = f"{self._path.resolve().as_uri()}?immutable=1"
-            db = sqlite3.connect(url, uri=True, isolation_level=None)
-        return db
+            self._db = sqlite3.connect(url, uri=True, isolation_level=None)
 
     def _check(self, is_new: bool) -> None:
         """Check that there is an archive, or a place for a new one."""

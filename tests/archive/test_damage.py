@@ -68,6 +68,16 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(
     assert {name: exactly(archive, name) for name in before} == before
 
 
+@pytest.mark.parametrize("damage", [empty, halve])
+def test_damaged_database_is_named_with_the_remedy(ema, archive: Path, damage):
+    damage(archive / FILE)
+    for command in (("query", archive, "select 1"), ("status", archive), ("run", archive)):
+        result = ema("archive", *command)
+        assert result.exit_code == 1
+        assert f"{archive / FILE} " in result.stderr
+        assert "scan the bags to a new archive" in result.stderr
+
+
 def bring_up_to_date(archive: Path, *sources: Path) -> None:
     with Manifest(archive, is_new=True) as manifest, Workers("threads", 1) as pool:
         scan(manifest, [str(source) for source in sources])
