@@ -85,6 +85,19 @@ def test_blocks_are_the_telemetry_however_messages_come(rate_hz, every):
     assert (target.defects, target.losses.lost) == ([], 0)
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "given_s", "block_s"), [(200, 0.01, 0.1), (1000, 0.01, 0.02), (1000, 0.05, 0.05)]
+)
+def test_blocks_of_a_slow_drive_are_longer_and_alike(rate_hz, given_s, block_s):
+    telemetry, target = cycle(rate_hz), bridge(rate_hz=rate_hz, block_s=given_s)
+    assert target.block_s == given_s  # the rate is not known yet
+    every = round(block_s * rate_hz)
+    *blocks, _ = run(target, telemetry, stamps_of(telemetry), every=every)
+    assert target.block_s == pytest.approx(block_s)
+    assert len(blocks) > 3
+    assert all(every / 2 < len(block) < 2 * every for block in blocks)
+
+
 def test_what_is_not_measured_is_empty_and_said(telemetry):
     target = bridge(mapping(speed=None, current=None))
     blocks = run(target, telemetry, stamps_of(telemetry))

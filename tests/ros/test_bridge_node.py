@@ -180,6 +180,14 @@ def test_joint_states_become_telemetry_with_its_description(session):
     assert session.task("input").values["lost"] == 0
 
 
+@pytest.mark.parametrize(("step_s", "block_s"), [(0.01, 0.1), (1e-3, 0.02)])
+def test_slower_joint_is_published_in_longer_blocks(session, step_s, block_s):
+    session.step_s = step_s
+    assert session.bridge._timer.timer_period_ns == 10_000_000
+    session.publish_until(lambda: len(session.blocks) > 3, "blocks")
+    assert session.bridge._timer.timer_period_ns == round(block_s * 1e9)
+
+
 def test_temperature_of_a_topic_is_published_as_a_measured_cause(graph, mapping_file):
     temperature = {
         "topic": "/motor/temperature",

@@ -81,7 +81,7 @@ class BridgeNode(ManagedNode):
         """Listen to the topics of the mapping as they come up."""
         self._begin()
         self.add_timer(_DISCOVERY_S, self._discover)
-        self.add_timer(self._settings.block_s, self._advance)
+        self._timer = self.add_timer(self._settings.block_s, self._advance)
 
     def deactivate(self) -> None:
         """Listen no more."""
@@ -263,6 +263,7 @@ class BridgeNode(ManagedNode):
         rate, self._problem = bridge.rate, ""
         if bridge.description is not None and rate is not None and self._described is None:
             self._described = bridge.description
+            self._timer.timer_period_ns = round(bridge.block_s * 1e9)
             message = description_to_message(self._described, time.time_ns())
             self._outputs[topics.DESCRIPTION].publish(message)
             kept = "as they are" if rate.is_regular else "interpolated on their stamps"

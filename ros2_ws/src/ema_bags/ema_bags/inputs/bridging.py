@@ -33,6 +33,8 @@ _LOOK_BACK_S: Final = 10.0
 _NOT_FINITE_S: Final = 3.0
 _CHECK_S: Final = 0.2
 _MOST_WAITING: Final = 200_000
+_BLOCK_SAMPLES: Final = 20
+_SLOW_BLOCK_S: Final = 0.1
 
 
 class _Part(NamedTuple):
@@ -50,7 +52,13 @@ class BridgeSettings(Checked):
 
     mapping_file: str = text("", "mapping of topics to telemetry, a YAML file")
     actuator_file: str = text("", "description of the actuator; empty: the built-in one")
-    block_s: float = quantity(0.01, "s", 1e-3, 1.0, "time between two blocks of telemetry")
+    block_s: float = quantity(
+        0.01,
+        "s",
+        1e-3,
+        1.0,
+        "time between two blocks; at least that of 20 samples, or 0.1 s if that is shorter",
+    )
     learn_s: float = quantity(1.0, "s", 0.1, 60.0, "time in which the rate is found, at the start")
     wait_s: float = quantity(
         0.3, "s", 0.0, 10.0, "how long a position waits at most for what was sent before it"
@@ -121,6 +129,18 @@ class Bridge:
         return self._stream.description if self._stream else None
 
     @property
+    def block_s(self) -> float:
+        """Time between two blocks [s].
+
+        A block costs the monitor as much as many samples. Before the rate is known, it is that of
+        the settings.
+        """
+        block_s = self._settings.block_s
+        if self.description is None:
+            return block_s
+        return max(block_s, min(_BLOCK_SAMPLES * self.description.sample_period, _SLOW_BLOCK_S))
+
+    @property
     def losses(self) -> Losses:
         """What was found between the samples since the rate is known."""
         return self._stream.losses if self._stream else Losses()
@@ -173,8 +193,14 @@ class Bridge:
         if self.refused:
             self.withheld += sum(len(run.stamps_ns) for run in runs)
             return []
-        block_s = self._settings.block_s
-        return [block for run in runs for block in self._stream.blocks(run, block_s)]
+        h = self._stream.description.sample_period
+        blocks: list[Telemetry] = []
+        for run in runs:
+            # Alike in length: no block has the few samples that are left over.
+            samples = len(run.stamps_ns)
+            count = max(1, samples // max(1, round(self.block_s / h)))
+            blocks += self._stream.blocks(run, -(-samples // count) * h)
+        return blocks
 
     def _learned(self, own: Series) -> SampleStream | None:
         """Find the rate, once there are samples of some time."""
