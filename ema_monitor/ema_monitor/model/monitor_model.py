@@ -12,7 +12,7 @@ from ema_core.current_loop import current_loop
 from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.quantity import check_length
-from ema_core.telemetry import COLUMNS, Telemetry
+from ema_core.telemetry import Telemetry
 from ema_monitor.model.deviations import (
     N_SENSOR,
     Deviations,
@@ -240,6 +240,7 @@ def form_of(drive: str, form: str | None = None) -> str:
 
 def compile_kernels(forms: Iterable[str] = FORMS) -> None:
     """Compile the kernels of forms, or load them from the cache, ahead of their first use."""
-    at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
+    zeros = np.zeros(2)
+    at_rest = Telemetry(0, 1e-4, 1, command=zeros, current=zeros, position=zeros, speed=zeros)
     for form in FORMS.keys() & set(forms):
         MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())
