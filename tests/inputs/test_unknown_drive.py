@@ -158,6 +158,57 @@ def test_position_that_jumps_is_an_error(mapped):
     assert "position_jumps" in names
 
 
+def test_position_that_is_homed_at_rest_is_an_error_once_motion_follows(mapped):
+    columns, stamps = moves()
+    columns["position"] = np.round(columns["position"] / 1e-4) * 1e-4
+    homed = np.concatenate([np.full(300, 0.7), columns["position"]])
+    times = START_NS + 5_000_000 * np.arange(len(homed))
+    at_rest = {"command": np.empty(0), "speed": np.empty(0), "current": np.zeros(len(homed))}
+    names = [
+        [item.name for item in find_defects(at_rest | {"position": homed}, times, mapped(), joint())]
+        for homed in (homed, np.concatenate([homed[:302], np.full(len(homed) - 302, homed[301])]))
+    ]
+    assert ["position_jumps" in item for item in names] == [True, False]
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 250.0, 1000.0])
+@pytest.mark.parametrize("count", [1e-12, 1e-5, 1e-4])
+def test_motion_that_begins_after_a_long_rest_is_no_jump(mapped, rate_hz, count):
+    """Live telemetry is judged in all positions of the rest and of the first motion."""
+    rest = round(10.0 * rate_hz)
+    times = np.arange(1, round(0.5 * rate_hz) + 1) / rate_hz
+    position = np.concatenate([np.zeros(rest), 20.0 * times**2])
+    position = np.round(position / count) * count
+    stamps = START_NS + np.rint(1e9 / rate_hz * np.arange(rest)).astype(np.int64)
+    for moved in range(1, len(times) + 1):
+        columns = {
+            "command": np.empty(0),
+            "position": position[moved : moved + rest],
+            "speed": np.empty(0),
+            "current": np.random.default_rng(moved).normal(0.0, 0.1, rest),
+        }
+        defects = find_defects(columns, stamps, mapped(), joint(rate_hz))
+        assert "position_jumps" not in [item.name for item in defects], moved
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_few_quick_moves_in_a_long_record_are_no_jumps(mapped, noise):
+    """10 min at 50 Hz, with a move of 0.3 s every 100 s."""
+    ramp = (1.0 - np.cos(np.pi * np.arange(1, 16) / 15)) / 2.0
+    rest = np.zeros(5000)
+    position = np.concatenate([rest, ramp, rest + 1.0, 1.0 - ramp] * 3)
+    rng = np.random.default_rng(0)
+    columns = {
+        "command": np.empty(0),
+        "position": np.round((position + rng.normal(0.0, noise, len(position))) / 1e-5) * 1e-5,
+        "speed": np.empty(0),
+        "current": rng.normal(0.0, 0.1, len(position)),
+    }
+    stamps = START_NS + 20_000_000 * np.arange(len(position))
+    defects = find_defects(columns, stamps, mapped(), joint(50.0))
+    assert "position_jumps" not in [item.name for item in defects]
+
+
 def test_drive_without_a_command_is_imported_with_an_empty_column(mapped):
     columns, stamps = moves()
     mapping = mapped(command=None)

@@ -34,6 +34,9 @@ _LEAST_STEPS: Final = 200
 _ALTERNATING: Final = 0.2
 _JUMP: Final = 20.0
 _JUMP_OF_RANGE: Final = 0.05
+_BESIDE: Final = 3
+"""Steps on each side that a jump is compared with."""
+_KNOWN_BEFORE: Final = 20
 _NAMES: Final = {"sign": "sign_reversed", "unit": "unit", "shaft": "shaft", "scale": "scale"}
 
 
@@ -239,18 +242,27 @@ def _held(
 
 
 def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield that a position jumps, and does not come back, while nothing around it moves as far."""
+    """Yield that a position jumps: a step far larger than the steps before and after it.
+
+    Steps of zero are left out. A step is judged once motion follows it, as the first step of a
+    motion follows a rest as well.
+    """
     steps, usual_ns = np.abs(np.diff(position)), np.median(np.diff(stamps_ns))
-    steps = np.where(np.diff(stamps_ns) < _GAP * usual_ns, steps, 0.0)
-    steps = steps[np.isfinite(steps)]
-    if len(steps) < _LEAST_STEPS:
+    is_moving = (np.diff(stamps_ns) < _GAP * usual_ns) & np.isfinite(steps) & (steps > 0.0)
+    rows = np.flatnonzero(is_moving)
+    moving = steps[rows]
+    if len(moving) < _LEAST_STEPS:
         return
-    far = max(_JUMP * float(np.percentile(steps, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
-    rows = np.flatnonzero(steps > far) if far > 0.0 else np.empty(0, dtype=np.int64)
-    if len(rows) and len(rows) <= _MANY * len(steps):
+    padded = np.concatenate([np.zeros(_BESIDE), moving, np.full(_BESIDE, np.inf)])
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
+    beside = np.max(np.delete(around, _BESIDE, axis=1), axis=1)
+    far = max(_JUMP * float(np.percentile(moving, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
+    # The step before that of the first rows is unknown.
+    jumps = moving[(moving > np.maximum(far, _JUMP * beside)) & (rows >= _KNOWN_BEFORE)]
+    if 0 < len(jumps) <= _MANY * len(steps):
         text = (
-            f"the position jumps {counted(len(rows), 'time')}, at most by "
-            f"{np.max(steps[rows]):.4g} rad within a sample"
+            f"the position jumps {counted(len(jumps), 'time')}, at most by "
+            f"{np.max(jumps):.4g} rad within a sample"
         )
         remedy = "is the encoder homed or reset, or do two sources publish?"
         yield InputDefect("position_jumps", text, remedy)
