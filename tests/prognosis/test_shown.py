@@ -57,7 +57,9 @@ def test_fault_that_the_tests_stopped_showing_ends_ok(
         assert outlook is not None
         outlook = outlook.at(test.end_ns + 2 * S)
         if hiding_tests < 3:
-            assert (outlook.health.level, outlook.health.health_index) == (OK, 1.0)
+            assert outlook.health.level == OK
+            # What service hours combine of several tests is slightly above 0.
+            assert outlook.health.health_index == pytest.approx(1.0, abs=1e-3)
             continue
         assert outlook.health.level == STALE
         assert outlook.health.confidence < 1.0
