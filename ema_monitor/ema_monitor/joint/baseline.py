@@ -1,5 +1,6 @@
 """Baseline of a joint: its healthy records, and what they predict for a further one."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,7 @@ from ema_monitor.joint.signals import Preparation
 from ema_monitor.joint.single import BETWEEN_RECORDS
 
 BETWEEN_DAYS: Final = {
-    "friction": 0.008,
+    "friction": 0.012,
     "inertia": 0.007,
     "viscous_friction": 0.08,
     "viscous_of_friction": 0.004,
@@ -32,10 +33,19 @@ the load only as a share of the dry friction at the usual speed [-].
 
 Lubricants thin by 3 to 6 % for 1 K, and days differ by a few kelvin."""
 
-_SAME_MOTION: Final = 0.05
+SPREAD_OF_UNITS: Final = 0.6
+"""Prior standard deviation of the logarithms of these standard deviations [-]."""
+
+SHARE_OF_SHOWN: Final = 0.3
+"""Least prior median of a scatter over the scatter of the healthy records [-]."""
+
+_SAME_MOTION: Final = 0.012
 _FEWEST_REPEATED: Final = 3
+_MOTION_TOLERANCE: Final = 0.1
+_LATE: Final = 0.05
 _ENOUGH_RECORDS: Final = 5
 _FLOOR: Final = 1e-9
+_OF_PAYLOAD: Final = [INERTIA, GRAVITY]
 
 
 class Gap(Enum):
@@ -84,9 +94,7 @@ class Baseline:
     @cached_property
     def healthy(self) -> Array:
         """Healthy coefficients, ``(5,)``."""
-        weights = 1.0 / (
-            np.diagonal(self.covariances, axis1=1, axis2=2) + self.prior_sigmas**2 + _FLOOR**2
-        )
+        weights = 1.0 / (np.diagonal(self.covariances, axis1=1, axis2=2) + self.prior_sigmas**2)
         return np.sum(weights * self.values, axis=0) / np.sum(weights, axis=0)
 
     @cached_property
@@ -97,10 +105,10 @@ class Baseline:
     @cached_property
     def repeats(self) -> bool:
         """Whether the healthy records repeat one motion."""
-        motions = [(one.usual_speed, one.travel) for one in self.records]
-        least, most = np.min(motions, axis=0), np.max(motions, axis=0)
-        is_same = np.all(most <= (1.0 + _SAME_MOTION) * least)
-        return len(motions) >= _FEWEST_REPEATED and bool(is_same)
+        if len(self.records) < _FEWEST_REPEATED:
+            return False
+        motions = np.log([(one.usual_speed, one.travel) for one in self.records])
+        return bool(np.all(np.std(motions, axis=0, ddof=1) <= _SAME_MOTION))
 
     def distance(self, record: JointRecord) -> float:
         """Return how far the speed and travel of a record are outside of the healthy ones.
@@ -108,9 +116,24 @@ class Baseline:
         It is the logarithm of their ratio to the nearest healthy record, the larger of both.
         """
         motions = np.log([(one.usual_speed, one.travel) for one in self.records])
-        own = np.log([record.usual_speed, record.travel])
-        outside = np.maximum(motions.min(axis=0) - own, own - motions.max(axis=0))
-        return float(np.max(outside, initial=0.0))
+        return _outside(motions, np.log([record.usual_speed, record.travel]))
+
+    def motion_errors(self, record: JointRecord) -> Array:
+        """Return by how much the coefficients of a healthy record may differ with its motion.
+
+        These are standard deviations, ``(5,)``, in their units. Inertia that is late or early by a
+        little looks like friction, and more so at another pace, which is the speed over the travel.
+        """
+        errors = _MOTION_TOLERANCE * self.distance(record) * self.scales
+        paces = np.log([one.usual_speed / one.travel for one in self.records])
+        pace = _outside(paces[:, None], np.log([record.usual_speed / record.travel]))
+        if pace > 0.0 and self.shape.has_inertia:
+            mean = math.exp(float(np.mean(paces)))
+            inertial = abs(self.healthy[INERTIA]) * self.preparation.usual_speed * mean
+            late = _LATE * pace * inertial / self.friction
+            mixed = [DRY, VISCOUS]
+            errors[mixed] = np.hypot(errors[mixed], late * self.scales[mixed])
+        return errors
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
@@ -222,4 +245,13 @@ class Baseline:
         )
         sigmas[LOAD] = BETWEEN_DAYS["load"] * friction
         sigmas[GRAVITY] = BETWEEN_DAYS["gravity"]
-        return np.maximum(sigmas, _FLOOR)
+        # Payloads vary as the work does. The scatters considered end at some times the median.
+        shown = SHARE_OF_SHOWN * np.std(self.values[:, _OF_PAYLOAD], axis=0)
+        sigmas[_OF_PAYLOAD] = np.maximum(sigmas[_OF_PAYLOAD], shown)
+        return np.maximum(sigmas, _FLOOR * np.array([1.0, *[friction] * 3, 1.0]))
+
+
+def _outside(healthy: Array, values: Array) -> float:
+    """Return by how much values, ``(k,)``, exceed the range of the healthy ones, ``(n, k)``."""
+    excess = np.maximum(healthy.min(axis=0) - values, values - healthy.max(axis=0))
+    return float(np.max(excess, initial=0.0))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_monitor.joint import shape as at
-from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.baseline import SPREAD_OF_UNITS, Baseline
 from ema_monitor.joint.comparison import (
     FRICTION,
     FRICTION_OVER_INERTIA,
@@ -42,14 +42,15 @@ from ema_monitor.joint.states import state_probabilities
 from ema_monitor.joint.symptoms import SymptomComparer
 
 _MODEL_TOLERANCE: Final = 0.1
-_MOTION_TOLERANCE: Final = 0.1
 _RATIO_TOLERANCE: Final = 0.02
 _VISCOUS_TOLERANCE: Final = 3.0
 _FOR_A_PARAMETER: Final = 6.0
 _EFFECT_OF_PLAY: Final = 0.1
 _TOLD_APART: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
-_CORRELATION_FREEDOM: Final = 6.0
+_CORRELATION_FREEDOM: Final = 12.0
+_OF_PAYLOAD: Final = 2.0
+_PAYLOAD: Final = [at.INERTIA, at.GRAVITY]
 _SINGULAR: Final = 1e-12
 _LEAST_RATIO: Final = 0.2
 _FEWEST_FOR_TEMPERATURE: Final = 6
@@ -166,7 +167,9 @@ class Comparer:
         """Correlations of the coefficients between records, ``(5, 5)``.
 
         A payload that varies changes gravity and inertia together: together they are less of a
-        witness than two. Few records show little of it. What the temperature explains is left out.
+        witness than two. Few records show little of correlations, and weights that rely on them fit
+        the same records too well; the payload is likely, and counts twice. What the temperature
+        explains is left out.
         """
         errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
         spread = np.sqrt(self._sigmas**2 + errors)
@@ -174,7 +177,9 @@ class Comparer:
         if self._temperatures is not None:
             left = left - np.outer(self._temperatures, self._slopes)
         units = left / np.where(spread > 0.0, spread, 1.0)
-        moments = _CORRELATION_FREEDOM * np.eye(len(COEFFICIENTS)) + units.T @ units
+        moments = units.T @ units
+        moments[np.ix_(_PAYLOAD, _PAYLOAD)] *= _OF_PAYLOAD
+        moments += _CORRELATION_FREEDOM * np.eye(len(COEFFICIENTS))
         scales = np.sqrt(np.diag(moments))
         return np.asarray(moments / np.outer(scales, scales), dtype=np.float64)
 
@@ -191,7 +196,8 @@ class Comparer:
         if measured is not None and _helps(values, measured):
             covariates = measured[:, None]
         variances = np.einsum("i,nij,j->n", weights, self.errors, weights)
-        return Scatter(values, variances, baseline.days, BETWEEN_RECORDS * days, days, covariates)
+        records = BETWEEN_RECORDS * days
+        return Scatter(values, variances, baseline.days, records, days, covariates, SPREAD_OF_UNITS)
 
     def temperature(self, record: JointRecord) -> Array | None:
         """Return the temperature of a record as a covariate; None where it is unknown or unused."""
@@ -287,7 +293,7 @@ class _Test:
         comparer = comparer.at_temperature_of(record)
         self._comparer, self._record = comparer, record
         self._baseline, self._healthy = comparer.baseline, comparer.expected(record)
-        moved = _MOTION_TOLERANCE * comparer.baseline.distance(record) * comparer.baseline.scales
+        moved = comparer.baseline.motion_errors(record)
         self._error = comparer.error(record.covariance) + np.diag(moved**2)
         self._departure = record.values - self._healthy
         self._total = comparer.spread + self._error
@@ -378,13 +384,13 @@ class _Test:
         """Return the quantities that explain the departure, and those that explain it as well."""
         costs = self.costs
         order = np.argsort(costs)
-        best = self._comparer.hypotheses[int(order[0])]
-        if self._baseline.shape.load_share and set(best.quantities) == {FRICTION, TORQUE}:
-            # Friction that rises with the load raises inertia and gravity at the motor as well.
-            return (FRICTION,), (TORQUE, *self._baseline.hidden_in_friction)
         close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _TOLD_APART]
         # Two changes take more evidence than one.
         chosen = min(close, key=lambda n: len(self._comparer.hypotheses[n].quantities))
+        nearest = self._comparer.hypotheses[close[0]]
+        if self._baseline.shape.load_share and set(nearest.quantities) == {FRICTION, TORQUE}:
+            # Friction that rises with the load raises inertia and gravity at the motor as well.
+            chosen = self._number_of(FRICTION)
         best = self._comparer.hypotheses[chosen]
         rivals: list[str] = []
         for number in close:
@@ -395,6 +401,10 @@ class _Test:
         if FRICTION in best.quantities:
             rivals += self._baseline.hidden_in_friction
         return best.quantities, tuple(dict.fromkeys(rivals))
+
+    def _number_of(self, name: str) -> int:
+        """Return the number of the hypothesis that one quantity alone has changed."""
+        return [one.quantities for one in self._comparer.hypotheses].index((name,))
 
     def _judged(
         self, name: str, test: SingleTest, named: tuple[str, ...], rivals: tuple[str, ...]

@@ -27,6 +27,10 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
     """Return the changes that are considered: single quantities first, then pairs."""
     columns: dict[str, Array] = dict(zip(OF_COEFFICIENTS, np.diag(_steps(baseline)), strict=True))
     shape = baseline.shape
+    # Friction that rises with the load rises with the payload.
+    for name, load_friction in ((INERTIA, shape.of_inertia), (GRAVITY, shape.of_gravity)):
+        if load_friction:
+            columns[name] = columns[name] + np.array(load_friction)
     # The effort that the same motion takes is inverse to the torque per ampere.
     columns[TORQUE] = -baseline.healthy * shape.used
     pairs = [(FRICTION, TORQUE), (GRAVITY, INERTIA)]

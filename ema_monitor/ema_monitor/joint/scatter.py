@@ -92,7 +92,17 @@ class Prediction(NamedTuple):
         the prior assumes of it.
         """
         limit = self.quantile(1.0 - 0.5 * significance)
-        return limit - self._replace(weights=self.likelihoods).quantile(1.0 - power)
+        return limit - self._of_the_unit.quantile(1.0 - power)
+
+    def interval(self, shares: tuple[float, float]) -> tuple[float, float]:
+        """Return the values below which these shares lie, whatever the prior assumes."""
+        low, high = map(self._of_the_unit.quantile, shares)
+        return low, high
+
+    @property
+    def _of_the_unit(self) -> "Prediction":
+        """Prediction with the scatter that the records of the unit show, without its prior."""
+        return self._replace(weights=self.likelihoods)
 
 
 class Scatter:
@@ -108,6 +118,8 @@ class Scatter:
         Medians of the prior standard deviations.
     covariates
         Conditions that the figure depends on, ``(n, k)``, centred and scaled to about one.
+    spread
+        Prior standard deviation of the logarithms of the standard deviations [-].
     """
 
     def __init__(
@@ -118,11 +130,12 @@ class Scatter:
         between_records: float,
         between_days: float,
         covariates: Array | None = None,
+        spread: float = SPREAD,
     ) -> None:
         nodes = np.linspace(-_REACH, _REACH, NODES)
         prior = np.exp(-0.5 * nodes**2)
         record, day = np.meshgrid(
-            between_records * np.exp(SPREAD * nodes), between_days * np.exp(SPREAD * nodes)
+            between_records * np.exp(spread * nodes), between_days * np.exp(spread * nodes)
         )
         self._record, self._day = (record**2).ravel(), (day**2).ravel()
         log_prior = np.log(np.outer(prior, prior)).ravel()

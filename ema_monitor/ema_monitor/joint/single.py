@@ -56,8 +56,8 @@ class SingleTest(NamedTuple):
     @property
     def interval(self) -> tuple[float, float]:
         """90 % interval of the change."""
-        low, high = (self.value - self.prediction.quantile(one) for one in reversed(INTERVAL))
-        return low, high
+        low, high = self.prediction.interval(INTERVAL)
+        return self.value - high, self.value - low
 
     @property
     def probability(self) -> float:

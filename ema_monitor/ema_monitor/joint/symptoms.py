@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.baseline import SHARE_OF_SHOWN, Baseline
 from ema_monitor.joint.comparison import PLAY, TRACKING, FigureChange, Judgement, QuantityChange
 from ema_monitor.joint.figures import FIGURES, OF_EFFORT
 from ema_monitor.joint.record import JointRecord
@@ -21,8 +21,6 @@ _LAG_FLOOR: Final = 0.01
 _WIND_UP: Final = 2.0
 _VISIBLE: Final = 3.0
 _LIKE_MOTION: Final = 0.14
-_SHARE_OF_SHOWN: Final = 0.3
-"""Least prior median of a scatter over the scatter of the healthy records [-]."""
 _ERROR_OF_MOTION: Final = 2.0
 _NO_MOTOR_SIDE: Final = (
     "it needs the speed of the motor, the position of the joint and several reversals"
@@ -196,7 +194,7 @@ class SymptomComparer:
             if healthy and between is not None:
                 # The scatters considered end at some times the prior median.
                 shown = float(np.std([one.value for one in healthy]))
-                found[name] = scatter_of(healthy, max(between, _SHARE_OF_SHOWN * shown))
+                found[name] = scatter_of(healthy, max(between, SHARE_OF_SHOWN * shown))
         return found
 
 

@@ -62,6 +62,7 @@ class Joint:
     ripple: float = 0.0
     ripple_waves: float = 3.0
     resonance_hz: float = np.inf
+    load_share: float = 0.0
     torque: float = 1.0
     play: float = 0.0
     wind_up: float = 0.0
@@ -73,9 +74,10 @@ class Joint:
         of_resonance = (2.0 * np.pi * self.resonance_hz) ** -2.0
         v = motion.v + 2.0 * of_resonance * jerk
         dip = self.stribeck * np.exp(-((v / self.stribeck_speed) ** 2))
+        transmitted = self.inertia * motion.a + self.gravity * np.sin(motion.q)
         torque = (
             self.inertia * (motion.a + of_resonance * np.gradient(jerk, h))
-            + (self.coulomb + dip) * np.sign(v)
+            + (self.coulomb + dip + self.load_share * np.abs(transmitted)) * np.sign(v)
             + self.viscous * v
             + self.gravity * np.sin(motion.q)
             + self.ripple * np.sin(2.0 * np.pi * self.ripple_waves * motion.q)

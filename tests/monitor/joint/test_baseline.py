@@ -1,12 +1,16 @@
 """A baseline is extended by labelled records, and by healthy records that were not made yet."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.joint.shape import DRY, VISCOUS
 
-from .baselines import HEALTHY, baseline_of, record_of
+from .baselines import HEALTHY, USUAL_SPEED, baseline_of, record_of
 
 
 def test_record_is_labelled_with_its_state():
@@ -59,3 +63,47 @@ def test_more_days_beyond_several_lower_the_smallest_change_as_predicted(days, s
         reached.append(Comparer(more).smallest_changes[FRICTION])
     # What two days show varies by half, a mean of 12 by 15 %.
     assert np.mean(predicted) == pytest.approx(np.mean(reached), rel=0.25)
+
+
+def of_motion(speeds, travels):
+    """Return a baseline whose records have these speeds and travels."""
+    base = baseline_of(a_day=len(speeds) // 3)
+    records = zip(base.records, speeds, travels, strict=True)
+    return replace(
+        base, records=tuple(replace(one, usual_speed=v, travel=x) for one, v, x in records)
+    )
+
+
+def test_motion_that_repeats_is_told_from_one_that_is_alike_by_chance():
+    """A sweep that begins anywhere: its speeds scatter by 2 %, and within 5 % in most units."""
+    rng = np.random.default_rng(3)
+    repeated, by_chance = 0, 0
+    for _ in range(100):
+        speeds = np.exp(rng.standard_normal(9))
+        alike = USUAL_SPEED * speeds ** (0.006 / 1.0)
+        sweep = USUAL_SPEED * speeds**0.02
+        repeated += of_motion(alike, np.full(9, 2.0)).repeats
+        by_chance += of_motion(sweep, np.full(9, 2.0)).repeats
+    assert repeated >= 95
+    assert by_chance <= 10
+
+
+def test_another_pace_makes_friction_uncertain_by_the_share_of_the_inertia():
+    """Speed and travel are within the healthy ones, their ratio is not."""
+    speeds, travels = USUAL_SPEED * np.array([0.8, 1.0, 1.2] * 3), np.array([1.6, 2.0, 2.4] * 3)
+    base = of_motion(speeds, travels)
+    same = record_of(HEALTHY, usual_speed=USUAL_SPEED, travel=2.0)
+    fast = replace(same, usual_speed=1.2 * USUAL_SPEED, travel=1.6)
+    assert base.motion_errors(same).tolist() == [0.0] * 5
+    errors = base.motion_errors(fast)
+    inertial = base.healthy[1] * USUAL_SPEED * USUAL_SPEED / 2.0 / base.friction
+    for number in (DRY, VISCOUS):
+        expected = 0.05 * math.log(1.5) * inertial * base.scales[number]
+        assert errors[number] == pytest.approx(expected, rel=0.02)
+    heavy = replace(base, records=tuple(_heavy(one) for one in base.records))
+    assert heavy.motion_errors(fast)[DRY] > 9.0 * errors[DRY]
+
+
+def _heavy(record):
+    """Return a record of ten times the inertia."""
+    return replace(record, values=record.values * np.array([1.0, 10.0, 1.0, 1.0, 1.0]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ema_core.arrays import Array
-from ema_monitor.joint.baseline import Gap
+from ema_monitor.joint.baseline import BETWEEN_DAYS, Gap
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
     FRICTION,
@@ -152,7 +152,7 @@ def test_payload_that_varies_is_no_witness_of_torque_per_ampere(payload):
             for one in base.records
         )
         comparer = Comparer(replace(base, records=records))
-        values = changed(comparer.baseline.healthy, friction=1.08)
+        values = changed(comparer.baseline.healthy, friction=1.12)
         found = comparer.compare(record_of(_with_payload(values, payload)))
         assert FRICTION in names(found) | rivals(found), seed
         for one in found.changed:
@@ -268,7 +268,8 @@ def test_more_days_lower_the_smallest_change_as_predicted():
     predicted, reached = [], []
     for seed in range(8):
         one_day, three_days = (
-            Comparer(baseline_of(seed, days=days, scatter=0.008)) for days in (1, 3)
+            Comparer(baseline_of(seed, days=days, scatter=BETWEEN_DAYS["friction"]))
+            for days in (1, 3)
         )
         (improvement,) = one_day.improvements
         assert (improvement.days, improvement.records) == (2, 6)

@@ -7,6 +7,10 @@ import pytest
 
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
+from ema_monitor.joint.comparing import Comparer
+from ema_monitor.joint.comparison import FRICTION, FRICTION_OVER_INERTIA, Judgement
+from ema_monitor.joint.comparison import GRAVITY as GRAVITY_TORQUE
+from ema_monitor.joint.comparison import INERTIA as INERTIA_OF_JOINT
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.record import JointRecord, read_record
 from ema_monitor.joint.shape import DRY, GRAVITY, INERTIA, LOAD, VISCOUS
@@ -18,6 +22,7 @@ from .plant import (
     Sensors,
     described,
     healthy_telemetry,
+    places,
     ramps,
     telemetry_of,
     tones,
@@ -128,12 +133,15 @@ def test_record_that_is_given_twice_is_refused():
         learn([*records, records[1]], described(None, records[0].sample_period))
 
 
-@pytest.mark.parametrize("lag_s", [0.01, 0.02, 0.04])
-def test_lag_of_the_effort_is_found(lag_s):
+@pytest.mark.parametrize("motion", [tones(), places()], ids=["tones", "places"])
+@pytest.mark.parametrize("lag_s", [-0.03, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.12])
+def test_lag_of_the_effort_is_corrected(motion, lag_s):
     joint = Joint()
-    baseline = learned(joint, Sensors(lag_s=lag_s))
-    assert baseline.preparation.lag_s == pytest.approx(lag_s)
-    check(joint, baseline, rel=0.02)
+    baseline = learned(joint, Sensors(lag_s=lag_s), motion)
+    assert baseline.preparation.lag_s == pytest.approx(lag_s, abs=1e-3)
+    prompt, late = coefficients(learned(joint, motion=motion)), coefficients(baseline)
+    for name in ("coulomb", "inertia", "viscous"):
+        assert late[name] == pytest.approx(prompt[name], rel=0.01), name
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -230,3 +238,21 @@ def test_records_of_unknown_travel_are_the_same_by_their_stamps():
     assert not record.is_same(replace(record, stamp_ns=6))
     assert not record.is_same(replace(record, travel=2.0))
     assert replace(record, travel=2.0).is_same(replace(record, travel=2.0))
+
+
+@pytest.mark.parametrize("payload", [1.2, 1.4])
+def test_payload_is_no_friction_where_friction_rises_with_the_load(payload):
+    """Inertia and gravity grow by 20 % and more, and with them the friction of the load."""
+    joint = Joint(coulomb=1.0, gravity=4.0, inertia=0.4, load_share=0.08)
+    records = healthy_telemetry(joint, None, tones(), scatter=0.01, a_day=3)
+    described_joint = described(None, records[0].sample_period)
+    baseline = learn(records, described_joint)
+    assert baseline.shape.load_share > 0.02
+    heavy = joint.times(gravity=payload, inertia=payload)
+    telemetry = telemetry_of(heavy, tones(), Sensors(), day=30)
+    found = Comparer(baseline).compare(
+        read_record(telemetry, described_joint, baseline.preparation, baseline.shape)
+    )
+    named = {one.name for one in found.changed} - {FRICTION_OVER_INERTIA}
+    assert named == {GRAVITY_TORQUE, INERTIA_OF_JOINT}
+    assert found[FRICTION].judgement is not Judgement.CHANGED

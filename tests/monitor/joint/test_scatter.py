@@ -214,3 +214,20 @@ def test_normal_distribution_function_is_that_of_the_standard_library():
     for x in (-30.0, -5.0, -0.3, 0.0, 2.0):
         assert one.below(x) == pytest.approx(statistics.NormalDist().cdf(x), abs=1e-15)
     assert one.below(-30.0) > 0.0
+
+
+@pytest.mark.parametrize("ratio", [0.4, 1.0, 2.0, 4.0])
+def test_interval_holds_for_any_scatter_between_days(ratio):
+    """The days scatter by ``ratio`` times the median of the prior, and records by half of that."""
+    rng = np.random.default_rng(9)
+    day, error, held, count = ratio * BETWEEN, 0.002, 0, 300
+    numbers = [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    for _ in range(count):
+        values = day * rng.standard_normal(3)[numbers]
+        values += math.hypot(0.5 * day, error) * rng.standard_normal(9)
+        prediction = scatter(values, np.full(9, error**2), numbers).predict(error**2)
+        low, high = prediction.interval((0.05, 0.95))
+        later = math.hypot(math.hypot(day, 0.5 * day), error) * rng.standard_normal()
+        held += low <= later <= high
+    # The grid of scatters ends: it bounds very small ones from below. 300 draws: 1.7 %.
+    assert 0.85 < held / count < (0.96 if ratio >= 1.0 else 1.0)
