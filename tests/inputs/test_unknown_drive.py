@@ -159,16 +159,19 @@ def test_position_that_jumps_is_an_error(mapped):
 
 
 def test_position_that_is_homed_at_rest_is_an_error_once_motion_follows(mapped):
-    columns, stamps = moves()
-    columns["position"] = np.round(columns["position"] / 1e-4) * 1e-4
-    homed = np.concatenate([np.full(300, 0.7), columns["position"]])
-    times = START_NS + 5_000_000 * np.arange(len(homed))
-    at_rest = {"command": np.empty(0), "speed": np.empty(0), "current": np.zeros(len(homed))}
-    names = [
-        [item.name for item in find_defects(at_rest | {"position": homed}, times, mapped(), joint())]
-        for homed in (homed, np.concatenate([homed[:302], np.full(len(homed) - 302, homed[301])]))
-    ]
-    assert ["position_jumps" in item for item in names] == [True, False]
+    position = np.round(moves()[0]["position"] / 1e-4) * 1e-4
+    homed = np.concatenate([np.full(300, 0.7), position])
+    still = np.concatenate([homed[:302], np.full(len(homed) - 302, homed[301])])
+    stamps = START_NS + 5_000_000 * np.arange(len(homed))
+    for values, is_judged in ((homed, True), (still, False)):
+        columns = {
+            "command": np.empty(0),
+            "position": values,
+            "speed": np.empty(0),
+            "current": np.zeros(len(values)),
+        }
+        names = [item.name for item in find_defects(columns, stamps, mapped(), joint())]
+        assert ("position_jumps" in names) == is_judged
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 250.0, 1000.0])
