@@ -15,6 +15,7 @@ from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
@@ -81,5 +82,5 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     unit.add_defect("the description is impossible")
     estimate = replace(refusal(Refusal(5, 9, ""), "", SearchSettings(), ""), valid=True)
     for last, is_open in ((39, True), (40, False)):
-        unit.record(Diagnosed(3, last, FLAP, estimate), unknown_outlook("no test"), 0)
+        unit.record(Diagnosed(3, last, FLAP, estimate), unknown_outlook("no test"), Moment(0, 0))
         assert ("impossible" in unit_tasks(unit, 0)[0].message) == is_open
