@@ -1,7 +1,7 @@
 """Lag of the effort behind the motion in a record: where friction reverses, it shows."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -23,6 +23,8 @@ _SIGNIFICANT, _CERTAIN = 4.0, 12.0
 _NORMAL: Final = 1.4826
 _SOFT_SIGN: Final = 0.02
 _SLOW: Final = 0.05
+_ONE_WAY: Final = 0.95
+_LAG_GAIN: Final = 0.9
 _REACH: Final = 3.0
 _FEWEST: Final = 30.0
 _INDEPENDENT: Final = 3.0
@@ -66,40 +68,109 @@ def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
     curvature of the squared residual, with one independent residual for three standard deviations
     of the filter.
     """
-    step = fine.step_s
-    sigma = filter_sigma(preparation.cutoff_hz) / step
-    rough = smoothed(fine.position, sigma / 3.0)
-    speed = np.gradient(rough, step) if fine.speed is None else smoothed(fine.speed, sigma / 3.0)
-    usual = preparation.usual_speed
-    sign = np.clip(speed / (_SOFT_SIGN * usual), -1.0, 1.0)
-    position, sign, speed = smoothed(np.array([fine.position, sign, speed]), sigma)
-    angle = position - np.mean(position)
-    design = np.column_stack(
-        [np.gradient(speed, step), speed, sign, np.ones(len(sign)), np.sin(angle), np.cos(angle)]
-    )
-    rows = _rows(fine, speed, usual, sigma)
-    independent = np.count_nonzero(rows) / (_INDEPENDENT * sigma)
-    if independent < _FEWEST:
+    misfit = _Misfit(fine, preparation)
+    if not misfit.is_enough:
         return UNKNOWN_LAG
-    base, _ = np.linalg.qr(design[rows])
-    time = step * np.arange(len(sign))
+    least = _least(misfit, filter_sigma(preparation.cutoff_hz))
+    if least is None:
+        return UNKNOWN_LAG
+    lag, curvature, square = least
+    variance = 2.0 * max(square, _TINY) / (misfit.independent * curvature)
+    return EffortLag(lag, math.sqrt(variance))
 
-    def misfit(lag_s: float) -> float:
-        late = smoothed(np.interp(time + lag_s, time, fine.effort), sigma)[rows]
-        left = late - base @ (base.T @ late)
+
+def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
+    """Return the lag of the effort behind the motion that healthy records have in common [s].
+
+    It is the lag that explains the effort of all records best in steady motion, apart from the
+    reversals: play, and friction that does not follow the sign of the speed, shift it less there.
+    The lag of the preparation is returned unless the other reduces the misfit by 10 %.
+    """
+    misfits = [_Misfit(one, preparation, is_steady=True) for one in blocks]
+    misfits = [one for one in misfits if one.is_enough]
+    known = preparation.lag_s
+    if not misfits:
+        return known
+
+    def total(lag_s: float) -> float:
+        return sum(one(lag_s) for one in misfits)
+
+    least = _least(total, filter_sigma(preparation.cutoff_hz))
+    if least is None or total(least.lag_s) > _LAG_GAIN**2 * total(known):
+        return known
+    return least.lag_s
+
+
+class _Misfit:
+    """Squares that a model of inertia, friction and gravity leaves of the effort, by lag [s].
+
+    ``is_steady`` leaves out the reversals.
+    """
+
+    def __init__(self, fine: Fine, preparation: Preparation, *, is_steady: bool = False) -> None:
+        step = fine.step_s
+        sigma = filter_sigma(preparation.cutoff_hz) / step
+        rough = smoothed(fine.position, sigma / 3.0)
+        if fine.speed is None:
+            speed = np.gradient(rough, step)
+        else:
+            speed = smoothed(fine.speed, sigma / 3.0)
+        usual = preparation.usual_speed
+        sign = np.clip(speed / (_SOFT_SIGN * usual), -1.0, 1.0)
+        position, sign, speed = smoothed(np.array([fine.position, sign, speed]), sigma)
+        angle = position - np.mean(position)
+        constant = np.ones(len(sign))
+        acceleration = np.gradient(speed, step)
+        design = np.column_stack(
+            [acceleration, speed, sign, constant, np.sin(angle), np.cos(angle)]
+        )
+        self._rows = _rows(fine, speed, usual, sigma)
+        if is_steady:
+            self._rows &= np.abs(sign) > _ONE_WAY
+        self._base, _ = np.linalg.qr(design[self._rows])
+        self._time = step * np.arange(len(sign))
+        self._effort, self._sigma = fine.effort, sigma
+
+    @property
+    def independent(self) -> float:
+        """Number of independent rows."""
+        return float(np.count_nonzero(self._rows)) / (_INDEPENDENT * self._sigma)
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether the rows are enough to measure a lag."""
+        return self.independent >= _FEWEST
+
+    def __call__(self, lag_s: float) -> float:
+        effort = np.interp(self._time + lag_s, self._time, self._effort)
+        late = smoothed(effort, self._sigma)[self._rows]
+        left = late - self._base @ (self._base.T @ late)
         return float(left @ left)
 
-    coarse, width = (share * sigma * step for share in (_COARSE, _NARROW))
+
+class _Least(NamedTuple):
+    """Lag of the least misfit [s], curvature of the misfit there, and the misfit."""
+
+    lag_s: float
+    curvature: float
+    square: float
+
+
+def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
+    """Return the least misfit; None if no lag within ``LONGEST_LAG_S`` is the best.
+
+    ``sigma_s`` is the standard deviation of the filter [s].
+    """
+    coarse, width = _COARSE * sigma_s, _NARROW * sigma_s
     count = math.ceil(LONGEST_LAG_S / coarse)
     near = min((coarse * i for i in range(-count, count + 1)), key=misfit)
     lags = near + width * np.arange(-5.0, 6.0)
     squares = np.array([misfit(lag) for lag in lags])
     best = int(np.argmin(squares))
     if abs(near) >= coarse * count or best in (0, len(lags) - 1):
-        return UNKNOWN_LAG
-    curvature, slope, least = _parabola(squares[best - 1 : best + 2], width)
-    lag = float(lags[best]) - slope / curvature
-    return EffortLag(lag, math.sqrt(2.0 * max(least, _TINY) / (independent * curvature)))
+        return None
+    curvature, slope, square = _parabola(squares[best - 1 : best + 2], width)
+    return _Least(float(lags[best]) - slope / curvature, curvature, square)
 
 
 def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -> EffortLag:
@@ -140,7 +211,7 @@ def aligned(fine: Fine, lag: EffortLag) -> Fine:
 def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
     """Return curvature and slope at the middle of three values, and the minimum."""
     before, middle, after = squares.tolist()
-    curvature = max((before - 2.0 * middle + after) / width**2, _TINY)
+    curvature = max((before - 2.0 * middle + after) / width**2, _TINY * middle / width**2)
     slope = (after - before) / (2.0 * width)
     return curvature, slope, middle - 0.5 * slope**2 / curvature
 

@@ -29,6 +29,9 @@ FEWEST_REVERSING: Final = 2
 SLOWEST, FASTEST = 0.5, 1.6
 """Range of the speed of a record, over that of the healthy records [-]."""
 
+_CONSTANT: Final = 1e-9
+"""Range of a constant effort after the filter, over its size: rounding errors [-]."""
+
 
 @dataclass(frozen=True)
 class JointRecord:
@@ -104,6 +107,12 @@ def defect_of(signals: Signals, preparation: Preparation) -> str:
         return (
             f"{len(signals)} rows of steady motion in one direction, at least {FEWEST_ROWS} are "
             "needed: give longer motion"
+        )
+    if np.ptp(signals.effort) <= _CONSTANT * np.max(np.abs(signals.effort)):
+        return (
+            f"the effort is {np.mean(signals.effort):.3g} throughout, although the joint moves: "
+            "expected an effort that follows the motion; look for a failed sensor, or a wrong "
+            "column in the mapping"
         )
     for way, name in ((1, "forward"), (-1, "backward")):
         if (strokes := signals.strokes(way)) < FEWEST_REVERSING:

@@ -1,5 +1,6 @@
 """Robust linear regression, with a covariance that holds for rows correlated within strokes."""
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -40,13 +41,13 @@ def robust_fit(design: Array, target: Array, prior: Prior) -> Robust:
     """Fit ``target``, ``(n,)``, by the columns of ``design``, ``(n, p)``, with Huber's weights."""
     precision = np.diag(prior.sigmas**-2.0)
     weights, noise = np.ones(len(target)), float(np.var(target))
-    values = prior.values
+    values, square = prior.values, _square(target)
     for step in range(_PASSES):
         if step:
             left = target - design @ values
-            scale = _NORMAL * float(np.median(np.abs(left))) + _TINY
+            scale = _NORMAL * float(np.median(np.abs(left))) + _TINY * math.sqrt(square)
             weights = 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale))
-            noise = max(_TINY, float(weights @ left**2) / len(left))
+            noise = max(_TINY * square, float(weights @ left**2) / len(left))
         matrix = design.T @ (weights[:, None] * design) + noise * precision
         moment = design.T @ (weights * target) + noise * (precision @ prior.values)
         values = np.asarray(np.linalg.solve(matrix, moment), dtype=np.float64)
@@ -74,7 +75,7 @@ def regress(design: Array, target: Array, clusters: NDArray[np.intp], prior: Pri
     values, weights, residuals = robust_fit(design, target, prior)
     n, p = design.shape
     precision = np.diag(prior.sigmas**-2.0)
-    noise = float(weights @ residuals**2) / max(1, n - p) + _TINY**2
+    noise = float(weights @ residuals**2) / max(1, n - p) + _TINY**2 * _square(target)
     information = design.T @ (weights[:, None] * design) + noise * precision
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
     _, groups = np.unique(clusters, return_inverse=True)
@@ -83,6 +84,11 @@ def regress(design: Array, target: Array, clusters: NDArray[np.intp], prior: Pri
     sums = np.stack([np.bincount(groups, column, count) for column in scores.T], axis=1)
     inner = sums.T @ sums * (count / max(1, count - p)) + noise**2 * precision
     return Regression(values, _at_least(bread @ inner @ bread, noise * bread), residuals)
+
+
+def _square(target: Array) -> float:
+    """Return the mean square that rounding errors are compared with, in any unit of the target."""
+    return float(np.mean(target**2)) or 1.0
 
 
 def _at_least(covariance: Array, floor: Array) -> Array:

@@ -146,13 +146,14 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
         None, zeros and ones.
     """
     design = np.column_stack([shape.design(signals), signals.free])
-    effort = float(np.sqrt(np.mean(signals.effort**2))) + _TINY
-    scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     if healthy is None:
         healthy = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
     terms = signals.free.shape[1]
     used = np.concatenate([shape.used, np.ones(terms, dtype=bool)])
     values = np.concatenate([healthy, np.zeros(terms)])
+    # A record without effort must not agree with the healthy records because its prior is narrow.
+    effort = max(_rms(signals.effort), _rms(design @ values))
+    scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     prior = Prior(values[used], _FREE * scales[used])
     found = regress(design[:, used], signals.effort, signals.stroke, prior)
     covariance = np.zeros((len(used), len(used)))
@@ -160,6 +161,10 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     covariance[np.ix_(used, used)] = found.covariance
     n = len(COEFFICIENTS)
     return RecordFit(values[:n], covariance[:n, :n], found.residuals, values[n:])
+
+
+def _rms(column: Array) -> float:
+    return math.sqrt(float(np.mean(column**2)))
 
 
 class _Terms(NamedTuple):
@@ -311,7 +316,8 @@ def _error(records: Sequence[_Record], terms: _Terms, centre: float) -> float:
             return math.inf
         for fitted, rest in record.halves:
             missed = rest.effort - fit_record(shape, fitted).predict(shape, rest)
-            logs.append(math.log(float(np.mean(missed**2)) + _TINY))
+            floor = _TINY * _rms(rest.effort) ** 2
+            logs.append(math.log(float(np.mean(missed**2)) + floor))
     return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
 
 
@@ -342,7 +348,7 @@ def _pooled(
     design = np.concatenate(designs)
     target = np.concatenate([one.effort for one in records])
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
-    fit = robust_fit(design, target, Prior(np.zeros(len(scales)), _OPEN * scales + _TINY))
+    fit = robust_fit(design, target, Prior(np.zeros(len(scales)), _OPEN * scales))
     values = fit.values.tolist()
     coulomb = values.pop(0)
     dip = values.pop(0) if terms.stribeck is not None else 0.0

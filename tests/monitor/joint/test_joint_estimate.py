@@ -424,6 +424,58 @@ def test_factor_of_the_effort_is_named(plain, factor, words):
     assert float(ratio) == pytest.approx(factor, rel=0.1)
 
 
+def with_effort(found: Window, current: np.ndarray) -> Window:
+    return replace(found, telemetry=replace(found.telemetry, current=current))
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3, -7.0, 1e4])
+@pytest.mark.parametrize("h", [0.01, 0.02])
+def test_constant_effort_is_refused_as_a_failed_sensor(plain, value, h):
+    found = measured(PLAIN, motion=tones(h=h))
+    dead = with_effort(found, np.full(len(found.telemetry), value))
+    refused = identify_record(dead, described(), plain)
+    assert refused.verdict == REFUSED
+    assert "throughout, although the joint moves" in refused.reason
+    assert "failed sensor" in refused.reason
+    assert refused.comparison is not None
+    assert not refused.comparison.judged
+
+
+def test_constant_effort_is_no_healthy_record():
+    windows = list(map(window, healthy_telemetry(PLAIN)))
+    dead = with_effort(windows[4], np.zeros(len(windows[4].telemetry)))
+    calibration = calibrate_joint([*windows[:4], dead, *windows[5:]], described())
+    assert calibration.windows == len(windows) - 1
+    with pytest.raises(ValueError, match="failed sensor"):
+        calibrate_joint([dead], described())
+
+
+def test_noise_alone_is_no_healthy_effort(plain):
+    found = measured(PLAIN)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(found.telemetry))
+    refused = identify_record(with_effort(found, noise), described(), plain)
+    assert refused.verdict == REFUSED
+    assert "failed sensor" in refused.reason
+
+
+@pytest.mark.parametrize("scale", [1e-7, 1e-4, 1e5])
+def test_changes_do_not_depend_on_the_unit_of_the_effort(plain, scale):
+    windows = list(map(window, healthy_telemetry(PLAIN)))
+    scaled = [with_effort(one, scale * one.telemetry.current) for one in windows]
+    calibration = calibrate_joint(scaled, described())
+    worn = measured(PLAIN.times(coulomb=1.3))
+    expected = identify_record(worn, described(), plain).comparison
+    actual = identify_record(
+        with_effort(worn, scale * worn.telemetry.current), described(), calibration
+    ).comparison
+    assert expected is not None
+    assert actual is not None
+    assert [one.name for one in actual.changed] == [one.name for one in expected.changed]
+    for name in (of.FRICTION, of.INERTIA, of.VISCOUS):
+        ends = [(one.low, one.change, one.high) for one in (actual[name], expected[name])]
+        np.testing.assert_allclose(ends[0], ends[1], atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("factor", "words"),
     [
