@@ -10,9 +10,13 @@ _IMPROVES: Final = 0.5
 
 
 def with_elasticity(
-    preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
+    stiff: Preparation,
+    elastic: Preparation,
+    prepared: Callable[[Preparation], list[Signals]],
+    *,
+    is_linear: bool,
 ) -> Preparation:
-    """Return the preparation, with jerk and snap if they predict the effort.
+    """Return the preparation with jerk and snap if they predict the effort, else the one without.
 
     The effort of a motor that turns a load through a spring depends on jerk and snap. They are
     admitted if they halve the error in every other stroke, to which they were not fitted, in the
@@ -21,15 +25,12 @@ def with_elasticity(
 
     Parameters
     ----------
-    preparation
-        How the records are prepared without jerk and snap.
+    stiff, elastic
+        How the records are prepared without and with jerk and snap.
     prepared
         Returns the healthy records by a preparation.
     is_linear
         Whether the joint is linear, so that no gravity follows its angle.
     """
-    elastic = preparation._replace(is_elastic=True)
-    before, after = (
-        held_out_error(prepared(one), is_linear=is_linear) for one in (preparation, elastic)
-    )
-    return elastic if after < _IMPROVES * before else preparation
+    before, after = (held_out_error(prepared(one), is_linear=is_linear) for one in (stiff, elastic))
+    return elastic if after < _IMPROVES * before else stiff

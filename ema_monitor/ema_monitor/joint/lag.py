@@ -84,7 +84,8 @@ def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
 
     It is the lag that explains the effort of all records best in steady motion, apart from the
     reversals: play, and friction that does not follow the sign of the speed, shift it less there.
-    The lag of the preparation is returned unless the other reduces the misfit by 10 %.
+    Jerk and snap are part of the model if the preparation has them. The lag of the preparation is
+    returned unless the measured lag reduces the misfit by 10 %.
     """
     misfits = [_Misfit(one, preparation, is_steady=True) for one in blocks]
     misfits = [one for one in misfits if one.is_enough]
@@ -104,7 +105,8 @@ def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
 class _Misfit:
     """Squares that a model of inertia, friction and gravity leaves of the effort, by lag [s].
 
-    ``is_steady`` leaves out the reversals.
+    ``is_steady`` leaves out the reversals. The model then has jerk and snap if the preparation has
+    them.
     """
 
     def __init__(self, fine: Fine, preparation: Preparation, *, is_steady: bool = False) -> None:
@@ -127,6 +129,9 @@ class _Misfit:
         self._rows = _rows(fine, speed, usual, sigma)
         if is_steady:
             self._rows &= np.abs(sign) > _ONE_WAY
+            if preparation.is_elastic:
+                jerk = np.gradient(acceleration, step)
+                design = np.column_stack([design, jerk, np.gradient(jerk, step)])
         self._base, _ = np.linalg.qr(design[self._rows])
         self._time = step * np.arange(len(sign))
         self._effort, self._sigma = fine.effort, sigma

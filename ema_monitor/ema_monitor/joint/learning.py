@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -10,12 +9,11 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.elasticity import with_elasticity
-from ema_monitor.joint.lag import aligned, effort_lag, with_shift
+from ema_monitor.joint.lag import aligned, common_lag, effort_lag, with_shift
 from ema_monitor.joint.record import defect_of, read_record
 from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import choose_shape
 from ema_monitor.joint.signals import (
-    Fine,
     Preparation,
     Signals,
     block_means,
@@ -25,10 +23,6 @@ from ema_monitor.joint.signals import (
     motion_band,
     usual_speed,
 )
-
-_LAG_GAIN: Final = 0.9
-_LAGS_S: Final = (-0.02, -0.01, 0.005, 0.01, 0.02, 0.04, 0.08)
-_LAG_SAMPLES: Final = (-1.0, -0.5, 0.5, 1.0, 1.5, 2.0)
 
 
 def learn(
@@ -64,13 +58,22 @@ def learn(
     if not usual > 0.0:
         raise ValueError("no motion: the position never changes in the healthy records")
     preparation = Preparation(cutoff, known_lag(description), usual)
-    preparation = _with_lag(preparation, blocks, period)
+    some = blocks[:: max(1, len(blocks) // 4)]
+    stiff, elastic = (
+        one._replace(lag_s=common_lag(some, one))
+        for one in (preparation, preparation._replace(is_elastic=True))
+    )
     lags = [effort_lag(one, preparation) for one in blocks]
     lags = [with_shift(one, lags, cutoff) for one in lags]
     lags = [one if one.is_certain else one.unshifted for one in lags]
     blocks = [aligned(one, lag) for one, lag in zip(blocks, lags, strict=True)]
     signals = [filtered(one, preparation) for one in blocks]
-    usable = [number for number, one in enumerate(signals) if not defect_of(one, preparation)]
+    usable = [
+        number
+        for number, one in enumerate(signals)
+        if records[number].sample_period <= preparation.highest_period
+        and not defect_of(one, preparation)
+    ]
     if not usable:
         raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
     is_linear = bool(description.parameters.lead)
@@ -78,7 +81,7 @@ def learn(
     def prepared(wanted: Preparation) -> list[Signals]:
         return [filtered(blocks[number], wanted) for number in usable]
 
-    preparation = with_elasticity(preparation, prepared, is_linear=is_linear)
+    preparation = with_elasticity(stiff, elastic, prepared, is_linear=is_linear)
     preparation, chosen = with_ripples(preparation, prepared, is_linear=is_linear)
     shape = choose_shape(chosen, is_linear=is_linear)
     found = [
@@ -90,7 +93,7 @@ def learn(
             temperature=temperatures[number] if temperatures else math.nan,
             prepared=(blocks[number], rows),
             effort_lag=lags[number],
-        )
+        ).at_rate(records[number].sample_period, period)
         for number, rows in zip(usable, chosen, strict=True)
     ]
     return Baseline(preparation, shape, tuple(found))
@@ -105,40 +108,3 @@ def _require_different(records: Sequence[Telemetry]) -> None:
                 raise ValueError(
                     f"healthy records {before + 1} and {number + 1} are the same: give each once"
                 )
-
-
-def _with_lag(preparation: Preparation, blocks: Sequence[Fine], period: float) -> Preparation:
-    """Return the preparation with the lag of the effort, if one explains the effort clearly."""
-    base = preparation.lag_s
-    lags = sorted(
-        {base, *(base + one * period for one in _LAG_SAMPLES), *(base + s for s in _LAGS_S)}
-    )
-    some = blocks[:: max(1, len(blocks) // 4)]
-    errors = {lag: _misfit(some, preparation._replace(lag_s=lag)) for lag in lags}
-    best = min(errors, key=lambda lag: errors[lag])
-    if best in (lags[0], lags[-1]) or errors[best] > _LAG_GAIN * errors[base]:
-        return preparation
-    return preparation._replace(lag_s=best)
-
-
-def _misfit(blocks: Sequence[Fine], preparation: Preparation) -> float:
-    """Return what a model of friction, inertia and gravity misses of the effort, rms [A]."""
-    total, count = 0.0, 0
-    for one in blocks:
-        signals: Signals = filtered(one, preparation)
-        if len(signals) < 30:
-            continue
-        angle = signals.position - np.mean(signals.position)
-        design = np.column_stack(
-            [
-                signals.acceleration,
-                signals.speed,
-                signals.direction,
-                np.ones(len(signals)),
-                np.sin(angle),
-                np.cos(angle),
-            ]
-        )
-        left = signals.effort - design @ np.linalg.lstsq(design, signals.effort, rcond=None)[0]
-        total, count = total + float(left @ left), count + len(left)
-    return math.sqrt(total / count) if count else math.inf

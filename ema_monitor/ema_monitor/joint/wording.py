@@ -40,6 +40,7 @@ _GAPS: Final = {
 
 _EFFORT: Final = frozenset({FRICTION, TORQUE})
 _WHOLE_PERCENT: Final = 10.0
+_LARGE_LAG_S: Final = 0.02
 _WHOLE_SIGNED_PERCENT: Final = 100.0
 
 
@@ -334,7 +335,19 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
             f"{_count(item.records, 'further healthy record')}{days} would lower this to "
             f"{_percent(item.smallest_change)}"
         )
-    return sentences + [_GAPS[gap] for gap in comparer.baseline.gaps]
+    sentences += [_GAPS[gap] for gap in comparer.baseline.gaps]
+    return sentences + _lag_sentences(comparer.baseline.preparation.lag_s)
+
+
+def _lag_sentences(lag_s: float) -> list[str]:
+    """Return the remark on a large lag of the effort behind the motion [s]."""
+    if abs(lag_s) < _LARGE_LAG_S:
+        return []
+    way = "later" if lag_s > 0.0 else "earlier"
+    return [
+        f"the effort is {1e3 * abs(lag_s):.0f} ms {way} than the motion, which is corrected: check "
+        "the filters and clocks of effort and position"
+    ]
 
 
 def _percent(share: float) -> str:

@@ -14,6 +14,7 @@ from ema_monitor.joint.comparison import INERTIA as INERTIA_OF_JOINT
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.record import JointRecord, read_record
 from ema_monitor.joint.shape import DRY, GRAVITY, INERTIA, LOAD, VISCOUS
+from ema_monitor.joint.wording import baseline_sentences
 
 from .plant import (
     EXACT,
@@ -138,10 +139,20 @@ def test_record_that_is_given_twice_is_refused():
 def test_lag_of_the_effort_is_corrected(motion, lag_s):
     joint = Joint()
     baseline = learned(joint, Sensors(lag_s=lag_s), motion)
-    assert baseline.preparation.lag_s == pytest.approx(lag_s, abs=1e-3)
+    assert baseline.preparation.lag_s == pytest.approx(lag_s, abs=2e-3)
     prompt, late = coefficients(learned(joint, motion=motion)), coefficients(baseline)
     for name in ("coulomb", "inertia", "viscous"):
         assert late[name] == pytest.approx(prompt[name], rel=0.01), name
+
+
+@pytest.mark.parametrize("lag_s", [-0.06, 0.0, 0.06])
+def test_calibration_remarks_a_large_lag(lag_s):
+    baseline = learned(sensors=Sensors(lag_s=lag_s))
+    remarks = [one for one in baseline_sentences(Comparer(baseline)) if "than the motion" in one]
+    way = "later" if lag_s > 0.0 else "earlier"
+    size = abs(1e3 * baseline.preparation.lag_s)
+    expected = f"the effort is {size:.0f} ms {way} than the motion, which is corrected"
+    assert [one.split(":")[0] for one in remarks] == ([expected] if lag_s else [])
 
 
 @pytest.mark.parametrize("seed", range(5))
