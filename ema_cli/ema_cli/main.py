@@ -14,7 +14,7 @@ _COMMANDS: Final = {
     "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
     "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands "
     "read.",
-    "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
+    "calibrate": "Calibrate on the windows or records in BAGS of one healthy actuator.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
     "label": "Add tests of a unit in a known state, one in each of BAGS, to its CALIBRATION.",

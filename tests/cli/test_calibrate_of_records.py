@@ -1,9 +1,11 @@
 """``ema calibrate`` of records, one of which is not healthy."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.monitor.joint.plant import Joint, Sensors, healthy_telemetry, telemetry_of, tones
 
 from ema_core.telemetry import Telemetry
@@ -20,8 +22,12 @@ ACTUATOR = "actuator_id: joint\nserial_number: J1\nsample_period: 0.01\ndrive: u
 def write(telemetry: Telemetry, path: Path) -> Path:
     seconds = 1e-9 * telemetry.stamp_ns + telemetry.sample_period * np.arange(len(telemetry))
     columns = (seconds, telemetry.position, telemetry.command, telemetry.current)
+    return write_rows(np.column_stack(columns), path)
+
+
+def write_rows(rows: NDArray[np.float64], path: Path) -> Path:
     header = "time_s,position,command,current"
-    np.savetxt(path, np.column_stack(columns), "%.6f", ",", header=header, comments="")
+    np.savetxt(path, rows, "%.6f", ",", header=header, comments="")
     return path
 
 
@@ -68,3 +74,73 @@ def test_record_that_cannot_be_used_is_named_with_the_reason(ema, folder: Path, 
     assert result.exit_code == 0
     assert f"warning: {folder / 'slow.csv'} is not used: the speed is 0.3" in result.stderr
     assert "from 6 records on 2 days:" in result.stdout
+
+
+@pytest.fixture(scope="module")
+def undated(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same records, the worn one as the third, all of which begin at time 0."""
+    path = tmp_path_factory.mktemp("undated")
+    for name in ("mapping.yaml", "actuator.yaml"):
+        (path / name).write_text((folder / name).read_text())
+    for number, source in enumerate((0, 1, 6, 2, 3, 4)):
+        rows = np.loadtxt(folder / f"healthy_{source}.csv", delimiter=",", skiprows=1)
+        rows[:, 0] -= rows[0, 0]
+        write_rows(rows, path / f"healthy_{number}.csv")
+    return path
+
+
+def test_file_without_a_date_is_named_where_it_differs_or_is_unused(ema, undated: Path):
+    moved = telemetry_of(Joint(), tones(speed=0.3), Sensors(), seed=5)
+    slow = write(replace(moved, stamp_ns=0), undated / "a_slow.csv")
+    bags = [slow, *sorted(undated.glob("healthy_*.csv"))]
+    result = ema("calibrate", *bags, "-o", undated / "all.yaml")
+    assert result.exit_code == 0, result.stderr
+    warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
+    assert len(warnings) == 2
+    assert warnings[0].startswith(f"warning: {slow} is not used: the speed is 0.3")
+    assert warnings[1].startswith(f"warning: {undated / 'healthy_2.csv'} differs from the other ")
+    assert "from 6 records without a date, 1 of them unlike the others" in result.stdout
+
+
+def test_time_since_the_start_of_a_clock_is_no_date(ema, undated: Path, tmp_path: Path):
+    for name in ("mapping.yaml", "actuator.yaml"):
+        (tmp_path / name).write_text((undated / name).read_text())
+    for number in range(2):
+        rows = np.loadtxt(undated / f"healthy_{number}.csv", delimiter=",", skiprows=1)
+        rows[:, 0] += 5 * 86_400.0 + 600.0 * number
+        write_rows(rows, tmp_path / f"healthy_{number}.csv")
+    result = ema("calibrate", *sorted(tmp_path.glob("*.csv")), "-o", tmp_path / "all.yaml")
+    assert result.exit_code == 0
+    assert "from 2 records without a date" in result.stdout
+    assert "healthy records have no date" in result.stdout
+
+
+@pytest.mark.parametrize("slower", [1.025, 1.25])
+def test_records_of_somewhat_different_rates_are_calibrated_together(
+    ema, undated: Path, tmp_path: Path, slower: float
+):
+    for name in ("mapping.yaml", "actuator.yaml"):
+        (tmp_path / name).write_text((undated / name).read_text())
+    for number in range(3):
+        rows = np.loadtxt(undated / f"healthy_{number}.csv", delimiter=",", skiprows=1)
+        rows[:, 0] *= slower if number == 2 else 1.0
+        write_rows(rows, tmp_path / f"healthy_{number}.csv")
+    result = ema("calibrate", *sorted(tmp_path.glob("*.csv")), "-o", tmp_path / "all.yaml")
+    assert result.exit_code == 0, result.stderr
+    assert "from 3 records" in result.stdout
+
+
+def test_files_of_different_actuators_are_refused_with_the_fields_that_differ(
+    ema, undated: Path, tmp_path: Path
+):
+    for number, text in enumerate((ACTUATOR, ACTUATOR.replace("J1", "J2"))):
+        place = tmp_path / str(number)
+        place.mkdir()
+        (place / "actuator.yaml").write_text(text)
+        (place / "mapping.yaml").write_text(MAPPING)
+        rows = np.loadtxt(undated / f"healthy_{number}.csv", delimiter=",", skiprows=1)
+        write_rows(rows, place / "healthy.csv")
+    bags = [tmp_path / str(number) / "healthy.csv" for number in range(2)]
+    result = ema("calibrate", *bags, "-o", tmp_path / "all.yaml")
+    assert result.exit_code != 0
+    assert f"serial_number J1 in {bags[0]}, J2 in {bags[1]}" in result.stderr

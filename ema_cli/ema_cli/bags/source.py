@@ -217,7 +217,7 @@ def _choose_description(
     if not recorded:
         return given, ""
     # Those of the actuator as it was described last: that is how it is reported.
-    differences = "; ".join(_differences(recorded[-1], given))
+    differences = "; ".join(differing(recorded[-1], given, "the bag", "the file"))
     if not differences:
         return None, ""
     if accept:
@@ -229,16 +229,19 @@ def _choose_description(
     )
 
 
-def _differences(recorded: Any, given: Any) -> Iterator[str]:
-    """Yield name, recorded value, given value and unit of every field that differs."""
-    for field in fields(recorded):
-        there, here = getattr(recorded, field.name), getattr(given, field.name)
-        if field.name == "parameters":
-            yield from _differences(there, here)
+def differing(one: Any, other: Any, in_one: str, in_other: str) -> Iterator[str]:
+    """Yield name, unit and both values of every field that differs between descriptions."""
+    for field in fields(one):
+        there, here = getattr(one, field.name), getattr(other, field.name)
+        if field.name in ("parameters", "acquisition"):
+            yield from differing(there, here, in_one, in_other)
         elif there != here:
             unit = field.metadata.get("unit", "s" if field.name == "sample_period" else "-")
             unit = "" if unit == "-" else f" {unit}"
-            yield f"{field.name} {_value(there)}{unit} in the bag, {_value(here)}{unit} in the file"
+            yield (
+                f"{field.name} {_value(there)}{unit} in {in_one}, {_value(here)}{unit} in "
+                f"{in_other}"
+            )
 
 
 def _value(value: Any) -> str:

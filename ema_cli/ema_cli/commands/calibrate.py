@@ -1,17 +1,20 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from ema_bags.windows import RecordedWindow, WindowsOnDemand
-from ema_cli.bags.source import MEASURED_OPTION, Source, identifiable_windows
+from ema_cli.bags.source import MEASURED_OPTION, Source, differing, identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.show.progress import progress_bar
+from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_monitor import calibrations
 from ema_monitor.calibration.joint_calibration import JointCalibration
@@ -39,7 +42,7 @@ _ENOUGH_WINDOWS = 5
 def calibrate(
     bags: tuple[Path, ...], given: Source, overwrite: bool, output: Path, accepted_by: str
 ) -> None:
-    """Average the windows in BAGS of one healthy actuator into a calibration.
+    """Calibrate on the windows or records in BAGS of one healthy actuator.
 
     A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,
     is taken for known within its sigma. What the windows did not show is named at the end.
@@ -52,20 +55,16 @@ def calibrate(
     read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
     require_free(output, read, overwrite=overwrite)
     descriptions, windows = [], []
-    names: dict[int, str] = {}
+    names: list[str] = []
     for bag in bags:
         found = identifiable_windows(bag, given)
         for item in found.windows:
             if isinstance(item.place, Refusal):
                 click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
         windows += found.windows
-        names |= _names(bag, found.windows)
+        names += _names(bag, found.windows)
         descriptions.append(found.description)
-        if found.description != descriptions[0]:
-            raise ValueError(
-                f"{bag} is of another actuator ({found.description.serial_number}) than "
-                f"{bags[0]} ({descriptions[0].serial_number}), or described otherwise"
-            )
+        _require_same(bags[0], descriptions[0], bag, found.description)
         if found.simulated_faults:
             words = f"{bag} records simulated faults: the unit is not healthy"
             if not given.accept_defects:
@@ -86,8 +85,7 @@ def calibrate(
     click.echo(f"{output}: {calibration}")
     if isinstance(calibration, JointCalibration):
         click.echo("\n".join(baseline_sentences(calibration.comparer)))
-        remarks = [f"{names[one.stamp_ns]} {one.remark}" for one in calibration.outliers]
-        for remark in [*_unused(windows, names, calibration), *remarks]:
+        for remark in _remarks(windows, names, calibration):
             click.echo(f"warning: {remark}", err=True)
     elif calibration.windows < _ENOUGH_WINDOWS:
         windows = counted(calibration.windows, "window")
@@ -98,24 +96,49 @@ def calibrate(
         )
 
 
-def _names(bag: Path, windows: Sequence[RecordedWindow]) -> dict[int, str]:
-    """Return the name of each window by its stamp: the bag, and the number in a bag of several."""
+def _require_same(
+    first: Path, expected: ActuatorDescription, bag: Path, described: ActuatorDescription
+) -> None:
+    """Raise ``ValueError`` if bags are of different actuators; it names what differs.
+
+    Records of an unknown drive may differ in rate: each is filtered to the same band.
+    """
+    same = described
+    if expected.drive == described.drive == "unknown":
+        same = replace(described, sample_period=expected.sample_period)
+    if differences := "; ".join(differing(expected, same, str(first), str(bag))):
+        raise ValueError(
+            f"{bag} and {first} are not of the same actuator: {differences}. Calibrate on files of "
+            "one actuator, with one description"
+        )
+
+
+def _names(bag: Path, windows: Sequence[RecordedWindow]) -> list[str]:
+    """Return the name of each window: the bag, and the number in a bag of several."""
     several = len(windows) > 1
-    return {
-        item.start_ns: f"record {item.number} of {bag}" if several else str(bag) for item in windows
-    }
+    return [f"record {item.number} of {bag}" if several else str(bag) for item in windows]
 
 
-def _unused(
-    windows: Sequence[RecordedWindow], names: Mapping[int, str], calibration: JointCalibration
+def _remarks(
+    windows: Sequence[RecordedWindow], names: Sequence[str], calibration: JointCalibration
 ) -> Iterator[str]:
-    """Yield which records are not part of the calibration, and why."""
-    used = {one.stamp_ns for one in calibration.baseline.records}
-    for item in windows:
-        if item.start_ns not in used and isinstance(window := item.window, Window):
+    """Yield which records are not part of the calibration, and which differ from the others."""
+    used: list[str] = []
+    stamps = Counter(item.start_ns for item in windows)
+    of_records = {one.stamp_ns for one in calibration.baseline.records}
+    for item, name in zip(windows, names, strict=True):
+        # Files without dates have the same stamps.
+        if item.start_ns in of_records and stamps[item.start_ns] == 1:
+            used.append(name)
+        elif isinstance(window := item.window, Window):
             reason = comparable_record(window, item.description, calibration)
             if isinstance(reason, str):
-                yield f"{names[item.start_ns]} is not used: {reason}"
+                yield f"{name} is not used: {reason}"
+            else:
+                used.append(name)
+    is_known = len(used) == calibration.windows
+    for outlier in calibration.outliers:
+        yield f"{used[outlier.number]} {outlier.remark}" if is_known else str(outlier)
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:

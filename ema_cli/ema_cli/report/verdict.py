@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 from ema_cli.bags.unit_course import Course
 from ema_cli.show.prognosis_table import WIDENED, advice_in_words
 from ema_core.causes import CAUSE_BY_NAME, Place
+from ema_core.dates import has_date
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
@@ -32,7 +33,6 @@ from ema_monitor.prognosis.sentences import (
     shown_in,
 )
 
-_FIRST_DATE_NS: Final = 10 * 365 * 86_400_000_000_000
 _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"}
 
 
@@ -69,7 +69,7 @@ def moment(stamp_ns: int) -> str:
     """Return a stamp as date and time, or since time 0 where it is no date."""
     if stamp_ns < 86_400 * 10**9:
         return f"{stamp_ns * 1e-9:,.2f} s"
-    if stamp_ns < _FIRST_DATE_NS:
+    if not has_date(stamp_ns):
         return str(timedelta(seconds=stamp_ns // 10**9))
     return f"{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
+from ema_core.dates import has_date
 from ema_core.description import ActuatorDescription
 from ema_core.linear import Shown
 from ema_core.parameters import ActuatorParameters
@@ -32,12 +33,18 @@ _UNITS: Final = {"A": ("rad", "A.s^2/rad"), "N.m": ("rad", "kg.m^2"), "N": ("m",
 
 
 class OutlyingRecord(NamedTuple):
-    """A healthy record that differs from the others: its stamp [ns], and in what."""
+    """A healthy record that differs from the others: its stamp [ns], in what, and its place.
+
+    ``number`` is the place among the healthy records of the baseline, from 0.
+    """
 
     stamp_ns: int
     finding: str
+    number: int
 
     def __str__(self) -> str:
+        if not has_date(self.stamp_ns):
+            return f"healthy record {self.number + 1} {self.remark}"
         time = datetime.fromtimestamp(self.stamp_ns // 1_000_000_000, UTC)
         return f"the record of {time:%Y-%m-%d %H:%M:%S} UTC {self.remark}"
 
@@ -123,11 +130,12 @@ class JointCalibration(StoredCalibration):
         return ()
 
     def __str__(self) -> str:
-        days = counted(len(set(self.baseline.days)), "day")
+        dated = set(self.baseline.days) - {0}
+        days = f"on {counted(len(dated), 'day')}" if dated else "without a date"
         unlike = f", {len(self.outliers)} of them unlike the others" if self.outliers else ""
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (controller not modelled) "
-            f"from {counted(self.windows, 'record')} on {days}{unlike}: {self._healthy_in_words}"
+            f"from {counted(self.windows, 'record')} {days}{unlike}: {self._healthy_in_words}"
         )
 
     @property
@@ -216,7 +224,7 @@ class JointCalibration(StoredCalibration):
     def _of_mapping(cls, content: dict[str, Any]) -> Self:
         baseline = Baseline(
             _preparation_of(content.pop("preparation")),
-            Shape(**content.pop("shape")),
+            _shape_of(content.pop("shape")),
             tuple(map(_record_of, content.pop("records"))),
             tuple(
                 LabelledRecord(str(one["state"]), _record_of(one["record"]))
@@ -227,7 +235,7 @@ class JointCalibration(StoredCalibration):
             raise ValueError("records is empty: expected healthy records")
         content["parameters"] = ActuatorParameters().replace(content["parameters"])
         content["outliers"] = tuple(
-            OutlyingRecord(int(one["stamp_ns"]), str(one["finding"]))
+            OutlyingRecord(int(one["stamp_ns"]), str(one["finding"]), int(one["number"]))
             for one in content.get("outliers", [])
         )
         return cls(**content, baseline=baseline)
@@ -269,7 +277,7 @@ def calibrate_joint(
         effort_unit=description.acquisition.effort_unit,
         baseline=baseline,
         outliers=tuple(
-            OutlyingRecord(one.record.stamp_ns, finding(one.comparison))
+            OutlyingRecord(one.record.stamp_ns, finding(one.comparison), one.number)
             for one in outliers(baseline)
         ),
     )
@@ -284,6 +292,13 @@ def winding_temperature(window: Window) -> float:
 def _preparation_of(content: dict[str, Any]) -> Preparation:
     ripples = tuple(float(one) for one in content.pop("ripples", ()))
     return Preparation(**content, ripples=ripples)
+
+
+def _shape_of(content: dict[str, Any]) -> Shape:
+    columns = {
+        name: tuple(map(float, content.pop(name, ()))) for name in ("of_inertia", "of_gravity")
+    }
+    return Shape(**content, **columns)
 
 
 def _record_mapping(record: JointRecord) -> dict[str, Any]:

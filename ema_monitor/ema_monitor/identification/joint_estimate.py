@@ -2,7 +2,6 @@
 
 import math
 import time
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -37,7 +36,8 @@ from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_UNIT: Final = 5.0
-_SAME_RATE: Final = 0.02
+_OTHER_FRICTION: Final = 20.0
+_BEYOND_DOUBT: Final = 4.0
 _EXPLAINED: Final = 1.5
 """By how much a delay has to explain a record better than the changes alone, to be likelier."""
 _CAUSES: Final = {
@@ -84,6 +84,12 @@ def identify_record(
     if reason := _other_unit(record, calibration.baseline, description):
         return _refused(window, calibration, reason, comparison=of.not_judged(reason))
     comparison = calibration.comparer.compare(record)
+    if not all(math.isfinite(one.change) for one in comparison.changed):
+        reason = (
+            "the effort has the other sign than in the healthy records, or follows another joint: "
+            "compare the mapping with that of the healthy records"
+        )
+        return _refused(window, calibration, reason, comparison=of.not_judged(reason))
     faults, covariance, insignificant = _faults(comparison)
     caveat = [f"forced although {mismatch}"] if mismatch else []
     return Estimate(
@@ -165,9 +171,7 @@ def _read(
         prepared=(fine, signals),
         effort_lag=lag,
     )
-    # Scatter and roughness of the same effort depend on the sample rate.
-    is_alike = abs(window.sample_period / calibration.sample_period - 1.0) < _SAME_RATE
-    return record if is_alike else replace(record, figures={}, parts=())
+    return record.at_rate(window.sample_period, calibration.sample_period)
 
 
 def _refused(
@@ -195,7 +199,8 @@ def _missing(window: Window, description: ActuatorDescription) -> str:
     telemetry = window.telemetry
     if not len(telemetry.current):
         return "drive = unknown needs a measured current or torque, and the telemetry has none"
-    if description.acquisition.speed and not np.all(np.isfinite(telemetry.speed)):
+    speed = telemetry.speed
+    if description.acquisition.speed and not (len(speed) and np.all(np.isfinite(speed))):
         return "the speed is not measured, although the description says so"
     return ""
 
@@ -229,21 +234,32 @@ def _other_unit(record: JointRecord, baseline: Baseline, description: ActuatorDe
     """Return why the effort of a record cannot be that of the unit; empty where it can.
 
     Friction alone may grow several times. With inertia it does so by another unit, sign or sensor.
+    Friction and inertia below 0 are of another sign, or of an effort that is late.
     """
-    if not baseline.shape.has_inertia:
-        return ""
-    ratios = record.values[[DRY, INERTIA]] / baseline.healthy[[DRY, INERTIA]]
-    is_other = np.all(ratios > _OTHER_UNIT) or np.all(ratios < 1.0 / _OTHER_UNIT)
-    if not is_other:
-        return ""
+    shown = [DRY, INERTIA] if baseline.shape.has_inertia else [DRY]
+    healthy = baseline.healthy[shown]
+    ratios = record.values[shown] / healthy
+    errors = np.hypot(np.sqrt(np.diag(record.covariance)), baseline.motion_errors(record))[shown]
+    is_negative = ratios < -_BEYOND_DOUBT * np.abs(errors / healthy)
+    highest = _OTHER_UNIT if baseline.shape.has_inertia else _OTHER_FRICTION
+    is_scaled = np.all(ratios > highest) or np.all(ratios < 1.0 / _OTHER_UNIT)
     # The friction is better determined than the inertia.
     factor = float(ratios[0])
-    asked = usual_mistake("current", factor, description.parameters)
-    return (
-        f"the effort is {factor:.3g} times that of the healthy records: "
-        f"{asked or 'another unit or sign, or a failed sensor'}; compare the mapping with that of "
-        "the healthy records"
-    )
+    asked = usual_mistake("current", factor, description.parameters) if is_scaled else ""
+    if is_scaled and (asked or not np.any(is_negative)):
+        return (
+            f"the effort is {factor:.3g} times that of the healthy records: "
+            f"{asked or 'another unit or sign, or a failed sensor'}; compare the mapping with that "
+            "of the healthy records"
+        )
+    if np.any(is_negative):
+        at = int(np.argmax(is_negative))
+        return (
+            f"the {('friction', 'inertia')[at]} is {ratios[at]:.2g} times that of the healthy "
+            "records, expected above 0: is the effort late by more than 0.1 s, of another sign, or "
+            "of another joint? Compare the mapping and the clocks with those of the healthy records"
+        )
+    return ""
 
 
 def _notes(window: Window, record: JointRecord) -> list[str]:
@@ -282,7 +298,7 @@ def _causes(comparison: Comparison, calibration: JointCalibration) -> list[Cause
     for one in comparison.changed:
         if one.name in _CAUSES and not one.rivals:
             scale = _cause_scale(one.name, calibration)
-            if scale is not None:
+            if scale is not None and math.isfinite(_sigma(one)):
                 name = _CAUSES[one.name]
                 found.append(CauseEstimate(name, scale * one.change, scale * _sigma(one)))
     return found

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_core.dates import FIRST_DATE_NS
 from ema_core.wording import unknown_name
 from ema_monitor.joint.comparison import TORQUE
 from ema_monitor.joint.comparison import VISCOUS as VISCOUS_FRICTION
@@ -201,7 +202,9 @@ class Baseline:
             after = 1 + number % days if days else 0
             effect = of_days * (-1.0) ** after if days else means[-1] - self.healthy
             values = self.healthy + effect + of_records * (-1.0) ** (number // max(days, 1))
-            stamp_ns = self.records[-1].stamp_ns + after * NS_A_DAY
+            stamp_ns = self.records[-1].stamp_ns
+            if after:
+                stamp_ns = max(stamp_ns, FIRST_DATE_NS) + after * NS_A_DAY
             added.append(replace(like, stamp_ns=stamp_ns, values=values))
         return replace(self, records=(*self.records, *added))
 

@@ -20,9 +20,10 @@ an outlier.
 
 
 class Outlier(NamedTuple):
-    """A healthy record, and its comparison with the other healthy records."""
+    """A healthy record, its place in the baseline, and its comparison with the other records."""
 
     record: JointRecord
+    number: int
     comparison: Comparison
 
 
@@ -33,13 +34,13 @@ def outliers(baseline: Baseline) -> list[Outlier]:
     records of its day differ, too. Records that are faulty in the same way hide each other.
     """
     found: list[Outlier] = []
-    rest = list(baseline.records)
+    rest, numbers = list(baseline.records), list(range(len(baseline.records)))
     while len(rest) >= FEWEST:
         compared = [_left_out(baseline, rest, number) for number in range(len(rest))]
         worst = min(range(len(rest)), key=lambda number: _probability(compared[number]))
         if _probability(compared[worst]) >= _UNLIKELY:
             break
-        found.append(Outlier(rest.pop(worst), compared[worst]))
+        found.append(Outlier(rest.pop(worst), numbers.pop(worst), compared[worst]))
     return found
 
 

@@ -1,12 +1,13 @@
 """What a record of a joint shows: coefficients of inverse dynamics, and model-free figures."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_core.dates import has_date
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_core.wording import counted
@@ -26,6 +27,7 @@ FEWEST_STROKES: Final = 3
 """Strokes that a record has at least in each direction; 2 s of a long stroke count as one."""
 FEWEST_REVERSING: Final = 2
 """Strokes that it has at least, however long: place and time are told apart by repetition."""
+_SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
 """Range of the speed of a record, over that of the healthy records [-]."""
 
@@ -80,7 +82,7 @@ class JointRecord:
     @property
     def day(self) -> int:
         """Day of the record, counted from 1970; 0 if its stamps have no date."""
-        return self.stamp_ns // NS_A_DAY
+        return self.stamp_ns // NS_A_DAY if has_date(self.stamp_ns) else 0
 
     @property
     def day_to_predict(self) -> int:
@@ -91,6 +93,19 @@ class JointRecord:
         """Return whether both are of the same telemetry, however it was fitted."""
         both_unknown = math.isnan(self.travel) and math.isnan(other.travel)
         return self.stamp_ns == other.stamp_ns and (both_unknown or self.travel == other.travel)
+
+    def at_rate(self, sample_period: float, usual: float) -> "JointRecord":
+        """Return the record without figures that its rate makes incomparable.
+
+        Scatter and roughness of the same effort depend on the sample rate.
+
+        Parameters
+        ----------
+        sample_period, usual
+            Period of its telemetry, and of the healthy records [s].
+        """
+        is_alike = abs(sample_period / usual - 1.0) < _SAME_RATE
+        return self if is_alike else replace(self, figures={}, parts=())
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from ema_core.dates import has_date
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain
 from ema_monitor.joint.comparison import Comparison
@@ -335,6 +336,8 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
                 end_s = min(one.end_ns, other.end_ns) * 1e-9
                 what = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
                 hint = "`ema simulate --start` dates simulated ones"
+                if not has_date(other.end_ns):
+                    hint = f"give the time of records with its date; {hint}"
                 reason = f"{what}: their stamps must show which came first; {hint}"
                 reasons = dict.fromkeys(bags, reason) | reasons
         begun.append(other)

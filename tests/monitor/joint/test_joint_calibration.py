@@ -215,6 +215,25 @@ def test_record_unlike_the_others_is_named_in_the_calibration_and_kept(tmp_path)
     assert loaded.calibration_id == made.calibration_id
 
 
+def test_record_without_a_date_is_named_by_its_place():
+    records = healthy_telemetry(days=2, a_day=3)
+    worn = telemetry_of(Joint().times(coulomb=1.31), tones(), Sensors(), seed=5)
+    undated = [replace(one, stamp_ns=0) for one in (*records[:2], worn, *records[2:])]
+    made = calibrate_joint(list(map(window_of, undated)), described())
+    (outlier,) = made.outliers
+    assert outlier.number == 2
+    assert str(outlier).startswith("healthy record 3 differs from the other healthy records: ")
+    assert "from 7 records without a date, 1 of them unlike the others" in str(made)
+
+
+def test_healthy_record_of_another_rate_has_no_figures_that_depend_on_it():
+    records = healthy_telemetry(days=2, a_day=2)
+    records[1] = replace(records[1], sample_period=1.05 * records[1].sample_period)
+    made = calibrate_joint(list(map(window_of, records)), described())
+    has_figures = [bool(one.figures and one.parts) for one in made.baseline.records]
+    assert has_figures == [True, False, True, True]
+
+
 def test_records_like_each_other_are_not_mentioned(calibration, path):
     assert calibration.outliers == ()
     assert "outliers" not in path.read_text()

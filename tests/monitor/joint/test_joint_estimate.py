@@ -26,6 +26,7 @@ from ema_monitor.identification.joint_estimate import comparable_record, identif
 from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.wording import finding
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -38,6 +39,8 @@ LATER = 60
 PLAIN = Joint(gravity=0.4)
 WITH_PLAY = Joint(play=0.004, wind_up=0.002)
 MOTOR_SPEED = Sensors(speed=True)
+LIGHT = Joint(inertia=1e-4)
+NOISY = Sensors(noise=0.1)
 
 
 def calibrated(
@@ -239,6 +242,15 @@ def test_tracking_is_not_judged_without_a_command():
     assert found.comparison is not None
     assert found.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
     assert "no position command" in found.comparison[of.TRACKING].reason
+
+
+def test_record_without_the_measured_speed_is_refused():
+    healthy = calibrated(WITH_PLAY, MOTOR_SPEED)
+    one = measured(WITH_PLAY, MOTOR_SPEED)
+    without = replace(one, telemetry=replace(one.telemetry, speed=np.empty(0)))
+    found = identify_record(without, described(MOTOR_SPEED), healthy)
+    assert found.verdict == REFUSED
+    assert "the speed is not measured, although the description says so" in found.reason
 
 
 # Other motion and model-free figures
@@ -456,6 +468,74 @@ def test_noise_alone_is_no_healthy_effort(plain):
     refused = identify_record(with_effort(found, noise), described(), plain)
     assert refused.verdict == REFUSED
     assert "failed sensor" in refused.reason
+
+
+@pytest.fixture(scope="module")
+def friction_alone() -> JointCalibration:
+    """Return the calibration of a joint whose motion shows no inertia."""
+    healthy = healthy_telemetry(LIGHT, NOISY)
+    calibration = calibrate_joint(list(map(window, healthy)), described())
+    assert not calibration.baseline.shape.has_inertia
+    return calibration
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e3, "thousandths read as whole units"),
+        (1e-3, "whole units read as thousandths"),
+        (-1.0, "is its sign the other one"),
+        (0.1, "another unit or sign, or a failed sensor"),
+        (30.0, "another unit or sign, or a failed sensor"),
+    ],
+)
+def test_factor_of_the_effort_is_named_by_friction_alone(friction_alone, factor, words):
+    found = measured(LIGHT, NOISY)
+    scaled = with_effort(found, factor * found.telemetry.current)
+    refused = identify_record(scaled, described(), friction_alone)
+    assert refused.verdict == REFUSED
+    assert words in refused.reason
+
+
+@pytest.mark.parametrize("factor", [0.5, 3.0, 8.0])
+def test_friction_alone_may_grow_several_times(friction_alone, factor):
+    found = estimate(friction_alone, LIGHT.times(coulomb=factor), sensors=NOISY)
+    assert found.verdict == DEPARTED
+    assert found.comparison is not None
+    friction = found.comparison[of.FRICTION]
+    assert friction.low < friction.high
+    assert friction.change == pytest.approx(factor - 1.0, rel=0.05)
+
+
+@pytest.mark.parametrize("late_s", [0.2, 0.25])
+@pytest.mark.parametrize("viscous", [1.0, 1.6])
+def test_inertia_below_zero_is_refused_as_a_late_effort(plain, viscous, late_s):
+    found = measured(PLAIN.times(viscous=viscous))
+    count = round(late_s / found.sample_period)
+    refused = identify_record(
+        with_effort(found, np.roll(found.telemetry.current, count)), described(), plain
+    )
+    assert refused.verdict == REFUSED
+    assert re.search(r"the (friction|inertia) is -", refused.reason)
+    assert "is the effort late" in refused.reason
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.15, 0.25])
+def test_torque_per_ampere_of_little_effort_has_its_value_and_width(plain, factor):
+    healthy = plain.baseline
+    record = replace(healthy.records[0], stamp_ns=0, values=factor * healthy.healthy)
+    torque = plain.comparer.compare(record)[of.TORQUE]
+    assert torque.change == pytest.approx(1.0 / factor - 1.0, rel=0.02)
+    assert torque.low < torque.change - 0.01
+    assert not torque.high < torque.change + 0.01
+
+
+def test_torque_per_ampere_below_zero_has_no_figure(plain):
+    healthy = plain.baseline
+    record = replace(healthy.records[0], stamp_ns=0, values=-healthy.healthy)
+    comparison = plain.comparer.compare(record)
+    assert not comparison[of.TORQUE].is_estimated
+    assert "nan" not in finding(comparison)
 
 
 @pytest.mark.parametrize("scale", [1e-7, 1e-4, 1e5])
