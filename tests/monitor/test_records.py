@@ -149,6 +149,15 @@ def test_motion_without_rest_ends_at_twice_record_s_and_loses_no_sample():
     assert [first for first, _, _ in found][1:] == [first + count for first, count, _ in found[:-1]]
 
 
+@pytest.mark.parametrize("more", range(-12, 13, 3))
+def test_telemetry_that_ends_where_a_full_record_does_gives_the_record(more: int):
+    settings = TriggerSettings()
+    whole = telemetry(sine(2.0 * settings.record_s + more * H))
+    (record,) = spans(events_of(whole, 20, settings))
+    assert record[0] <= 51
+    assert record[1] > 2.0 * settings.record_s / H - 100
+
+
 def test_short_remainder_belongs_to_the_record():
     """Five cycles of a ball screw last 64.8 s, and the trial is one record."""
     cycle = np.concatenate([np.linspace(0.0, 150.0, 125), np.full(37, 150.0)])

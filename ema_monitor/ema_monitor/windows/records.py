@@ -11,8 +11,8 @@ import numpy as np
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, lost_between
-from ema_monitor.windows.blocks import LatestBlocks
-from ema_monitor.windows.rest import PositionBin, PositionBins, SteadyRun
+from ema_monitor.windows.blocks import BlockStamp, LatestBlocks
+from ema_monitor.windows.rest import BINS_AT_ONCE, PositionBin, PositionBins, SteadyRun
 from ema_monitor.windows.trigger import (
     Defect,
     Refusal,
@@ -41,6 +41,19 @@ _LEAST_REST_SAMPLES: Final = 3
 _RESTING_SHARE: Final = 2e-3
 _LEAST_TRAVEL_IN_THRESHOLDS: Final = 3.0
 _REMAINDER: Final = 0.25
+_STILL_SHARE: Final = 0.02
+
+
+def stands_still(telemetry: Telemetry) -> bool:
+    """Return whether the command moves and the position does not follow it.
+
+    The position then travels less than 2 % of the travel of the command. Without a command nothing
+    can be said, and the answer is False.
+    """
+    if not telemetry.has_command:
+        return False
+    travel = float(np.ptp(telemetry.command))
+    return travel >= MIN_TRAVEL and float(np.ptp(telemetry.position)) < _STILL_SHARE * travel
 
 
 class _Step(NamedTuple):
@@ -78,6 +91,10 @@ class RecordTrigger(WindowTrigger):
     If ``MOST_RECORD_SAMPLES`` samples are shorter than twice ``record_s``, half of them replace it.
     Pieces with less than 2 s of motion, or too little travel, are passed over.
 
+    A position that stands still although the command moves is a record as well. It begins with the
+    motion of the command, and with up to 0.5 s before. It ends after ``record_s``, or where the
+    telemetry ends.
+
     Parameters are those of `WindowTrigger`.
 
     Attributes
@@ -103,6 +120,7 @@ class RecordTrigger(WindowTrigger):
         self._run, self._recent = SteadyRun(0), SteadyRun(0)
         self._piece_begin = self._free_from = 0
         self._motion_begin: int | None = None
+        self._still_begin: int | None = None
         self._cut_at: _Cut | None = None
         self._moved = 0
         self._threshold = 0.0
@@ -130,7 +148,9 @@ class RecordTrigger(WindowTrigger):
         bins = self._bins.add(block.position, block.interpolated)
         if not bins:
             return []
-        events: list[Window | Refusal | Defect] = [*self._follow(bins, block.sample_period)]
+        h = block.sample_period
+        events: list[Window | Refusal | Defect] = [*self._follow(bins, h)]
+        events += self._stand_still(self._full(h))
         self._forget()
         return events
 
@@ -157,12 +177,15 @@ class RecordTrigger(WindowTrigger):
         if last is None or bins is None:
             return []
         events = self._follow(bins.finish(), last.sample_period)
-        if self._start is not None:
+        # A record may begin after the last sample, where one of full length ended.
+        if self._start is not None and self._start < self._latest.end:
             end = self._latest.end - 1
             moved = self._moved_until(end)
             if self._motion_begin is None:
                 end = min(end, self._run.begin + round(MARGIN_S / last.sample_period))
             events += self._close(end, moved)
+        else:
+            events += self._stand_still(round(LEAST_MOTION_S / last.sample_period))
         self.reset()
         return events
 
@@ -208,7 +231,7 @@ class RecordTrigger(WindowTrigger):
             self._moved += max(0, begin - self._motion_begin)
             self._motion_begin = None
         length, bin_size = item.last + 1 - self._start, item.last + 1 - item.first
-        full = min(round(self.settings.record_s / h), MOST_RECORD_SAMPLES // 2)
+        full = self._full(h)
         if step.is_resting and item.last + 1 - begin >= round(LONGEST_REST_S / h):
             return self._close(min(item.last, begin + margin), self._moved)
         if length + bin_size > 2 * full:
@@ -228,6 +251,31 @@ class RecordTrigger(WindowTrigger):
         for later in cut.later:
             events += self._advance(later, h)
         return events
+
+    def _full(self, h: float) -> int:
+        """Return the samples after which a rest ends a record."""
+        return min(round(self.settings.record_s / h), MOST_RECORD_SAMPLES // 2)
+
+    def _stand_still(self, least: int) -> list[Window | Refusal]:
+        """Return the record of a position that stands still, if it has at least so many samples."""
+        last, bins = self._latest.last, self._bins
+        if self._start is not None or last is None or bins is None or not last.has_command:
+            self._still_begin = None
+            return []
+        end, begin = bins.next_index, self._still_begin
+        if begin is None:
+            begin = self._oldest_at_rest(bins, last.sample_period)
+            # The samples of the latest bins as well.
+            begin = max(self._free_from, begin - BINS_AT_ONCE * bins.size)
+            begin = max(begin, self._latest.begin)
+        if begin >= end:
+            return []
+        telemetry, first, latest = self._latest.cut(begin, end)
+        self._still_begin = begin if stands_still(telemetry) else None
+        if self._still_begin is None or len(telemetry) < least:
+            return []
+        self._free_from, self._still_begin = end, None
+        return [self._checked(telemetry, first, latest)]
 
     def _moved_until(self, end: int) -> int:
         """Return the samples of motion in the open record up to a sample."""
@@ -253,9 +301,14 @@ class RecordTrigger(WindowTrigger):
             if moved_s >= self.longest_motion_s:
                 self.longest_motion_s, self.shortfall = moved_s, shortfall
             return []
+        return [self._checked(telemetry, first, last)]
+
+    @staticmethod
+    def _checked(telemetry: Telemetry, first: BlockStamp, last: BlockStamp) -> Window | Refusal:
+        """Return the record of samples, or its refusal if their stamps contradict their period."""
         if reason := rate_defect(telemetry.sample_period, first, last):
-            return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)]
-        return [Window(telemetry)]
+            return Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)
+        return Window(telemetry)
 
     def _shortfall(self, moved_s: float, travel: float) -> str:
         """Return why a piece of motion [s] with a travel [rad] is no record; empty if it is."""
@@ -277,8 +330,11 @@ class RecordTrigger(WindowTrigger):
         last, bins = self._latest.last, self._bins
         if last is None or bins is None:
             return
-        oldest = self._start
+        oldest = self._still_begin if self._start is None else self._start
         if oldest is None:
-            margin = round(MARGIN_S / last.sample_period)
-            oldest = max(self._free_from, bins.next_index - margin)
+            oldest = self._oldest_at_rest(bins, last.sample_period)
         self._latest.forget(oldest)
+
+    def _oldest_at_rest(self, bins: PositionBins, h: float) -> int:
+        """Return the first sample that a record which begins with the next bin can have."""
+        return max(self._free_from, bins.next_index - round(MARGIN_S / h))
