@@ -31,10 +31,17 @@ from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.wording import summary
+from ema_monitor.windows.records import stands_still
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
+_LARGE_EFFORT: Final = 0.9
+"""Quantile of the size of the effort that a joint at rest is judged by [-]."""
+_ACTING: Final = 0.5
+"""Effort that moves a healthy joint, over its dry friction, at least [-]."""
+_FAR: Final = 0.5
+"""Least travel of the command over the travel of the healthy records [-]."""
 _OTHER_UNIT: Final = 5.0
 _OTHER_FRICTION: Final = 20.0
 _BEYOND_DOUBT: Final = 4.0
@@ -76,15 +83,17 @@ def identify_record(
         return _refused(window, calibration, f"the calibration does not fit: {mismatch}")
     if reason := _unusable(window, description, calibration):
         return _refused(window, calibration, reason)
-    if reason := _standstill(window):
-        return _refused(window, calibration, reason, FAILED)
+    reason, verdict = _standstill(window, calibration)
+    if reason:
+        return _refused(window, calibration, reason, verdict)
     record = _record_of(window, description, calibration)
     if isinstance(record, str):
         return _refused(window, calibration, record, comparison=of.not_judged(record))
     if reason := _other_unit(record, calibration.baseline, description):
         return _refused(window, calibration, reason, comparison=of.not_judged(reason))
     comparison = calibration.comparer.compare(record)
-    if not all(math.isfinite(one.change) for one in comparison.changed):
+    torque = comparison[of.TORQUE]
+    if torque in comparison.changed and torque.change <= -1.0:
         reason = (
             "the effort has the other sign than in the healthy records, or follows another joint: "
             "compare the mapping with that of the healthy records"
@@ -205,18 +214,31 @@ def _missing(window: Window, description: ActuatorDescription) -> str:
     return ""
 
 
-def _standstill(window: Window) -> str:
-    """Return why a joint stands still although it is commanded to move; empty when it moves."""
+def _standstill(window: Window, calibration: JointCalibration) -> tuple[str, str]:
+    """Return why a joint stands still although it is commanded to move, and the verdict.
+
+    Both are empty if it moves. It has failed if the command travels as far as in healthy records,
+    nearly, and the effort is not far below the friction: a drive that is off moves nothing either.
+    """
     telemetry = window.telemetry
-    if np.ptp(telemetry.position) > 0.0 or not telemetry.has_command:
-        return ""
-    if not np.ptp(telemetry.command) > 0.0:
-        return ""
-    flows = float(np.median(np.abs(telemetry.current)))
-    return (
-        f"the joint stands still although the command moves and {flows:.2g} A flow: a blocked "
-        "shaft, an open phase or a frozen sensor"
+    if not stands_still(telemetry):
+        return "", ""
+    baseline, (unit, scale) = calibration.baseline, calibration.effort_shown
+    effort = float(np.quantile(np.abs(telemetry.current), _LARGE_EFFORT))
+    still = (
+        f"the joint stands still although the command travels {np.ptp(telemetry.command):.2g} rad"
     )
+    at = f"at an effort of {scale * effort:.2g} {unit}"
+    if effort < _ACTING * baseline.friction:
+        friction = f"the friction is {scale * baseline.friction:.2g} {unit}"
+        return (
+            f"{still}, {at}, and {friction}: is the drive off, a brake on or a phase open?",
+            REFUSED,
+        )
+    least = _FAR * min(one.travel for one in baseline.records)
+    if np.ptp(telemetry.command) < least:
+        return f"{still}: command at least {least:.2g} rad, as the healthy records do", REFUSED
+    return f"{still} {at}: a blocked shaft, an open phase or a frozen sensor", FAILED
 
 
 def _wrong_speed(fine: Fine, description: ActuatorDescription, baseline: Baseline) -> str:

@@ -430,7 +430,7 @@ class _Test:
             unit, scale = self._comparer.effort_unit, self._comparer.effort_scale
             change, low, high, smallest = (scale * one for one in (change, low, high, smallest))
         if name == TORQUE:  # the columns are linear in the effort, the quantity is its inverse
-            change, low, high = map(_inverse, (change, low, high))
+            change, low, high = _inverse(change, low, high)
         judgement, reason, others = Judgement.UNCHANGED, "", ()
         if name in named:
             judgement, others = Judgement.CHANGED, rivals
@@ -495,9 +495,14 @@ def _precision(covariance: Array) -> Array:
     return np.linalg.pinv(covariance / units, hermitian=True, rcond=_SINGULAR) / units
 
 
-def _inverse(change: float) -> float:
-    """Return the relative change of a quantity whose inverse changes by ``-change``."""
-    return 1.0 / max(1.0 - change, _LEAST_RATIO) - 1.0
+def _inverse(change: float, low: float, high: float) -> tuple[float, float, float]:
+    """Return the relative change of a quantity whose inverse changes by ``-change``, and its ends.
+
+    An end is NaN where the inverse reaches 0 within the interval: the quantity has no bound there.
+    """
+    left = max(1.0 - change, _TINY) if change < 1.0 else min(1.0 - change, -_TINY)
+    ends = [1.0 - end if (1.0 - end) * left > 0.0 else math.nan for end in (low, high)]
+    return 1.0 / left - 1.0, 1.0 / ends[0] - 1.0, 1.0 / ends[1] - 1.0
 
 
 def _helps(values: Array, temperatures: Array) -> bool:

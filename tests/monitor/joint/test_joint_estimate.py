@@ -27,7 +27,8 @@ from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.wording import finding
-from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
 from .plant import Joint, Motion, Sensors, described, healthy_telemetry, telemetry_of, tones
@@ -244,6 +245,33 @@ def test_tracking_is_not_judged_without_a_command():
     assert "no position command" in found.comparison[of.TRACKING].reason
 
 
+@pytest.mark.parametrize(
+    ("of_healthy", "of_record", "reason"),
+    [
+        ("none", "moves", "the healthy records have no position command"),
+        ("rests", "moves", "the position command of the healthy records does not move enough"),
+        ("moves", "none", "there is no position command"),
+        ("moves", "rests", "the position command does not move enough"),
+    ],
+)
+def test_reason_why_tracking_is_not_judged_names_whose_command_is_missing(
+    of_healthy, of_record, reason
+):
+    def with_command(one: Window, kind: str) -> Window:
+        command = one.telemetry.command
+        changed = {"none": np.empty(0), "rests": np.zeros(len(command)), "moves": command}
+        return replace(one, telemetry=replace(one.telemetry, command=changed[kind]))
+
+    healthy = [with_command(window(one), of_healthy) for one in healthy_telemetry(PLAIN)]
+    calibration = calibrate_joint(healthy, described())
+    found = identify_record(
+        with_command(measured(PLAIN), of_record), described(), calibration, force=True
+    )
+    assert found.comparison is not None
+    assert found.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
+    assert found.comparison[of.TRACKING].reason == reason
+
+
 def test_record_without_the_measured_speed_is_refused():
     healthy = calibrated(WITH_PLAY, MOTOR_SPEED)
     one = measured(WITH_PLAY, MOTOR_SPEED)
@@ -340,14 +368,37 @@ def test_short_record_is_refused_with_its_strokes_or_rows(plain):
         assert not found.comparison.judged
 
 
-def test_blocked_shaft_has_failed(plain):
-    record = measured(PLAIN)
-    stuck = replace(record.telemetry, position=np.full(len(record.telemetry), 0.2))
-    found = identify_record(window(stuck), described(), plain)
+def seized(**columns: np.ndarray) -> Window:
+    """The record of a joint that seizes, as the monitor cuts it from the telemetry."""
+    whole = measured(PLAIN).telemetry
+    step = 2.0 * np.pi / 4096.0
+    noise = step * np.random.default_rng(2).integers(0, 2, len(whole))
+    whole = replace(whole, position=0.2 + noise, **columns)
+    finder = WindowFinder(TriggerSettings(), described())
+    [segment] = [*finder.feed(whole), *finder.finish()]
+    assert isinstance(segment, Segment)
+    assert isinstance(segment.window, Window)
+    return segment.window
+
+
+@pytest.mark.parametrize(("unit", "shown"), [("A", "A"), ("N.m", "N.m")])
+def test_blocked_shaft_has_failed(plain, unit, shown):
+    found = identify_record(seized(), described(), replace(plain, effort_unit=unit))
     assert (found.verdict, found.valid) == (FAILED, False)
     assert "a blocked shaft, an open phase or a frozen sensor" in found.reason
-    rests = replace(stuck, command=np.zeros(len(stuck)))
-    assert identify_record(window(rests), described(), plain).verdict == REFUSED
+    assert re.search(rf"at an effort of [\d.]+ {shown}:", found.reason)
+
+
+def test_joint_that_nothing_drives_has_not_failed(plain):
+    n = len(measured(PLAIN).telemetry)
+    off = identify_record(seized(current=np.full(n, 0.02)), described(), plain)
+    assert off.verdict == REFUSED
+    assert "is the drive off, a brake on or a phase open?" in off.reason
+    small = 0.1 * measured(PLAIN).telemetry.command
+    stiction = replace(seized(), telemetry=replace(seized().telemetry, command=small))
+    assert identify_record(stiction, described(), plain).verdict == REFUSED
+    rests = replace(seized(), telemetry=replace(seized().telemetry, command=np.zeros(n)))
+    assert identify_record(rests, described(), plain).verdict == REFUSED
 
 
 @pytest.mark.parametrize(
@@ -530,11 +581,13 @@ def test_torque_per_ampere_of_little_effort_has_its_value_and_width(plain, facto
     assert not torque.high < torque.change + 0.01
 
 
-def test_torque_per_ampere_below_zero_has_no_figure(plain):
+def test_torque_per_ampere_of_no_effort_has_no_bound(plain):
     healthy = plain.baseline
-    record = replace(healthy.records[0], stamp_ns=0, values=-healthy.healthy)
+    record = replace(healthy.records[0], stamp_ns=0, values=0.001 * healthy.healthy)
     comparison = plain.comparer.compare(record)
-    assert not comparison[of.TORQUE].is_estimated
+    torque = comparison[of.TORQUE]
+    assert torque.change > 50.0
+    assert math.isnan(torque.high)
     assert "nan" not in finding(comparison)
 
 
