@@ -89,15 +89,15 @@ def figures_of(
 def tracking_lag(fine: Fine) -> tuple[float, float]:
     """Return by how much the position lags behind the command, and its sigma [s].
 
-    It is the regression of the tracking error on the commanded speed; NaN where there is no command
-    or it never moves.
+    It is the regression of the tracking error on the commanded speed. Both are NaN where there is
+    no command; sigma is infinite where the command does not move enough.
     """
     if fine.command is None:
         return math.nan, math.nan
     rate = np.gradient(smoothed(fine.command, 2.0), fine.step_s)
     moving = np.abs(rate) > 0.05 * np.max(np.abs(rate), initial=0.0)
     if np.sum(moving) < _FEWEST:
-        return math.nan, math.nan
+        return math.nan, math.inf
     error, rate = (fine.command - fine.position)[moving], rate[moving]
     rate = rate - np.mean(rate)
     error = error - np.mean(error)

@@ -51,7 +51,8 @@ class JointRecord:
     figures
         Model-free figures by name; scatters are logarithms.
     lag_s, lag_sigma
-        Tracking lag behind the command [s]; NaN where there is no command.
+        Tracking lag behind the command [s]; NaN where there is no command. If the command does not
+        move enough, the lag is NaN and its sigma is infinite.
     lost_motion, lost_motion_sigma
         Lost motion between motor and joint [rad]; NaN where it is not shown.
     temperature

@@ -96,7 +96,7 @@ class SymptomComparer:
         """Return the change of the tracking lag."""
         healthy = self._tracking
         if healthy is None or not is_known(record.lag_s, record.lag_sigma):
-            reason = "there is no position command"
+            reason = self._no_tracking(record)
             return Symptom(QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason))
         test = SingleTest.of(
             Observation(record.lag_s, record.lag_sigma, record.day_to_predict), healthy.scatter
@@ -112,6 +112,16 @@ class SymptomComparer:
             max(test.smallest_change, self._lag_floor) / healthy.mean,
         )
         return Symptom(change, test.probability if is_changed else 1.0)
+
+    def _no_tracking(self, record: JointRecord) -> str:
+        """Return why the tracking lag of a record is not judged."""
+        if math.isinf(record.lag_sigma):
+            return "the position command does not move enough"
+        if not is_known(record.lag_s):
+            return "there is no position command"
+        if any(math.isinf(one.lag_sigma) for one in self.baseline.records):
+            return "the position command of the healthy records does not move enough"
+        return "the healthy records have no position command"
 
     def figures(self, record: JointRecord, grown: float) -> Symptoms:
         """Return the model-free figures that depart.
