@@ -3,7 +3,7 @@
 import math
 import threading
 from bisect import bisect
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -15,6 +15,7 @@ from ema_core.wording import counted
 from ema_monitor.health import warned
 from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, Estimate
 from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.prognosis.assessing import assessment_of
 from ema_monitor.prognosis.confirmation import confirmed
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
@@ -39,10 +40,11 @@ from ema_monitor.prognosis.history_entry import (
     UnusedCycle,
 )
 from ema_monitor.prognosis.intermittent import Intermittent
+from ema_monitor.prognosis.notes import Notes
 from ema_monitor.prognosis.order import Place, moved, place_of
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import requirements_of
-from ema_monitor.prognosis.sentences import cause_of_level, in_words, label_of, recurrence_in_words
+from ema_monitor.prognosis.sentences import cause_of_level, label_of, recurrence_in_words
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
@@ -50,18 +52,8 @@ from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
 SHOWN_SHARE: Final = 0.05
 """Share of its limit from which on a fault is named where the baseline changes [-]."""
 
-MOST_NOTES: Final = 50
-"""Notes of one person between one valid test and the next."""
-
-MOST_PERSONS: Final = 20
-"""Persons with notes between one valid test and the next, which bounds the record of a test."""
-
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
-
-
-_NAME_END: Final = ", "
-"""What ends the name of the person in a note."""
 
 
 class KnownTest(NamedTuple):
@@ -119,7 +111,7 @@ class Unit:
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
         self._kept_tests = self.growth.kept_tests
-        self._notes: list[UnitEvent] = []
+        self._notes = Notes()
         self._findings = [Finding(HISTORY, history.problem)] if history.problem else []
         self._ignores_usage = False
         # When it was opened, and how many tests it had.
@@ -328,27 +320,9 @@ class Unit:
                 raise ValueError("there is no history yet: no valid test so far")
             newest_ns, assessments = self.history.entries[-1].stamp_ns, self.history.assessments
             known, of = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
-            self._check_notes(person, [*self._notes, *(known.events if known else ())])
-            hours, words = of.hours if of else math.nan, f"{person}{_NAME_END}{text}"
-            self._notes.append(UnitEvent(stamp_ns or newest_ns, hours, NOTE, words))
+            hours, published = of.hours if of else math.nan, known.events if known else ()
+            self._notes.add_note(person, text, stamp_ns or newest_ns, hours, published)
             self._intermittent.acknowledge(self._time_of(stamp_ns) if stamp_ns else newest_ns)
-
-    def _check_notes(self, person: str, events: Iterable[UnitEvent]) -> None:
-        """Raise ValueError when no further note of a person fits beside events."""
-        notes = Counter(
-            event.text.partition(_NAME_END)[0] for event in events if event.kind == NOTE
-        )
-        name = person.partition(_NAME_END)[0]
-        if notes[name] >= MOST_NOTES:
-            raise ValueError(
-                f"the newest test has {MOST_NOTES} notes of {name} already; the next valid test "
-                "takes further ones"
-            )
-        if name not in notes and len(notes) >= MOST_PERSONS:
-            raise ValueError(
-                f"the newest test has notes of {MOST_PERSONS} persons already, and none of {name}; "
-                "the next valid test takes further ones"
-            )
 
     def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
         """Return why the unit is in WARN or ERROR, or was before its level expired; "" if not."""
@@ -380,7 +354,7 @@ class Unit:
             )
             known = self.history.assessments.get(newest.stamp_ns)
             hours = known.hours if known else math.nan
-            self._notes.append(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text))
+            self._notes.add(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text))
             return True
 
     def outlook(
@@ -509,7 +483,7 @@ class Unit:
         known = self.history.assessments
         stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
         before = next((known[one] for one in stamps_ns if one in known), None)
-        assessment = _assessment(outlook, before, self._findings, self._own_events(outlook))
+        assessment = assessment_of(outlook, before, self._findings, self._own_events(outlook))
         # Each is published once.
         self._findings = []
         self.history.assess(assessment)
@@ -612,8 +586,7 @@ class Unit:
 
     def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
         """Return the events that no test reveals: notes, a restart, and another calibration."""
-        events, entries = self._notes, self.history.entries
-        self._notes = []
+        events, entries = self._notes.take(), self.history.entries
         if self._restarted:
             opened_ns, tests = self._restarted
             self._restarted = None
@@ -668,35 +641,3 @@ def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:
     """Return the later of two counts, of those that were read by the end of a test [ns]."""
     read = [count for count in (one, other) if count and count.stamp_ns <= end_ns]
     return max(read, key=lambda count: count.stamp_ns, default=None)
-
-
-def _assessment(
-    outlook: Outlook,
-    before: Assessment | None,
-    findings: Iterable[Finding],
-    events: Iterable[UnitEvent],
-) -> Assessment:
-    """Return an outlook as it is kept, with an event for each fault whose level got worse.
-
-    ``before`` is of the test before, or an earlier one of the same test; ``findings`` are what the
-    test revealed, ``events`` what happened at another time.
-    """
-    health, rul = outlook.health, outlook.rul
-    items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
-    known = before.alarms if before else {}
-    found = list(findings)
-    found += [Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
-    stamp_ns, hours = outlook.stamp_ns, outlook.hours
-    # One that is assessed again keeps what was shown first.
-    kept = before.events if before and before.stamp_ns == stamp_ns else ()
-    return Assessment(
-        stamp_ns,
-        hours,
-        health.level,
-        health.health_index,
-        outlook.dominant,
-        (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
-        {one.name: one.level for one in items},
-        (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in found)),
-        {one.name: one.unconfirmed for one in items if one.unconfirmed is not None},
-    )

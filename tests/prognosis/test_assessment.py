@@ -24,10 +24,11 @@ from ema_monitor.prognosis.history_entry import (
     assessment_text,
     read_assessment,
 )
+from ema_monitor.prognosis.notes import MOST_NOTES, MOST_PERSONS
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.unit import MOST_NOTES, MOST_PERSONS, Unit
+from ema_monitor.unit import Unit
 
 from .lived_units import TEN_HOURS, Cycle, drawn_count, follow, plain, worn
 from .made_tests import SIGMA, UNIT, entry, made_test
