@@ -12,7 +12,7 @@ from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.windows.finder import Segment, WindowFinder
-from ema_monitor.windows.records import MOST_RECORD_SAMPLES, RecordTrigger
+from ema_monitor.windows.records import MOST_RECORD_SAMPLES, RecordTrigger, stands_still
 from ema_monitor.windows.trigger import ANY_MOTION, Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
@@ -414,3 +414,57 @@ def test_record_is_found_wherever_the_running_index_is(first_index: int):
         [(first, count, _)] = spans(events_of(whole))
         lengths.append((first - index, count))
     assert lengths[0] == lengths[1]
+
+
+def seized(seconds: float, angle: float = 0.1, h: float = H) -> Telemetry:
+    """Motion of a command, and the noise of an encoder that stands still."""
+    n = round(seconds / h)
+    noise = QUANTUM * np.random.default_rng(3).integers(0, 2, n)
+    return replace(telemetry(angle + noise, h), command=sine(seconds, h=h))
+
+
+def records_of(
+    whole: Telemetry, size: int = 10, settings: TriggerSettings | None = None
+) -> list[Window]:
+    records = []
+    for event in events_of(whole, size, settings):
+        assert isinstance(event, Segment)
+        assert isinstance(event.window, Window)
+        records.append(event.window)
+    return records
+
+
+@pytest.mark.parametrize("size", [1, 10, 100])
+def test_position_that_stands_still_although_the_command_moves_is_a_record(size):
+    whole = seized(100.0)
+    records = records_of(whole, size, TriggerSettings(record_s=30.0))
+    assert sum(len(record.telemetry) for record in records) == len(whole)
+    # A decision waits for the bins of one second.
+    assert [len(one.telemetry) * H for one in records[:3]] == pytest.approx([30.0] * 3, abs=1.0)
+    assert not events_of(seized(1.5), size)
+
+
+def test_position_that_seizes_on_the_way_is_a_second_record():
+    moving, stuck = sine(20.0), seized(30.0, 0.0).position
+    whole = telemetry(np.concatenate([moving, stuck]))
+    whole = replace(whole, command=sine(50.0))
+    first, second = records_of(whole)
+    assert len(first.telemetry) * H == pytest.approx(20.5, abs=0.2)
+    assert stands_still(second.telemetry)
+    assert not stands_still(first.telemetry)
+    assert second.end_ns == whole.stamp_at(len(whole) - 1)
+
+
+def test_rest_and_a_position_without_a_command_are_no_standstill():
+    stuck = seized(30.0)
+    for quiet in (replace(stuck, command=np.empty(0)), replace(stuck, command=rest(30.0))):
+        assert not events_of(quiet)
+
+
+def test_memory_of_a_standstill_is_bounded():
+    trigger = RecordTrigger(UNKNOWN.parameters, TriggerSettings(record_s=20.0))
+    whole, most = seized(200.0), 0
+    for start in range(0, len(whole), 10):
+        trigger.feed(whole.part(start, start + 10))
+        most = max(most, trigger.kept_samples)
+    assert most * H < 23.0

@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from ema_monitor.joint.shape import DRY, INERTIA
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
+from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.wording import summary
 from ema_monitor.windows.records import stands_still
 from ema_monitor.windows.trigger import Refusal
@@ -86,6 +88,7 @@ def identify_record(
     reason, verdict = _standstill(window, calibration)
     if reason:
         return _refused(window, calibration, reason, verdict)
+    window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
     if isinstance(record, str):
         return _refused(window, calibration, record, comparison=of.not_judged(record))
@@ -115,7 +118,7 @@ def identify_record(
         evaluations=1,
         computing_time_s=time.perf_counter() - started,
         valid=True,
-        reason=". ".join([*caveat, summary(comparison), *_notes(window, record)]),
+        reason=". ".join([*caveat, summary(comparison), *_notes(window, record, spikes)]),
         calibration_windows=calibration.windows,
         verdict=DEPARTED if comparison.has_departed else VALID,
         causes=tuple(_causes(comparison, calibration)),
@@ -129,7 +132,15 @@ def comparable_record(
 ) -> JointRecord | str:
     """Return what a record shows, or why it cannot be compared with the baseline."""
     reason = _unusable(window, description, calibration)
-    return reason or _record_of(window, description, calibration)
+    if reason:
+        return reason
+    return _record_of(_without_spikes(window, calibration)[0], description, calibration)
+
+
+def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Window, int]:
+    """Return a record without spikes of the effort, and how many samples were replaced."""
+    telemetry, count = despiked(window.telemetry, calibration.baseline.preparation.cutoff_hz)
+    return (replace(window, telemetry=telemetry) if count else window), count
 
 
 def _unusable(
@@ -230,11 +241,9 @@ def _standstill(window: Window, calibration: JointCalibration) -> tuple[str, str
     )
     at = f"at an effort of {scale * effort:.2g} {unit}"
     if effort < _ACTING * baseline.friction:
-        friction = f"the friction is {scale * baseline.friction:.2g} {unit}"
-        return (
-            f"{still}, {at}, and {friction}: is the drive off, a brake on or a phase open?",
-            REFUSED,
-        )
+        friction = f"the healthy friction is {scale * baseline.friction:.2g} {unit}"
+        asked = "is the drive off, a brake on or a phase open?"
+        return f"{still} {at}, and {friction}: {asked}", REFUSED
     least = _FAR * min(one.travel for one in baseline.records)
     if np.ptp(telemetry.command) < least:
         return f"{still}: command at least {least:.2g} rad, as the healthy records do", REFUSED
@@ -284,7 +293,7 @@ def _other_unit(record: JointRecord, baseline: Baseline, description: ActuatorDe
     return ""
 
 
-def _notes(window: Window, record: JointRecord) -> list[str]:
+def _notes(window: Window, record: JointRecord, spikes: int) -> list[str]:
     """Return what qualifies the samples of a record, as sentences."""
     notes = []
     if shift_s := record.effort_lag.shift_s:
@@ -292,6 +301,12 @@ def _notes(window: Window, record: JointRecord) -> list[str]:
             f"The effort is {1e3 * abs(shift_s):.0f} ms {'later' if shift_s > 0.0 else 'earlier'} "
             "than in the healthy records, which is corrected: look for another filter, driver or "
             "clock of the effort"
+        )
+    if spikes:
+        count = counted(spikes, "spike")
+        notes.append(
+            f"The effort has {count} in {len(window.telemetry)} samples, which "
+            f"{'is' if spikes == 1 else 'are'} left out: look for a disturbed sensor or bus"
         )
     if lost := int(np.count_nonzero(window.telemetry.interpolated)):
         count = counted(lost, "lost sample")

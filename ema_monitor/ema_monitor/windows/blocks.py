@@ -59,6 +59,11 @@ class LatestBlocks:
         return len(self._parts)
 
     @property
+    def begin(self) -> int:
+        """Running index of the first sample."""
+        return self._parts[0].telemetry.first_index
+
+    @property
     def end(self) -> int:
         """Running index after the last sample."""
         return self._parts[-1].end

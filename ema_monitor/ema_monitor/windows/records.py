@@ -12,7 +12,7 @@ import numpy as np
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, lost_between
 from ema_monitor.windows.blocks import BlockStamp, LatestBlocks
-from ema_monitor.windows.rest import BINS_AT_ONCE, PositionBin, PositionBins, SteadyRun
+from ema_monitor.windows.rest import PositionBin, PositionBins, SteadyRun
 from ema_monitor.windows.trigger import (
     Defect,
     Refusal,
@@ -41,19 +41,24 @@ _LEAST_REST_SAMPLES: Final = 3
 _RESTING_SHARE: Final = 2e-3
 _LEAST_TRAVEL_IN_THRESHOLDS: Final = 3.0
 _REMAINDER: Final = 0.25
-_STILL_SHARE: Final = 0.02
+_STILL_SHARE: Final = 0.01
+_RATIO_OF_MOTION: Final = 1.0
 
 
 def stands_still(telemetry: Telemetry) -> bool:
     """Return whether the command moves and the position does not follow it.
 
-    The position then travels less than 2 % of the travel of the command. Without a command nothing
-    can be said, and the answer is False.
+    The position then travels less than 1 % of the travel of the command. Without a command the
+    answer is unknown, and False. White noise is no motion: the mean square of its differences is
+    twice its variance (von Neumann's ratio).
     """
     if not telemetry.has_command:
         return False
-    travel = float(np.ptp(telemetry.command))
-    return travel >= MIN_TRAVEL and float(np.ptp(telemetry.position)) < _STILL_SHARE * travel
+    command = telemetry.command
+    travel = float(np.ptp(command))
+    if travel < MIN_TRAVEL or float(np.ptp(telemetry.position)) >= _STILL_SHARE * travel:
+        return False
+    return float(np.mean(np.diff(command) ** 2)) < _RATIO_OF_MOTION * float(np.var(command))
 
 
 class _Step(NamedTuple):
@@ -264,10 +269,7 @@ class RecordTrigger(WindowTrigger):
             return []
         end, begin = bins.next_index, self._still_begin
         if begin is None:
-            begin = self._oldest_at_rest(bins, last.sample_period)
-            # The samples of the latest bins as well.
-            begin = max(self._free_from, begin - BINS_AT_ONCE * bins.size)
-            begin = max(begin, self._latest.begin)
+            begin = max(self._free_from, self._latest.begin)
         if begin >= end:
             return []
         telemetry, first, latest = self._latest.cut(begin, end)
