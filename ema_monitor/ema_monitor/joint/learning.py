@@ -23,6 +23,7 @@ from ema_monitor.joint.signals import (
     motion_band,
     usual_speed,
 )
+from ema_monitor.joint.spikes import despiked
 
 
 def learn(
@@ -53,6 +54,7 @@ def learn(
     bands = [motion_band(one) for one in records]
     period = float(np.median([one.sample_period for one in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
+    records = [despiked(one, cutoff).telemetry for one in records]
     blocks = [block_means(one, description, cutoff) for one in records]
     usual = float(np.median([usual_speed(one, cutoff) for one in blocks]))
     if not usual > 0.0:

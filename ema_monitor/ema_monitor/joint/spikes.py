@@ -1,0 +1,71 @@
+"""Spikes of the effort: samples far outside of its range, as of a disturbed sensor or bus."""
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ema_core.arrays import Array
+from ema_core.telemetry import Telemetry
+
+_AROUND: Final = 5
+"""Samples of the running median: a spike has at most two."""
+_BEYOND: Final = 0.5
+"""Least excess of a spike over the range of the running median, as a share of that range [-]."""
+_OF_NOISE: Final = 8.0
+"""Least departure of a spike from the running median, in standard deviations of the noise [-]."""
+_COARSEST: Final = 0.1
+"""Largest cut-off of the motion, as a share of the sample rate: above, peaks last a sample [-]."""
+_NEAR: Final = 25
+"""Samples before and after a spike that show the noise."""
+_NORMAL: Final = 1.4826
+
+
+class Despiked(NamedTuple):
+    """Telemetry without spikes of the effort, and how many samples were replaced."""
+
+    telemetry: Telemetry
+    count: int
+
+
+def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
+    """Return the telemetry with the running median in place of each spike of the effort.
+
+    A reversal of friction, a stroke and quantisation are within the range of the running median.
+    Telemetry without a spike is returned as it is, as is one whose rate is so low that the motion
+    has peaks of a sample.
+
+    Parameters
+    ----------
+    telemetry
+        The record.
+    cutoff_hz
+        Cut-off frequency that the motion needs [Hz].
+
+    Notes
+    -----
+    The test against median and median absolute deviation of the neighbours is that of Hampel
+    (1974).
+    """
+    effort = telemetry.current
+    if len(effort) < _AROUND or telemetry.sample_period * cutoff_hz > _COARSEST:
+        return Despiked(telemetry, 0)
+    median = median_filter(effort, _AROUND, mode="nearest")
+    lowest, highest = float(np.min(median)), float(np.max(median))
+    excess = _BEYOND * (highest - lowest)
+    far = np.flatnonzero((effort < lowest - excess) | (effort > highest + excess))
+    departure = effort - median
+    spikes = [at for at in far.tolist() if _is_spike(departure, at)]
+    if not spikes:
+        return Despiked(telemetry, 0)
+    current = effort.copy()
+    current[spikes] = median[spikes]
+    return Despiked(replace(telemetry, current=current), len(spikes))
+
+
+def _is_spike(departure: Array, at: int) -> bool:
+    """Return whether a sample departs from the running median by more than the noise near it."""
+    near = departure[max(0, at - _NEAR) : at + _NEAR + 1]
+    noise = _NORMAL * float(np.median(np.abs(near)))
+    return bool(abs(departure[at]) > _OF_NOISE * noise)
