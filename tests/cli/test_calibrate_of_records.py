@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ def write(telemetry: Telemetry, path: Path) -> Path:
     return write_rows(np.column_stack(columns), path)
 
 
-def write_rows(rows: NDArray[np.float64], path: Path) -> Path:
+def write_rows(rows: NDArray[Any], path: Path) -> Path:
     header = "time_s,position,command,current"
     np.savetxt(path, rows, "%.6f", ",", header=header, comments="")
     return path

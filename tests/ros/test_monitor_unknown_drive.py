@@ -11,7 +11,9 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, Health, QuantityChange
-from ema_monitor.calibrations import calibrate
+from ema_interfaces.srv import Calibrate
+from ema_monitor.calibration.joint_calibration import JointCalibration
+from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.health import TORQUE_PER_AMPERE
 from ema_monitor.prognosis.history_entry import DEPARTURE
 from ema_monitor.windows.finder import Segment, WindowFinder
@@ -19,6 +21,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
+from ..waiting import wait_for
 from .monitor_session import START_NS, monitor
 
 UNKNOWN = ActuatorDescription(sample_period=1e-3, drive="unknown")
@@ -105,3 +108,24 @@ def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp
         health = session.until(session.healths)[-1]
         # Its stamp is of another year.
         assert (health.level, health.last_level) == (Health.STALE, Health.OK)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_healthy_records_of_a_drive_without_a_clock_have_no_date(tmp_path: Path, has_clock: bool):
+    file = tmp_path / "unit.yaml"
+    given = {"calibration_file": str(file), "calibration_folder": str(tmp_path)}
+    with monitor({**given, "has_clock": has_clock}) as session:
+        session.describe(UNKNOWN)
+        request = Calibrate.Request(windows=2)
+        future = session.start(Calibrate, "/ema/monitor/calibrate", request)
+        awaited = session.node.units.values
+        wait_for(lambda: any(unit.awaiting for unit in awaited()), "the call to wait for records")
+        session.feed([motion(0)])
+        session.next_estimate()
+        session.feed([motion(1)])
+        answer = session.result(future)
+        assert answer.success, answer.message
+    calibration = load_calibration(file)
+    assert isinstance(calibration, JointCalibration)
+    assert (0 in calibration.baseline.days) == (not has_clock)

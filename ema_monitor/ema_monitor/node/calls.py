@@ -89,6 +89,9 @@ class MonitorCalls:
             if not request.force:
                 self._require_no_alarm(description)
             accepted_by = person if request.force else ""
+            has_clock = self._node.operation.value.has_clock
+            if description.drive == "unknown" and not has_clock:
+                windows = [one.without_date() for one in windows]
             calibration = calibrate(windows, description, accepted_by=accepted_by)
             self._node.store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"

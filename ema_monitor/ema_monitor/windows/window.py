@@ -1,7 +1,7 @@
 """A window of telemetry: the stretch of samples that one diagnosis rests on."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -47,6 +47,10 @@ class Window:
 
     def __len__(self) -> int:
         return len(self.telemetry) - 1
+
+    def without_date(self) -> "Window":
+        """Return the window from stamp 0 on, as of a drive without a clock."""
+        return replace(self, telemetry=replace(self.telemetry, stamp_ns=0))
 
     def __str__(self) -> str:
         return (
