@@ -33,6 +33,7 @@ from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.wording import summary
+from ema_monitor.joint.zero import zero_shift
 from ema_monitor.windows.records import stands_still
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -47,6 +48,13 @@ _FAR: Final = 0.5
 _OTHER_UNIT: Final = 5.0
 _OTHER_FRICTION: Final = 20.0
 _BEYOND_DOUBT: Final = 4.0
+_LEAST_ZERO: Final = 0.03
+"""Smallest angle that is named as another zero of the position [rad]."""
+_GAIN_OF_ZERO: Final = 1.2
+"""By how much another zero has to lower the residual of the effort, if the changes explain the
+coefficients as well [-]."""
+_OF_ZERO: Final = 9.0
+"""By how much another zero has to explain a record better than the changes."""
 _EXPLAINED: Final = 1.5
 """By how much a delay has to explain a record better than the changes alone, to be likelier."""
 _CAUSES: Final = {
@@ -118,7 +126,14 @@ def identify_record(
         evaluations=1,
         computing_time_s=time.perf_counter() - started,
         valid=True,
-        reason=". ".join([*caveat, summary(comparison), *_notes(window, record, spikes)]),
+        reason=". ".join(
+            [
+                *caveat,
+                summary(comparison),
+                *_zero_note(window, description, calibration, record, comparison),
+                *_notes(window, record, spikes),
+            ]
+        ),
         calibration_windows=calibration.windows,
         verdict=DEPARTED if comparison.has_departed else VALID,
         causes=tuple(_causes(comparison, calibration)),
@@ -291,6 +306,39 @@ def _other_unit(record: JointRecord, baseline: Baseline, description: ActuatorDe
             "of another joint? Compare the mapping and the clocks with those of the healthy records"
         )
     return ""
+
+
+def _zero_note(
+    window: Window,
+    description: ActuatorDescription,
+    calibration: JointCalibration,
+    record: JointRecord,
+    comparison: Comparison,
+) -> list[str]:
+    """Return whether another zero of the position explains a record better, as sentences."""
+    baseline, comparer = calibration.baseline, calibration.comparer
+    if not (baseline.shape.has_gravity and comparison.has_departed):
+        return []
+    fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
+    signals = filtered(aligned(fine, record.effort_lag), baseline.preparation)
+    shift, gain = zero_shift(baseline.shape, signals)
+    if abs(shift) < _LEAST_ZERO:
+        return []
+    telemetry = window.telemetry
+    moved = replace(
+        telemetry, position=telemetry.position - shift, command=telemetry.command - shift
+    )
+    turned = _record_of(replace(window, telemetry=moved), description, calibration)
+    if isinstance(turned, str):
+        return []
+    better = comparer.unexplained(record) - comparer.unexplained(turned)
+    if better < (0.0 if gain > _GAIN_OF_ZERO else _OF_ZERO):
+        return []
+    return [
+        f"Or the position counts from another zero: the record agrees better if it is "
+        f"{abs(shift):.2f} rad {'more' if shift > 0.0 else 'less'} than in the healthy records: "
+        "check the homing"
+    ]
 
 
 def _notes(window: Window, record: JointRecord, spikes: int) -> list[str]:
