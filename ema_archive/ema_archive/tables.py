@@ -38,7 +38,12 @@ _COMPARISON: Final = pa.struct(
         "probability": _FLOAT,
         "states": pa.map_(_TEXT, _FLOAT),
         "improvements": pa.list_(
-            pa.struct({"name": _TEXT, "days": _INT, "records": _INT, "smallest_change": _FLOAT})
+            pa.struct(
+                {
+                    **{"name": _TEXT, "days": _INT, "records": _INT},
+                    **dict.fromkeys(("present_change", "smallest_change"), _FLOAT),
+                }
+            )
         ),
     }
 )

@@ -17,7 +17,7 @@ FULL = replace(
     HEALTHY,
     figures=(FigureChange("tracking_error", 2.0, 1e-5),),
     states={"worn": 0.9, "healthy": 0.1},
-    improvements=(Improvement(FRICTION, 2, 6, 0.05),),
+    improvements=(Improvement(FRICTION, 2, 6, 0.06, 0.05),),
 )
 _SQL = """
     SELECT one.name, one.judgement, one.change

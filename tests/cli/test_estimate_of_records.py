@@ -58,10 +58,10 @@ def test_record_is_a_table_of_quantities(estimate: Shown):
 def test_healthy_record_ends_with_0_and_states_what_would_lower_the_smallest_change(
     estimate: Shown,
 ):
-    result = estimate(replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.05),)))
+    result = estimate(replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.06, 0.05),)))
     assert result.exit_code == 0
     assert "changes of Coulomb friction above 6 % would show" in result.stdout
-    assert "change of Coulomb friction from 6 % to 5 %." in result.stdout
+    assert "change of Coulomb friction from 6 % to 5 % on a day without healthy" in result.stdout
 
 
 def test_record_that_judges_nothing_ends_with_3(estimate: Shown):

@@ -29,7 +29,7 @@ from ..pages import Page
 
 NO_FRICTION = comparison(not_judged(FRICTION, "one direction only"))
 COARSE = comparison(unchanged(FRICTION, 0.35))
-IMPROVABLE = replace(COARSE, improvements=(Improvement(FRICTION, 2, 6, 0.05),))
+IMPROVABLE = replace(COARSE, improvements=(Improvement(FRICTION, 2, 6, 0.06, 0.05),))
 HOURS = ("--hours-per-cycle", "10")
 
 Run = Callable[..., Any]

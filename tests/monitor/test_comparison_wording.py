@@ -153,11 +153,12 @@ def test_absolute_change_has_the_digits_of_its_smallest_change():
     assert row(comparison(load), "constant load")[:2] == ("-0.006 N.m", "-0.023 to +0.011 N.m")
 
 
-def test_improvement_states_both_smallest_changes():
-    of = replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.05),))
+def test_improvement_states_both_smallest_changes_of_a_day_without_healthy_records():
+    """The smallest change of the record itself, 6 %, may be that of a day with healthy records."""
+    of = replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.14, 0.12),))
     assert improvement_sentences(of) == [
         "6 further healthy records on 2 further days would lower the smallest detectable change "
-        "of Coulomb friction from 6 % to 5 %."
+        "of Coulomb friction from 14 % to 12 % on a day without healthy records."
     ]
 
 

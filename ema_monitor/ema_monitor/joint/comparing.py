@@ -282,7 +282,7 @@ class Comparer:
             )
             lower = extended.smallest_changes[FRICTION]
             if lower < _WORTH_IT * now:
-                found.append(Improvement(FRICTION, days, _MORE_RECORDS, lower))
+                found.append(Improvement(FRICTION, days, _MORE_RECORDS, now, lower))
         return tuple(sorted(found, key=lambda one: one.smallest_change)[:1])
 
 

@@ -138,13 +138,15 @@ class Improvement:
         Number of further days with healthy records; 0 for records of a day that has some.
     records
         Number of further healthy records in all.
-    smallest_change
-        Smallest detectable change with these records, as that of ``QuantityChange``.
+    present_change, smallest_change
+        Smallest detectable change on a day without healthy records, now and with these records, in
+        the unit of ``QuantityChange``.
     """
 
     name: str
     days: int
     records: int
+    present_change: float
     smallest_change: float
 
 
@@ -246,6 +248,7 @@ class Comparison:
                 str(one["name"]),
                 int(one["days"]),
                 int(one["records"]),
+                number(one["present_change"]),
                 number(one["smallest_change"]),
             )
             for one in content["improvements"]

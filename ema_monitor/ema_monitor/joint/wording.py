@@ -169,8 +169,10 @@ def improvement_sentences(comparison: Comparison) -> list[str]:
         days = f" on {_count(item.days, 'further day')}" if item.days else ""
         sentences.append(
             f"{_count(item.records, 'further healthy record')}{days} would lower the smallest "
-            f"detectable change of {label_of(item.name)} from {smallest_text(quantity)} to "
-            f"{_plain(item.smallest_change, quantity)} {unit_of(quantity)}."
+            f"detectable change of {label_of(item.name)} from "
+            f"{_plain(item.present_change, quantity)} {unit_of(quantity)} to "
+            f"{_plain(item.smallest_change, quantity)} {unit_of(quantity)} on a day without "
+            "healthy records."
         )
     return sentences
 

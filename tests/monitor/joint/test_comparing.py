@@ -272,6 +272,7 @@ def test_more_days_lower_the_smallest_change_as_predicted():
             for days in (1, 3)
         )
         (improvement,) = one_day.improvements
+        assert improvement.present_change == one_day.smallest_changes[FRICTION]
         assert (improvement.days, improvement.records) == (2, 6)
         assert improvement.smallest_change < 0.7 * one_day.smallest_changes[FRICTION]
         predicted.append(improvement.smallest_change)
