@@ -165,3 +165,15 @@ def test_stamps_that_go_back_within_a_bag_are_noticed():
     # A recording of a loop, and bags that are given in any order.
     assert unordered([*tests[:2], *tests[:2]]) == {}
     assert unordered([StampedTest(*one, str(one), one) for one in stamps]) == {}
+
+
+@pytest.mark.parametrize(
+    ("first_ns", "advises"), [(0, True), (5 * 86_400 * S, True), (FIRST_NS, False)]
+)
+def test_tests_without_a_date_at_the_same_time_advise_to_give_the_date(first_ns, advises):
+    tests = [StampedTest(first_ns, first_ns + 20 * S, bag, bag) for bag in ("a", "b")]
+    reasons = unordered(tests)
+    assert set(reasons) == {"a", "b"}
+    assert all(
+        ("give the time of records with its date" in one) == advises for one in reasons.values()
+    )
