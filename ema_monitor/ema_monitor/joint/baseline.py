@@ -44,6 +44,7 @@ _SAME_MOTION: Final = 0.012
 _FEWEST_REPEATED: Final = 3
 _MOTION_TOLERANCE: Final = 0.1
 _LATE: Final = 0.05
+_UNEXPLAINED: Final = 0.3
 _ENOUGH_RECORDS: Final = 5
 _FLOOR: Final = 1e-9
 _OF_PAYLOAD: Final = [INERTIA, GRAVITY]
@@ -56,6 +57,7 @@ class Gap(Enum):
     ONE_DAY = auto()
     FEW_RECORDS = auto()
     ONE_SPEED = auto()
+    UNEXPLAINED_EFFORT = auto()
 
 
 @dataclass(frozen=True)
@@ -137,13 +139,20 @@ class Baseline:
         return errors
 
     @property
+    def is_unexplained(self) -> bool:
+        """Whether the motion leaves so much of the effort unexplained that little else shows."""
+        return self.shape.unexplained > _UNEXPLAINED
+
+    @property
     def gaps(self) -> tuple[Gap, ...]:
         """What the healthy records lack."""
         is_missing = {
             Gap.NO_DATES: 0 in self.days,
             Gap.ONE_DAY: len(set(self.days)) < 2 and 0 not in self.days,
             Gap.FEW_RECORDS: len(self.records) < _ENOUGH_RECORDS,
-            Gap.ONE_SPEED: not self.shape.has_viscous,
+            Gap.ONE_SPEED: not self.shape.has_viscous and not self.is_unexplained,
+            Gap.UNEXPLAINED_EFFORT: self.is_unexplained
+            and not (self.shape.has_viscous and self.shape.has_inertia),
         }
         return tuple(gap for gap, missing in is_missing.items() if missing)
 

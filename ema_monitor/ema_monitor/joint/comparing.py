@@ -70,6 +70,9 @@ _UNSEEN: Final = {
     TORQUE: "only friction is visible in the healthy records, and it looks the same",
 }
 """Why a quantity is not judged that the healthy records do not show."""
+_UNEXPLAINED: Final = (
+    "the motion does not explain a large part of the effort in the healthy records, which hides it"
+)
 _TOGETHER: Final = "it departs as well, and no single change explains all of the record"
 _DOUBT: Final = (
     "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
@@ -319,6 +322,8 @@ class _Test:
         for name, reason in _UNSEEN.items():
             if name not in quantities:
                 others = named if name in rivals else ()
+                if self._baseline.is_unexplained:
+                    reason = _UNEXPLAINED
                 quantities[name] = QuantityChange(
                     name, Judgement.NOT_JUDGED, reason=reason, rivals=others
                 )

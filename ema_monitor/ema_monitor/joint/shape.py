@@ -56,6 +56,8 @@ class Shape:
     has_gravity, has_inertia, has_viscous
         Whether these are part of the model. Viscous friction that the motion does not tell apart
         from Coulomb friction is part of it.
+    unexplained
+        Standard deviation of the effort that the model leaves, over that of the effort [-].
     """
 
     coulomb: float
@@ -71,6 +73,7 @@ class Shape:
     has_gravity: bool = False
     has_inertia: bool = True
     has_viscous: bool = True
+    unexplained: float = 0.0
 
     @property
     def used(self) -> Flags:
@@ -286,7 +289,15 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     covariance = np.median([one.covariance for one in fits], axis=0)
     sigmas = np.sqrt(np.diag(covariance))
     inertia = float(np.median([one.values[INERTIA] for one in fits]))
-    seen = replace(shape, has_inertia=bool(sigmas[INERTIA] < _SEEN * inertia))
+    unexplained = [
+        float(np.std(fit.residuals) / max(np.std(one.effort), _TINY))
+        for fit, one in zip(fits, records, strict=True)
+    ]
+    seen = replace(
+        shape,
+        has_inertia=bool(sigmas[INERTIA] < _SEEN * inertia),
+        unexplained=float(np.median(unexplained)),
+    )
     if shape.has_gravity and not sigmas[GRAVITY] < _SEEN:
         seen = replace(seen, sine=0.0, cosine=0.0, has_gravity=False)
     # The friction at the speed of the motion takes the place of both.

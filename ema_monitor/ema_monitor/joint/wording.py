@@ -36,6 +36,10 @@ _GAPS: Final = {
         "the healthy records have nearly one speed, so that Coulomb and viscous friction are not "
         "told apart: add moves at half the speed"
     ),
+    Gap.UNEXPLAINED_EFFORT: (
+        "the motion does not explain a large part of the effort in the healthy records: check that "
+        "effort and position are of one joint and one clock"
+    ),
 }
 
 _EFFORT: Final = frozenset({FRICTION, TORQUE})

@@ -286,6 +286,8 @@ def test_gaps_name_what_the_healthy_records_lack():
     assert baseline_of().gaps == ()
     one_speed = baseline_of(shape=Shape(coulomb=1.0, has_viscous=False))
     assert one_speed.gaps == (Gap.ONE_SPEED,)
+    unexplained = baseline_of(shape=Shape(coulomb=1.0, has_viscous=False, unexplained=0.6))
+    assert unexplained.gaps == (Gap.UNEXPLAINED_EFFORT,)
 
 
 def test_load_has_the_unit_of_the_effort():

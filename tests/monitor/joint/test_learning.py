@@ -11,6 +11,7 @@ from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import FRICTION, FRICTION_OVER_INERTIA, Judgement
 from ema_monitor.joint.comparison import GRAVITY as GRAVITY_TORQUE
 from ema_monitor.joint.comparison import INERTIA as INERTIA_OF_JOINT
+from ema_monitor.joint.comparison import VISCOUS as VISCOUS_FRICTION
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.record import JointRecord, read_record
 from ema_monitor.joint.shape import DRY, GRAVITY, INERTIA, LOAD, VISCOUS
@@ -267,3 +268,29 @@ def test_payload_is_no_friction_where_friction_rises_with_the_load(payload):
     named = {one.name for one in found.changed} - {FRICTION_OVER_INERTIA}
     assert named == {GRAVITY_TORQUE, INERTIA_OF_JOINT}
     assert found[FRICTION].judgement is not Judgement.CHANGED
+
+
+def test_effort_that_the_motion_does_not_explain_is_named_as_the_reason():
+    """More speeds would not show viscous friction."""
+    rng = np.random.default_rng(0)
+    records = []
+    for record in healthy_telemetry(motion=tones()):
+        t = record.sample_period * np.arange(len(record))
+        of_another = sum(
+            2.5 * np.sin(2.0 * np.pi * hertz * t + rng.uniform(0.0, 6.0))
+            for hertz in (0.2, 0.37, 0.55, 0.7)
+        )
+        records.append(replace(record, current=record.current + of_another))
+    comparer = Comparer(learn(records, described()))
+    text = " ".join(baseline_sentences(comparer))
+    assert "does not explain a large part of the effort" in text
+    assert "half the speed" not in text
+    found = comparer.compare(comparer.baseline.records[0])
+    assert found[VISCOUS_FRICTION].judgement is Judgement.NOT_JUDGED
+    assert "does not explain a large part of the effort" in found[VISCOUS_FRICTION].reason
+
+
+def test_motion_is_the_reason_if_the_effort_is_explained():
+    comparer = Comparer(learned(motion=ramps()))
+    assert not comparer.baseline.is_unexplained
+    assert "half the speed" in " ".join(baseline_sentences(comparer))
