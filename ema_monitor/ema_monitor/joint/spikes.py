@@ -23,10 +23,10 @@ _NORMAL: Final = 1.4826
 
 
 class Despiked(NamedTuple):
-    """Telemetry without spikes of the effort, and how many samples were replaced."""
+    """Telemetry without spikes of the effort, and number of samples replaced."""
 
     telemetry: Telemetry
-    count: int
+    spikes: int
 
 
 def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:

@@ -47,9 +47,9 @@ def test_spikes_are_replaced_by_their_neighbours(noise, size):
     plain = telemetry_of(JOINT, tones(), Sensors(noise=noise))
     share = 0.005
     result = despiked(spiked(plain, share, size), HERTZ)
-    assert result.count == np.count_nonzero(spiked(plain, share, size).current == size)
+    assert result.spikes == np.count_nonzero(spiked(plain, share, size).current == size)
     change = np.abs(result.telemetry.current - plain.current)
-    assert np.count_nonzero(change) <= result.count
+    assert np.count_nonzero(change) <= result.spikes
     # A reversal changes the effort by twice the Coulomb friction.
     assert np.max(change) < 2.0 * JOINT.coulomb + 0.5 + 6.0 * noise
 

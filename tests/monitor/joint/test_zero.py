@@ -28,7 +28,7 @@ HINT = "Or the position counts from another zero"
 MOTIONS = {"tones": tones(), "small": tones(size=0.5), "places": places()}
 
 
-@pytest.fixture(scope="module", params=MOTIONS.values(), ids=MOTIONS)
+@pytest.fixture(scope="module", params=MOTIONS.values(), ids=list(MOTIONS))
 def motion(request) -> Motion:
     return request.param
 
