@@ -32,7 +32,7 @@ _SMALLEST = {name: 0.06 if name == FRICTION else 0.1 for name in QUANTITIES}
 def unchanged(name: str, smallest: float = math.nan) -> QuantityChange:
     """A quantity that does not differ from healthy."""
     smallest = _SMALLEST[name] if math.isnan(smallest) else smallest
-    unit = "-" if QUANTITIES[name].is_relative else "N.m"
+    unit = "N.m" if name == LOAD else "-"
     judgement = Judgement.UNCHANGED
     return QuantityChange(name, judgement, 0.0, -smallest / 2, smallest / 2, smallest, unit)
 
@@ -41,7 +41,7 @@ def changed(
     name: str, change: float, half_width: float = 0.04, rivals: tuple[str, ...] = ()
 ) -> QuantityChange:
     """A quantity that differs from healthy."""
-    unit = "-" if QUANTITIES[name].is_relative else "N.m"
+    unit = "N.m" if name == LOAD else "-"
     low, high = change - half_width, change + half_width
     return QuantityChange(
         name, Judgement.CHANGED, change, low, high, _SMALLEST[name], unit, rivals=rivals
@@ -50,7 +50,7 @@ def changed(
 
 def not_judged(name: str, reason: str) -> QuantityChange:
     """A quantity about which the record says nothing."""
-    unit = "-" if QUANTITIES[name].is_relative else "N.m"
+    unit = "N.m" if name == LOAD else "-"
     return QuantityChange(name, Judgement.NOT_JUDGED, unit=unit, reason=reason)
 
 

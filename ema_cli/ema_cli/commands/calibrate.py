@@ -48,7 +48,8 @@ def calibrate(
     is taken for known within its sigma. What the windows did not show is named at the end.
 
     Four or more records of an unknown drive are compared with each other. A record that differs
-    from the others is named in a warning and in the calibration. It is used all the same.
+    from the others is named in a warning and in the calibration. It is used all the same. Their
+    days are UTC days: a session across midnight UTC counts as two.
 
     Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """

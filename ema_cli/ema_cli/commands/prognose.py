@@ -43,8 +43,8 @@ def prognose(
     All tests are of one unit, in the order of their stamps. The figures are those that a monitor
     publishes after the last one.
 
-    Exit code 3: no test has a valid estimate, or the newest one has failed or departed, or it is a
-    record that leaves the level open.
+    Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
+    record does not determine the level.
     """
     if given.archive is not None:
         raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")

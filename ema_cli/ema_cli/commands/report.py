@@ -35,8 +35,8 @@ def report(
     ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there. The page
     needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
 
-    Exit code 3: no test has a valid estimate, or the newest one has failed or departed, or it is a
-    record that leaves the level open.
+    Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
+    record does not determine the level.
     """
     archive = given.archive
     histories = [path for path in bags if path.suffix == ".sqlite"]

@@ -115,7 +115,7 @@ def limited(
 
 
 def is_unjudged(course: Course) -> bool:
-    """Return whether the newest record leaves the level of the unit open."""
+    """Return whether the newest record does not determine the level of the unit."""
     if not course.estimates or course.estimates[-1].comparison is None:
         return False
     return course.now.health.level == STALE

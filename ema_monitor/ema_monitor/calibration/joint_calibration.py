@@ -126,7 +126,7 @@ class JointCalibration(StoredCalibration):
 
     @property
     def not_learned(self) -> tuple[str, ...]:
-        """Names of the quantities that no healthy record shows; none: each record tells its own."""
+        """Always empty: it names unit parameters of a drive model, and there is no model."""
         return ()
 
     def __str__(self) -> str:

@@ -93,9 +93,9 @@ class Estimate:
         Number of healthy windows that the calibration rests on; 0 when there was none.
     verdict
         "valid"; "degraded": usable, with standard deviations that say how far, and ``reason`` why;
-        "refused"; "failed": refused for a failure of drive or shaft; "skipped": not looked at, as
-        it was cut off or had to wait too long; or "departed": valid or not, the window departs from
-        the unit's healthy ones in what ``reason`` says, and no fault explains it.
+        "refused"; "failed": refused for a failure of drive or shaft; "skipped": not examined, as
+        it was cut off or dropped; or "departed": valid or not, the window departs from the
+        unit's healthy windows in what ``reason`` says, and no fault explains it.
     unexplained_share
         What is left of the window's departure from healthy at the estimate [-]; NaN where the
         goodness of fit is.

@@ -52,7 +52,7 @@ class Tally(NamedTuple):
     refused
         Those that nothing explains, or that cannot be used.
     dropped
-        Those that had to wait for too long.
+        Those that the monitor dropped because its queue was full.
     fruitless
         Combinations that have shown no fault as well as wanted.
     reason

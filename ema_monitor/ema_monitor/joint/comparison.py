@@ -26,14 +26,11 @@ class Quantity(NamedTuple):
     ----------
     label
         Name in words.
-    is_relative
-        Whether its change is relative; else it has the unit of the effort.
     reference
         What a relative change is a share of.
     """
 
     label: str
-    is_relative: bool = True
     reference: str = "healthy"
 
 
@@ -54,7 +51,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     INERTIA: Quantity("inertia"),
     FRICTION_OVER_INERTIA: Quantity("Coulomb friction over inertia"),
     GRAVITY: Quantity("gravity"),
-    LOAD: Quantity("constant load", is_relative=False),
+    LOAD: Quantity("constant load"),
     PLAY: Quantity("play"),
     TRACKING: Quantity("tracking lag"),
 }

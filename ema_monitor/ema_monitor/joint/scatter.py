@@ -51,10 +51,6 @@ class Prediction(NamedTuple):
         spread = self.variances + (self.means - self.mean) ** 2
         return float(np.sqrt(self.weights @ spread))
 
-    def plus(self, variance: float) -> "Prediction":
-        """Return the prediction with a further error of this variance."""
-        return self._replace(variances=self.variances + variance)
-
     def below(self, x: float) -> float:
         """Return the probability of a value below ``x``."""
         return float(self.weights @ _normal((x - self.means) / np.sqrt(self.variances)))

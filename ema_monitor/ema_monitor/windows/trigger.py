@@ -49,9 +49,16 @@ _RATE_TOLERANCE: Final = 0.01
 class Refusal:
     """A window that was begun and cannot be used.
 
-    ``start_ns`` and ``end_ns`` are the stamps of its first and last sample [ns]; ``is_dropped``
-    says that nothing is wrong with it but that it had to wait for too long, ``is_cut_off`` that
-    nothing is but that the telemetry ends within it.
+    Attributes
+    ----------
+    start_ns, end_ns
+        Stamps of its first and last sample [ns].
+    reason
+        Why it cannot be used.
+    is_dropped
+        Whether the monitor dropped a usable window: its queue was full, or it was not active.
+    is_cut_off
+        Whether the telemetry ended before the window was complete.
     """
 
     start_ns: int

@@ -73,8 +73,8 @@ def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
             f"{len(stamps_ns)} samples have no two stamps that differ: expected stamps that grow"
         )
     period = _first_period(stamps_ns, steps)
-    # Longer and longer reaches, each taken where no sample is missing: the error of the period
-    # falls with the reach, and so the next one is told from a loss.
+    # Each pass measures the period over a longer stretch without lost samples. The error falls with
+    # the length, so that the next pass can distinguish a longer period from a lost sample.
     reach = 2
     while reach <= min(_LONGEST_REACH, len(stamps_ns) - 1):
         spans = (stamps_ns[reach:] - stamps_ns[:-reach]).astype(np.float64)
