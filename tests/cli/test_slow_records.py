@@ -157,7 +157,7 @@ def test_each_cycle_of_a_table_is_a_record(ema, tmp_path, described):
     calibration = tmp_path / "calibration.yaml"
     result = ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration)
     assert result.exit_code == 0, result.output
-    assert "from 8 records on 1 day" in result.stdout
+    assert "from 8 records without a date" in result.stdout
     result = ema("estimate", tmp_path / "worn.mcap", "--calibration", calibration, "--json")
     assert result.exit_code == 3
     estimates = json.loads(result.stdout)
