@@ -419,8 +419,8 @@ def test_record_is_found_wherever_the_running_index_is(first_index: int):
 def seized(seconds: float, angle: float = 0.1, h: float = H) -> Telemetry:
     """Motion of a command, and the noise of an encoder that stands still."""
     n = round(seconds / h)
-    noise = QUANTUM * np.random.default_rng(3).integers(0, 2, n)
-    return replace(telemetry(angle + noise, h), command=sine(seconds, h=h))
+    counts = np.random.default_rng(3).integers(0, 2, n).astype(np.float64)
+    return replace(telemetry(angle + QUANTUM * counts, h), command=sine(seconds, h=h))
 
 
 def records_of(
