@@ -62,8 +62,9 @@ def learn(
     preparation = Preparation(cutoff, known_lag(description), usual)
     some = blocks[:: max(1, len(blocks) // 4)]
     stiff, elastic = (
-        one._replace(lag_s=common_lag(some, one))
+        one._replace(lag_s=lag, unexpected_lag_s=lag - one.lag_s)
         for one in (preparation, preparation._replace(is_elastic=True))
+        for lag in (common_lag(some, one),)
     )
     lags = [effort_lag(one, preparation) for one in blocks]
     lags = [with_shift(one, lags, cutoff) for one in lags]

@@ -54,6 +54,8 @@ class Preparation(NamedTuple):
         Wave numbers of the ripples of the effort along the position [1/rad].
     is_elastic
         Whether the effort depends on jerk and snap, as with an elastic gear.
+    unexpected_lag_s
+        Part of the lag that the acquisition of the effort does not explain [s].
     """
 
     cutoff_hz: float
@@ -61,6 +63,7 @@ class Preparation(NamedTuple):
     usual_speed: float
     ripples: tuple[float, ...] = ()
     is_elastic: bool = False
+    unexpected_lag_s: float = 0.0
 
     @property
     def highest_period(self) -> float:

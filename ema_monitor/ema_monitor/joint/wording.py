@@ -342,17 +342,17 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
             f"{_percent(item.smallest_change)}"
         )
     sentences += [_GAPS[gap] for gap in comparer.baseline.gaps]
-    return sentences + _lag_sentences(comparer.baseline.preparation.lag_s)
+    return sentences + _lag_sentences(comparer.baseline.preparation.unexpected_lag_s)
 
 
 def _lag_sentences(lag_s: float) -> list[str]:
-    """Return the remark on a large lag of the effort behind the motion [s]."""
+    """Return the remark on a large lag of the effort that its acquisition does not explain [s]."""
     if abs(lag_s) < _LARGE_LAG_S:
         return []
     way = "later" if lag_s > 0.0 else "earlier"
     return [
-        f"the effort is {1e3 * abs(lag_s):.0f} ms {way} than the motion, which is corrected: check "
-        "the filters and clocks of effort and position"
+        f"the effort is {1e3 * abs(lag_s):.0f} ms {way} than the motion and the described "
+        "acquisition explain, which is corrected: check filters and clocks of effort and position"
     ]
 
 

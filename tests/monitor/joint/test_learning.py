@@ -152,8 +152,24 @@ def test_calibration_remarks_a_large_lag(lag_s):
     remarks = [one for one in baseline_sentences(Comparer(baseline)) if "than the motion" in one]
     way = "later" if lag_s > 0.0 else "earlier"
     size = abs(1e3 * baseline.preparation.lag_s)
-    expected = f"the effort is {size:.0f} ms {way} than the motion, which is corrected"
+    expected = (
+        f"the effort is {size:.0f} ms {way} than the motion and the described "
+        "acquisition explain, which is corrected"
+    )
     assert [one.split(":")[0] for one in remarks] == ([expected] if lag_s else [])
+
+
+def test_lag_that_the_acquisition_explains_is_not_remarked():
+    """A mean current at 25 Hz is half a sample, 20 ms, early."""
+    records = healthy_telemetry(motion=tones(h=0.04))
+    description = described(h=0.04)
+    acquisition = replace(description.acquisition, current="mean")
+    baseline = learn(records, replace(description, acquisition=acquisition))
+    assert baseline.preparation.unexpected_lag_s == pytest.approx(baseline.preparation.lag_s + 0.02)
+    kept = replace(
+        baseline, preparation=baseline.preparation._replace(lag_s=-0.02, unexpected_lag_s=0.0)
+    )
+    assert "acquisition explain" not in " ".join(baseline_sentences(Comparer(kept)))
 
 
 @pytest.mark.parametrize("seed", range(5))
