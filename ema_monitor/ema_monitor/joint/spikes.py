@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ema_core.arrays import Array
 from ema_core.telemetry import Telemetry
@@ -51,7 +51,7 @@ def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
     effort = telemetry.current
     if len(effort) < _AROUND or telemetry.sample_period * cutoff_hz > _COARSEST:
         return Despiked(telemetry, 0)
-    median = median_filter(effort, _AROUND, mode="nearest")
+    median = _running_median(effort)
     lowest, highest = float(np.min(median)), float(np.max(median))
     excess = _BEYOND * (highest - lowest)
     far = np.flatnonzero((effort < lowest - excess) | (effort > highest + excess))
@@ -62,6 +62,13 @@ def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
     current = effort.copy()
     current[spikes] = median[spikes]
     return Despiked(replace(telemetry, current=current), len(spikes))
+
+
+def _running_median(values: Array) -> Array:
+    """Return the median of each sample and its neighbours; ends are continued."""
+    sides = _AROUND // 2
+    around = sliding_window_view(np.pad(values, sides, mode="edge"), _AROUND)
+    return np.sort(around, axis=1)[:, sides]
 
 
 def _is_spike(departure: Array, at: int) -> bool:
