@@ -22,7 +22,7 @@ from ema_monitor.joint.signals import Preparation
 from ema_monitor.joint.single import BETWEEN_RECORDS
 
 BETWEEN_DAYS: Final = {
-    "friction": 0.012,
+    "friction": 0.008,
     "inertia": 0.007,
     "viscous_friction": 0.08,
     "viscous_of_friction": 0.004,
@@ -33,9 +33,6 @@ BETWEEN_DAYS: Final = {
 the load only as a share of the dry friction at the usual speed [-].
 
 Lubricants thin by 3 to 6 % for 1 K, and days differ by a few kelvin."""
-
-SPREAD_OF_UNITS: Final = 0.6
-"""Prior standard deviation of the logarithms of these standard deviations [-]."""
 
 SHARE_OF_SHOWN: Final = 0.3
 """Least prior median of a scatter over the scatter of the healthy records [-]."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_monitor.joint import shape as at
-from ema_monitor.joint.baseline import SPREAD_OF_UNITS, Baseline
+from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import (
     FRICTION,
     FRICTION_OVER_INERTIA,
@@ -200,7 +200,7 @@ class Comparer:
             covariates = measured[:, None]
         variances = np.einsum("i,nij,j->n", weights, self.errors, weights)
         records = BETWEEN_RECORDS * days
-        return Scatter(values, variances, baseline.days, records, days, covariates, SPREAD_OF_UNITS)
+        return Scatter(values, variances, baseline.days, records, days, covariates)
 
     def temperature(self, record: JointRecord) -> Array | None:
         """Return the temperature of a record as a covariate; None where it is unknown or unused."""

@@ -114,8 +114,6 @@ class Scatter:
         Medians of the prior standard deviations.
     covariates
         Conditions that the figure depends on, ``(n, k)``, centred and scaled to about one.
-    spread
-        Prior standard deviation of the logarithms of the standard deviations [-].
     """
 
     def __init__(
@@ -126,12 +124,11 @@ class Scatter:
         between_records: float,
         between_days: float,
         covariates: Array | None = None,
-        spread: float = SPREAD,
     ) -> None:
         nodes = np.linspace(-_REACH, _REACH, NODES)
         prior = np.exp(-0.5 * nodes**2)
         record, day = np.meshgrid(
-            between_records * np.exp(spread * nodes), between_days * np.exp(spread * nodes)
+            between_records * np.exp(SPREAD * nodes), between_days * np.exp(SPREAD * nodes)
         )
         self._record, self._day = (record**2).ravel(), (day**2).ravel()
         log_prior = np.log(np.outer(prior, prior)).ravel()
