@@ -151,7 +151,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
         prognosis_software(),
         pa.Table.from_pylist(rows, HEALTH),
         {
-            "units": [latest | {"calibrated": None if changed is None else changed // 1000}],
+            "units": [{**latest, "calibrated": None if changed is None else changed // 1000}],
             "growth": [row | names for row in growth_rows(last)],
             "lives": lives_of(rows),
             "months": [

@@ -69,7 +69,7 @@ class Telemetry:
     current: NDArray[np.float64]
     position: NDArray[np.float64]
     speed: NDArray[np.float64]
-    interpolated: NDArray[np.bool_] = field(default_factory=_NO_SAMPLES.copy)
+    interpolated: NDArray[Any] = field(default_factory=_NO_SAMPLES.copy)
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)

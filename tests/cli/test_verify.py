@@ -29,6 +29,7 @@ from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.windows.window import Window
 from ema_ros import topics
 from ema_sim.actuator import SimulatedActuator
 
@@ -163,7 +164,9 @@ def test_estimates_of_a_monitor_that_restarted_are_the_same(
     later = next(
         found
         for skipped in range(0, len(blocks) - after, 5)
-        if (found := windows_in(blocks[after + skipped :])) and found[0].window.play is None
+        if (found := windows_in(blocks[after + skipped :]))
+        and isinstance(window := found[0].window, Window)
+        and window.play is None
     )
     made += [item for one in later for item in diagnose_one(restarted, one)]
     assert [one.number for one in made] == [0, 1, 0]

@@ -299,7 +299,9 @@ def _of_any_start(
     )
     results = list[Verified]()
     for diagnosis, memory in ((before, ""), (without_last, "without the test before")):
-        for seen, play in _seen_by_a_monitor(window) if diagnosis is not None else ():
+        if diagnosis is None:
+            continue
+        for seen, play in _seen_by_a_monitor(window):
             *_, again = diagnosis.stopped().add(seen, calibration, search)
             assert isinstance(again, Diagnosed)
             result = told.compared(recorded, again.estimate)

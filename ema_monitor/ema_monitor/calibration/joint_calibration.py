@@ -295,10 +295,9 @@ def _preparation_of(content: dict[str, Any]) -> Preparation:
 
 
 def _shape_of(content: dict[str, Any]) -> Shape:
-    columns = {
-        name: tuple(map(float, content.pop(name, ()))) for name in ("of_inertia", "of_gravity")
-    }
-    return Shape(**content, **columns)
+    for name in ("of_inertia", "of_gravity"):
+        content[name] = tuple(map(float, content.get(name, ())))
+    return Shape(**content)
 
 
 def _record_mapping(record: JointRecord) -> dict[str, Any]:
@@ -324,7 +323,7 @@ def _record_of(content: dict[str, Any]) -> JointRecord:
         raise ValueError(f"a record has no {_N} coefficients with a finite covariance")
     values["figures"] = _figures_of(content["figures"])
     values["parts"] = tuple(map(_figures_of, content.get("parts", [])))
-    values["effort_lag"] = EffortLag(*map(float, content.get("effort_lag", ())))
+    values["effort_lag"] = EffortLag(*content.get("effort_lag", ()))
     return JointRecord(**values)
 
 

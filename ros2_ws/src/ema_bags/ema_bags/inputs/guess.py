@@ -249,8 +249,9 @@ def refine(
     mapping, remarks = guess.mapping, list(guess.remarks)
     for name in ("position", "command", "error", "speed"):
         source = getattr(mapping, name)
-        is_length = source is not None and source.unit in LINEAR
-        if is_length and not with_lead(description, mapping).parameters.lead:
+        if source is None or source.unit not in LINEAR:
+            continue
+        if not with_lead(description, mapping).parameters.lead:
             mapping = replace(mapping, **{name: replace(source, lead=_LEAD)})
             remarks.append(f"{name}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
     for name in ("current", "speed"):
