@@ -91,7 +91,7 @@ def identify_record(
     mismatch = calibration.unit_mismatch(description)
     if mismatch and not force:
         return _refused(window, calibration, f"the calibration does not fit: {mismatch}")
-    if reason := _unusable(window, description, calibration):
+    if reason := _unusable(window, calibration):
         return _refused(window, calibration, reason)
     reason, verdict = _standstill(window, calibration)
     if reason:
@@ -146,7 +146,7 @@ def comparable_record(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | str:
     """Return what a record shows, or why it cannot be compared with the baseline."""
-    reason = _unusable(window, description, calibration)
+    reason = _unusable(window, calibration)
     if reason:
         return reason
     return _record_of(_without_spikes(window, calibration)[0], description, calibration)
@@ -158,11 +158,9 @@ def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Wind
     return (replace(window, telemetry=telemetry) if count else window), count
 
 
-def _unusable(
-    window: Window, description: ActuatorDescription, calibration: JointCalibration
-) -> str:
+def _unusable(window: Window, calibration: JointCalibration) -> str:
     """Return why the samples of a record cannot be compared; empty when they can."""
-    return calibration.shape_mismatch(window) or _missing(window, description)
+    return calibration.shape_mismatch(window) or _missing(window)
 
 
 def _record_of(
@@ -229,14 +227,16 @@ def _refused(
     )
 
 
-def _missing(window: Window, description: ActuatorDescription) -> str:
-    """Return which column a record lacks; empty when it has all."""
+def _missing(window: Window) -> str:
+    """Return which column a record lacks; empty when it has what it needs.
+
+    A speed is not needed: without it, play is not judged.
+    """
     telemetry = window.telemetry
     if not len(telemetry.current):
         return "drive = unknown needs a measured current or torque, and the telemetry has none"
-    speed = telemetry.speed
-    if description.acquisition.speed and not (len(speed) and np.all(np.isfinite(speed))):
-        return "the speed is not measured, although the description says so"
+    if not np.all(np.isfinite(telemetry.speed)):
+        return "the speed is not finite in some samples: leave these out, or leave the speed empty"
     return ""
 
 

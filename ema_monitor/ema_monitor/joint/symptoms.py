@@ -69,7 +69,7 @@ class SymptomComparer:
         if isinstance(healthy, str):
             reason = healthy
         elif not is_known(record.lost_motion, record.lost_motion_sigma):
-            reason = "too few reversals"
+            reason = "too few reversals, or no measured speed"
         if reason or isinstance(healthy, str):
             return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason))
         own = Observation(record.lost_motion, record.lost_motion_sigma, record.day_to_predict)

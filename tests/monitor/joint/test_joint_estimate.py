@@ -272,13 +272,26 @@ def test_reason_why_tracking_is_not_judged_names_whose_command_is_missing(
     assert found.comparison[of.TRACKING].reason == reason
 
 
-def test_record_without_the_measured_speed_is_refused():
+def test_record_without_the_measured_speed_shows_no_play():
     healthy = calibrated(WITH_PLAY, MOTOR_SPEED)
     one = measured(WITH_PLAY, MOTOR_SPEED)
     without = replace(one, telemetry=replace(one.telemetry, speed=np.empty(0)))
     found = identify_record(without, described(MOTOR_SPEED), healthy)
+    assert found.comparison is not None
+    assert found.comparison[of.FRICTION].is_judged
+    assert found.comparison[of.PLAY].judgement is Judgement.NOT_JUDGED
+    assert found.comparison[of.PLAY].reason == "too few reversals, or no measured speed"
+
+
+def test_record_with_a_gap_in_the_measured_speed_is_refused():
+    healthy = calibrated(WITH_PLAY, MOTOR_SPEED)
+    one = measured(WITH_PLAY, MOTOR_SPEED)
+    speed = one.telemetry.speed.copy()
+    speed[100] = np.nan
+    with_gap = replace(one, telemetry=replace(one.telemetry, speed=speed))
+    found = identify_record(with_gap, described(MOTOR_SPEED), healthy)
     assert found.verdict == REFUSED
-    assert "the speed is not measured, although the description says so" in found.reason
+    assert "the speed is not finite in some samples" in found.reason
 
 
 # Other motion and model-free figures
