@@ -391,12 +391,12 @@ class _Test:
         order = np.argsort(costs)
         close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _TOLD_APART]
         # Two changes take more evidence than one.
-        chosen = min(close, key=lambda n: len(self._comparer.hypotheses[n].quantities))
-        nearest = self._comparer.hypotheses[close[0]]
-        if self._baseline.shape.load_share and set(nearest.quantities) == {FRICTION, TORQUE}:
+        chosen = min(close, key=lambda n: self._comparer.hypotheses[n].causes)
+        best = self._comparer.hypotheses[chosen]
+        if self._baseline.shape.load_share and set(best.quantities) == {FRICTION, TORQUE}:
             # Friction that rises with the load raises inertia and gravity at the motor as well.
             chosen = self._number_of(FRICTION)
-        best = self._comparer.hypotheses[chosen]
+            best = self._comparer.hypotheses[chosen]
         rivals: list[str] = []
         for number in close:
             other = self._comparer.hypotheses[number]

@@ -11,6 +11,8 @@ from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQU
 OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
 """Quantity that each coefficient stands for."""
 
+_PAYLOAD: Final = frozenset({GRAVITY, INERTIA, LOAD})
+
 
 class Hypothesis(NamedTuple):
     """A change that may explain a record: its quantities, and their columns, ``(5, k)``.
@@ -22,9 +24,17 @@ class Hypothesis(NamedTuple):
     quantities: tuple[str, ...]
     columns: Array
 
+    @property
+    def causes(self) -> int:
+        """Number of things that have changed: a payload alone changes inertia and gravity.
+
+        The constant load holds the gravity at the centre of the motion, so it may change as well.
+        """
+        return 1 if set(self.quantities) <= _PAYLOAD else len(self.quantities)
+
 
 def hypotheses(baseline: Baseline) -> list[Hypothesis]:
-    """Return the changes that are considered: single quantities first, then pairs."""
+    """Return the changes that are considered: single quantities first, then several."""
     columns: dict[str, Array] = dict(zip(OF_COEFFICIENTS, np.diag(_steps(baseline)), strict=True))
     shape = baseline.shape
     # Friction that rises with the load rises with the payload.
@@ -33,7 +43,7 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
             columns[name] = columns[name] + np.array(load_friction)
     # The effort that the same motion takes is inverse to the torque per ampere.
     columns[TORQUE] = -baseline.healthy * shape.used
-    pairs = [(FRICTION, TORQUE), (GRAVITY, INERTIA)]
+    several = [(FRICTION, TORQUE), (GRAVITY, INERTIA), (GRAVITY, INERTIA, LOAD)]
     unseen = [one for one, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
     for name in unseen:
         del columns[name]
@@ -41,9 +51,9 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
         del columns[TORQUE]
     singles = [Hypothesis((name,), column[:, None]) for name, column in columns.items()]
     return singles + [
-        Hypothesis(pair, np.column_stack([columns[name] for name in pair]))
-        for pair in pairs
-        if all(name in columns for name in pair)
+        Hypothesis(names, np.column_stack([columns[name] for name in names]))
+        for names in several
+        if all(name in columns for name in names)
     ]
 
 

@@ -27,6 +27,7 @@ from ema_monitor.joint.comparison import (
 from ema_monitor.joint.shape import DRY, Shape
 from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
 from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
+from ema_monitor.joint.shape import LOAD as LOAD_COLUMN
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
 
 from .baselines import (
@@ -105,6 +106,18 @@ def test_payload_is_gravity_and_inertia_together(comparer):
     assert found[INERTIA].change == pytest.approx(0.25, abs=0.015)
     assert found[GRAVITY].change == pytest.approx(0.6, abs=0.02)
     assert found[FRICTION].judgement is Judgement.UNCHANGED
+
+
+def test_payload_that_changes_the_gravity_at_the_centre_is_no_friction():
+    """The constant load rises with it: a weaker motor with less friction would look alike."""
+    healthy = np.array([1.2, 0.08, 0.75, 1.6, 1.0])
+    comparer = Comparer(baseline_of(healthy=healthy, scatter=0.005))
+    load = 0.2 * comparer.baseline.healthy[LOAD_COLUMN]
+    record = record_of(changed(comparer.baseline.healthy, gravity=1.2, inertia=1.2, load=load))
+    result = comparer.compare(record)
+    assert names(result) - {LOAD} == {GRAVITY, INERTIA}
+    assert result[GRAVITY].change == pytest.approx(0.2, abs=0.02)
+    assert result[INERTIA].change == pytest.approx(0.2, abs=0.02)
 
 
 def test_friction_and_torque_are_not_told_apart_when_nearly_all_effort_is_friction():
