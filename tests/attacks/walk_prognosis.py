@@ -10,6 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, rule
 
+from ema_core.levels import OK
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
@@ -85,6 +86,9 @@ class Prognosis(Walk):
         before = self.outlook
         self._tell(*held)
         assert _claim(self.outlook) == _claim(before), "a late test leads"
+        if self.outlook and before and self.outlook.health.level == before.health.level == OK:
+            # It may show a fault later than the tests before it, never earlier.
+            assert self.outlook.claim.oldest_ns >= before.claim.oldest_ns
         if self.outlook and before and self.outlook.health.level != before.health.level:
             # At the edge of a level: it moves a value that it makes sharper, and by no more.
             for now, then in zip(self.outlook.health.faults, before.health.faults, strict=True):
@@ -176,7 +180,7 @@ class Prognosis(Walk):
 
 
 def _claim(outlook: Outlook | None) -> object:
-    return outlook and outlook.claim
+    return outlook and outlook.claim._replace(oldest_ns=0)
 
 
 def _said(outlook: Outlook | None) -> str:

@@ -26,7 +26,7 @@ for line in sys.argv[1:]:
 COMMANDS = (
     f"info {SAMPLE}",
     f"estimate {SAMPLE}",
-    f"calibrate {SAMPLE} -o c.yaml --accept-defects",
+    f"calibrate {SAMPLE} -o c.yaml --accept-defects --accepted-by Ada",
     f"plot {SAMPLE} -o telemetry.png",
     f"compare {SAMPLE} --algorithms least_squares",
 )
