@@ -291,7 +291,7 @@ def test_record_with_a_gap_in_the_measured_speed_is_refused():
     with_gap = replace(one, telemetry=replace(one.telemetry, speed=speed))
     found = identify_record(with_gap, described(MOTOR_SPEED), healthy)
     assert found.verdict == REFUSED
-    assert "the speed is not finite in some samples" in found.reason
+    assert "the speed is not measured in some samples" in found.reason
 
 
 # Other motion and model-free figures
