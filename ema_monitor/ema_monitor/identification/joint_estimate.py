@@ -236,7 +236,7 @@ def _missing(window: Window) -> str:
     if not len(telemetry.current):
         return "drive = unknown needs a measured current or torque, and the telemetry has none"
     if not np.all(np.isfinite(telemetry.speed)):
-        return "the speed is not measured in some samples: leave these out, or leave the speed empty"
+        return "the speed is not measured in some samples: leave them out, or the whole speed"
     return ""
 
 
