@@ -218,16 +218,16 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
             elif again.sha256 != sha256:
                 made, why = {}, "the bag has changed since"
             for row in manifest.estimates_of(task.url):
-                told = Verified(row["actuator_id"], row["number"], bag=task.url)
+                verified = Verified(row["actuator_id"], row["number"], bag=task.url)
                 one = made.get((row["actuator_id"], row["end_ns"]))
                 if one is None:
-                    yield replace(told, reason=why)
+                    yield replace(verified, reason=why)
                 elif row["calibration_id"] != one.calibration_id:
                     words = f"calibration {row['calibration_id']!r} is not there any more"
-                    yield replace(told, reason=words)
+                    yield replace(verified, reason=words)
                 else:
                     by = "" if software == estimation_software() else "by other software"
-                    yield told.compared(estimate_from(row), one, by)
+                    yield verified.compared(estimate_from(row), one, by)
 
 
 def _windows(bag: Bag, actuator_id: str) -> dict[tuple[int, int], RecordedWindow]:
@@ -247,7 +247,7 @@ def _made_again(
     before_last, last_number = Diagnosis(), -1
     known = next(iter(windows.values()), None)
     for number, one in tests:
-        told = Verified(actuator_id, number)
+        verified = Verified(actuator_id, number)
         window = windows.get((one.start_ns, one.end_ns))
         calibration = calibrations.get(one.calibration_id)
         is_there = last == one.calibration_id
@@ -262,26 +262,26 @@ def _made_again(
             is_whole = (is_whole and is_there) or not one.warm_start
             last = one.calibration_id
         if one.stretches:
-            yield replace(told, reason="it combines stretches of ordinary motion")
+            yield replace(verified, reason="it combines stretches of ordinary motion")
         elif one.verdict == SKIPPED:
-            yield replace(told, reason="its window was cut off, or dropped")
+            yield replace(verified, reason="its window was cut off, or dropped")
         elif window is None:
-            yield replace(told, reason="its window is in no bag that was given")
+            yield replace(verified, reason="its window is in no bag that was given")
         elif calibration is None:
             words = f"calibration {one.calibration_id or 'unknown'} is not given"
-            yield replace(told, reason=words)
+            yield replace(verified, reason=words)
         elif one.warm_start and not is_there:
-            yield replace(told, reason="its search began at an estimate that is not there")
+            yield replace(verified, reason="its search began at an estimate that is not there")
         else:
-            told = _of_any_start(told, one, before, without_last, window, calibration)
-            if told.state == DIFFERENT and one.warm_start and not is_whole:
+            verified = _of_any_start(verified, one, before, without_last, window, calibration)
+            if verified.state == DIFFERENT and one.warm_start and not is_whole:
                 words = "it follows from tests before the first one that is there"
-                told = replace(told, state=CANNOT, reason=words)
-            yield told
+                verified = replace(verified, state=CANNOT, reason=words)
+            yield verified
 
 
 def _of_any_start(
-    told: Verified,
+    verified: Verified,
     recorded: Estimate,
     before: Diagnosis,
     without_last: Diagnosis | None,
@@ -304,7 +304,7 @@ def _of_any_start(
         for seen, play in _seen_by_a_monitor(window):
             *_, again = diagnosis.stopped().add(seen, calibration, search)
             assert isinstance(again, Diagnosed)
-            result = told.compared(recorded, again.estimate)
+            result = verified.compared(recorded, again.estimate)
             words = ", ".join(filter(None, [play, memory]))
             if words and result.state in (SAME, ROUNDED):
                 result = replace(result, reason=f"as by a monitor that started {words}")
