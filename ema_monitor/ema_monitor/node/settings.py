@@ -75,8 +75,8 @@ class Operation(Checked):
 
     has_clock: bool = flag(
         True,
-        "whether stamps are of a clock; false, as of a drive whose stamps restart: the order of "
-        "reception is that of the tests",
+        "whether stamps come from a clock; if false, as for a drive whose stamps restart, tests "
+        "count in the order of reception",
     )
 
     @property
