@@ -13,7 +13,7 @@ import pytest
 from ema_core.linear_algebra import array_environment
 from ema_core.tasks import WorkerLostError, Workers
 
-from ..waiting import wait_for
+from ..waiting import DEADLINE_S, wait_for
 
 # Workers import what they are to do by the name of a module on their path.
 WORK = """
@@ -198,7 +198,7 @@ try:
     tasks.Workers("dask", 1, address)
 except tasks.ClusterLostError as error:
     print(error)
-tasks._CONNECT_S = 10.0
+tasks._CONNECT_S = float(sys.argv[2])
 dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
 scheduler = subprocess.Popen([*dask, "--host", "127.0.0.1", "--port", sys.argv[1],
     "--no-dashboard", "--no-show"], stderr=subprocess.DEVNULL)
@@ -213,7 +213,7 @@ try:
 except tasks.ClusterLostError as error:
     print(error)
 """
-    said = run_script(folder, body, free_port())
+    said = run_script(folder, body, free_port(), DEADLINE_S)
     assert "does not answer within 1 s" in said
     assert "is out of reach; what is done is kept" in said
 

@@ -9,6 +9,8 @@ import pytest
 from ema_monitor.model import threads as model_threads
 from ema_monitor.model.threads import limit_threads, run_in_threads
 
+from ..waiting import DEADLINE_S
+
 
 @pytest.fixture(autouse=True)
 def two_threads():
@@ -25,7 +27,7 @@ def test_all_work_is_done_once(tasks):
 
 
 def test_two_pieces_of_work_run_at_the_same_time():
-    both = threading.Barrier(2, timeout=8.0)
+    both = threading.Barrier(2, timeout=DEADLINE_S)
 
     def meet(_: int) -> None:
         both.wait()
@@ -41,7 +43,7 @@ def test_single_piece_of_work_costs_no_thread(monkeypatch):
 
 
 def test_failure_reaches_the_caller():
-    both = threading.Barrier(2, timeout=8.0)
+    both = threading.Barrier(2, timeout=DEADLINE_S)
     caller = threading.current_thread()
 
     def work(number: int) -> None:
@@ -55,12 +57,13 @@ def test_failure_reaches_the_caller():
 
 AFTER_A_FORK = """
 import os
+import sys
 import threading
 
 from ema_monitor.model.threads import limit_threads, run_in_threads
 
 def meet():
-    both = threading.Barrier(2, timeout=8.0)
+    both = threading.Barrier(2, timeout=float(sys.argv[1]))
     run_in_threads(lambda _: both.wait(), 2)
 
 limit_threads(2)
@@ -77,4 +80,5 @@ assert os.waitpid(child, 0)[1] == 0
 
 
 def test_forked_process_has_threads_of_its_own():
-    subprocess.run([sys.executable, "-c", AFTER_A_FORK], check=True, timeout=60)
+    command = [sys.executable, "-c", AFTER_A_FORK, f"{DEADLINE_S:g}"]
+    subprocess.run(command, check=True, timeout=2 * DEADLINE_S)

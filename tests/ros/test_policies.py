@@ -20,7 +20,7 @@ from std_msgs.msg import Float64
 from ema_cli.policies import FOLDER, GraphNames, main, node_access, policy_files
 from ema_cli.processes.bringup import NODES, node_class
 
-from ..waiting import wait_for
+from ..waiting import DEADLINE_S, wait_for
 from .graph import Graph
 from .spinning import Spinning
 
@@ -209,6 +209,6 @@ def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch)
             capture_output=True,
             text=True,
             check=False,
-            timeout=60.0,
+            timeout=DEADLINE_S,
         )
         assert stranger.returncode != 0, stranger.stdout
