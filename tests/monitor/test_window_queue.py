@@ -14,6 +14,7 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
+from ..waiting import DEADLINE_S
 from .windows import window_from
 
 WINDOW = window_from(np.linspace(0.0, 1.0, 3))
@@ -92,7 +93,7 @@ def test_consumer_waits_for_the_next_window_or_the_end(is_closed):
     getter.start()
     assert got == []
     assert (queue.close() if is_closed else queue.add(found(7), 1)) == []
-    getter.join(5.0)
+    getter.join(DEADLINE_S)
     assert got == [None if is_closed else found(7)]
 
 
@@ -123,7 +124,7 @@ def test_waiting_windows_are_counted_while_others_come_and_go():
     except RuntimeError as error:
         failures.append(error)
     ended.set()
-    other.join(5.0)
+    other.join(DEADLINE_S)
     assert failures == []
 
 

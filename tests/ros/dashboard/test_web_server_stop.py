@@ -13,7 +13,7 @@ from ema_dashboard.hub import Hub
 from ema_dashboard.settings import bound_socket
 from ema_dashboard.web_server import WebServer
 
-from ...waiting import wait_for
+from ...waiting import DEADLINE_S, wait_for
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_server_stops(server: WebServer, monkeypatch: pytest.MonkeyPatch, moment
 
     def set_loop(loop: asyncio.AbstractEventLoop) -> None:
         begun.set()
-        may_run.wait(30.0)
+        may_run.wait(DEADLINE_S)
         as_before(loop)
 
     as_before = asyncio.set_event_loop
@@ -47,11 +47,11 @@ def test_server_stops(server: WebServer, monkeypatch: pytest.MonkeyPatch, moment
         server._loop.call_soon_threadsafe(server._loop.stop)
         wait_for(lambda: server.thread.ends == 1, "the end of the work")
     if moment == "about to run again":
-        assert begun.wait(30.0)
+        assert begun.wait(DEADLINE_S)
     stopping = threading.Thread(target=server.stop)
     stopping.start()
     wait_for(lambda: server.thread.ending.is_set(), "the request to stop")
     may_run.set()
-    stopping.join(10.0)
+    stopping.join(DEADLINE_S)
     assert not stopping.is_alive()
     assert has_stopped(server, port)
