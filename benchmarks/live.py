@@ -25,7 +25,7 @@ from ema_ros.stamps import stamp_from_message
 
 _TELEMETRY: Final = "/ema/telemetry"
 _ESTIMATES: Final = "/ema/fault_estimate"
-_STATUS: Final = "/diagnostics"
+_STATUS: Final = "/ema/node_status"
 
 
 def read(path: Path) -> Figures:
@@ -36,18 +36,13 @@ def read(path: Path) -> Figures:
     ]
     estimates = list(bag.messages([_ESTIMATES]))
     valid = [item for item in estimates if item.message.valid]
-    *_, status = (
-        {pair.key: pair.value for pair in status.values}
-        for item in bag.messages([_STATUS])
-        for status in item.message.status
-        if status.name.startswith("/ema/monitor: ") and status.name.endswith(" telemetry")
-    )
+    *_, status = (counts for item in bag.messages([_STATUS]) for counts in item.message.telemetry)
     return {
         "samples": sum(count for _, count in blocks),
         "samples_lost_by_recorder": sum(b[0] - a[0] - a[1] for a, b in pairwise(blocks)),
-        "blocks_heard_by_monitor": int(status["blocks"]),
-        "samples_lost_by_monitor": int(status["samples lost"]),
-        "windows": int(status["windows"]),
+        "blocks_heard_by_monitor": int(status.blocks),
+        "samples_lost_by_monitor": int(status.samples_lost),
+        "windows": int(status.windows),
         "estimates": len(valid),
         "warm_estimates": sum(item.message.warm_start for item in valid),
         # By the recorder, and as the monitor says.

@@ -109,13 +109,13 @@ def try_out(
     context = multiprocessing.get_context("spawn")
     times: SimpleQueue[float] = context.SimpleQueue()
     latencies_s: dict[tuple[str, int], float] = {}
-    invalid: dict[tuple[str, int], str] = {}
+    invalid: dict[tuple[str, int], int] = {}
 
     def note(message: FaultEstimate) -> None:
         window = (message.actuator_id, message.window)
         latencies_s[window] = time.time() - 1e-9 * stamp_from_message(message.window_end)
         if not message.valid:
-            invalid[window] = message.reason
+            invalid[window] = message.verdict
 
     def until(end_s: float) -> Callable[[], bool]:
         return lambda: time.time() > end_s
@@ -156,7 +156,7 @@ def try_out(
         blocks = sum(int(one.get("blocks", 0)) for one in graph.statuses.values())
     heard = expected & latencies_s.keys()
     valid = heard - invalid.keys()
-    dropped = {window for window, why in invalid.items() if why.startswith("dropped: ")}
+    dropped = {window for window, verdict in invalid.items() if verdict == FaultEstimate.SKIPPED}
     served = [sum(window[0] == name for window in valid) for name in names]
     of_valid_s = [latencies_s[window] for window in valid] or [float("nan")]
     memory_mb, slope = course.memory_at_end()

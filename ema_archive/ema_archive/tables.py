@@ -20,6 +20,7 @@ _INT: Final = pa.int64()
 _FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
 _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
+_ALTERNATIVE: Final = pa.struct({"part": pa.list_(_TEXT), "stand_in": pa.list_(_TEXT)})
 _EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 _QUANTITY: Final = pa.struct(
     {
@@ -76,7 +77,7 @@ _ESTIMATES: Final = pa.schema(
         **dict.fromkeys(("covariance", "quantiles", "probability"), pa.list_(_FLOAT)),
         **dict.fromkeys(("unobservable", "insignificant"), pa.list_(_TEXT)),
         **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
-        "alternatives": pa.list_(pa.list_(_TEXT)),
+        "alternatives": pa.list_(_ALTERNATIVE),
         "parts": pa.list_(pa.list_(_FLOAT)),
         "comparison": _COMPARISON,
         "number": pa.int32(),

@@ -121,13 +121,12 @@ class HeardFleet:
         else:
             one.refused, one.tested_s = message, now_s
 
-    def add_status(self, name: str, now_s: float) -> None:
-        """Add a status of `/diagnostics`; that of the health of an actuator shows its monitor."""
-        node, _, task = name.partition(": ")
-        place = node.rpartition("/")[0] or "/"
-        one = self._actuators.get((place, task.removesuffix(" health")))
-        if one is not None and task.endswith(" health"):
-            one.reported_s = now_s
+    def add_status(self, place: str, message: Any, now_s: float) -> None:
+        """Add a NodeStatus message: the monitor of its actuators is there."""
+        for telemetry in message.telemetry:
+            actuator = self._actuators.get((place, telemetry.actuator_id))
+            if actuator is not None:
+                actuator.reported_s = now_s
 
     def rows(self, now_s: float, clock_ns: int, *, is_real: bool = True) -> list[Row]:
         """Return the actuators whose health is known, the worst first.

@@ -55,13 +55,19 @@ _STEERING: Final = (
     "play_next",
     "toggle_paused",
 )
-_WATCHED: Final = (topics.HEALTH, topics.FAULT_ESTIMATE, topics.PLAYBACK_STATE, DIAGNOSTICS, CLOCK)
+_WATCHED: Final = (
+    topics.HEALTH,
+    topics.FAULT_ESTIMATE,
+    topics.PLAYBACK_STATE,
+    topics.NODE_STATUS,
+    CLOCK,
+)
 _WATCHED_BY_DEMO: Final = (
     topics.HEALTH,
     topics.FAULT_ESTIMATE,
     topics.SIMULATED_FAULTS,
     topics.TELEMETRY,
-    DIAGNOSTICS,
+    topics.NODE_STATUS,
 )
 
 
@@ -159,7 +165,8 @@ def _node(
     """Return what a node has, with what all nodes, or all lifecycle nodes, have."""
     own = f"{prefix}/{name}/"
     services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
-    said = (DIAGNOSTICS, f"{own}transition_event") if is_managed else ()
+    said = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{own}transition_event")
+    said = said if is_managed else ()
     return GraphNames(
         prefix or "/",
         name,

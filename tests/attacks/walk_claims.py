@@ -5,18 +5,26 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from types import SimpleNamespace
+from typing import Any, Final, NamedTuple, cast
 
+import pyarrow as pa
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
+from ema_archive.settings import ArchiveSettings
+from ema_archive.tables import PARTITIONED, estimate_row
+from ema_archive.unit_task import UnitEntry, UnitTask, follow_unit
+from ema_cli.bags.unit_course import Course, Step, UnitRecord
 from ema_cli.fleet import HeardFleet
+from ema_cli.report.verdict import verdict_of
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_dashboard.hub import Totals
 from ema_dashboard.metrics import Metrics
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.actuator import Actuator
@@ -46,6 +54,9 @@ _SETTINGS = {
     # A drive without a clock.
     "tab": replace(_PLAIN, has_clock=False),
 }
+_ARCHIVED = ArchiveSettings(
+    prognosis=PrognosisSettings(tracker=TrackerSettings(laws=dict(NOMINAL_LAWS)))
+)
 _UNITS: Final[tuple[str, ...]] = tuple(_SETTINGS)
 _KINDS = {
     "good": {"friction": 0.02},
@@ -96,6 +107,9 @@ class Claimed(Walk):
         self.seen_s: dict[str, float] = dict.fromkeys(_UNITS, -math.inf)
         self.told: dict[str, list[Estimate]] = {name: [] for name in _UNITS}
         self.latched: dict[str, Health] = {}
+        # The run of the machine; and since when the clock is followed in fact [s].
+        self.boot = "boot 0"
+        self.followed_s, self.followed_ns = self.clock_s, self.now_ns
         self.calibration = 0
         self.is_running = self.is_active = False
         self.tested = _UNITS[0]
@@ -105,7 +119,7 @@ class Claimed(Walk):
     def _come(self) -> None:
         """A dashboard and a terminal that know nothing yet; they get what is latched."""
         self.claims, self.fleet = Claims(), HeardFleet()
-        self.metrics, self.page = Metrics(["/ema"], Totals), dict[str, int]()
+        self.metrics, self.page = Metrics(Totals), dict[str, int]()
         for health in self.latched.values():
             self._show(health)
 
@@ -133,11 +147,17 @@ class Claimed(Walk):
         """Start a monitor; it reads the histories that are there."""
         self.is_running = self.is_active = True
         self.units, self.actuators = {}, {}
+        folder = Path(self._folder.name)
+        boot = self.boot
         self.receiver_clock = ReceiverClock(
-            lambda: self.now_ns, steady_ns=lambda: round(self.clock_s * _S)
+            lambda: self.now_ns,
+            steady_ns=lambda: round(self.clock_s * _S),
+            kept=folder / "clock.json",
+            boot_id=lambda: boot,
         )
+        self._moment()
         for name in _UNITS:
-            path = Path(self._folder.name) / f"{name}.sqlite"
+            path = folder / f"{name}.sqlite"
             unit = Unit(History(name, "1", path), _SETTINGS[name], author=_AUTHOR)
             moment = self._moment()
             actuator = Actuator(name, TriggerSettings(), self._publish, moment.steady_ns)
@@ -152,11 +172,13 @@ class Claimed(Walk):
         """What a monitor and the others do each second."""
         if self.is_running:
             moment = self._moment()
-            for name, actuator in self.actuators.items():
+            for actuator in self.actuators.values():
                 if self.is_active:
                     actuator.publish_if_stale(_LIMIT_S, moment)
-                self.claims.hear(f"{_AUTHOR}: {name} health", self.clock_s)
-                self.fleet.add_status(f"{_AUTHOR}: {name} health", self.clock_s)
+            telemetry = [TelemetryStatus(actuator_id=name) for name in self.actuators]
+            status = NodeStatus(node=_AUTHOR, kind=NodeStatus.MONITOR, telemetry=telemetry)
+            self.claims.hear(status.node, self.clock_s)
+            self.fleet.add_status("/ema", status, self.clock_s)
         for (topic, name), held in self.claims.changes(self.now_ns, self.clock_s):
             self.page[f"{topic.removeprefix('/ema/')} {name}"] = held.level
             if topic == "/ema/health":
@@ -176,8 +198,20 @@ class Claimed(Walk):
         later = (step_s for at_s, step_s in self.steps if at_s > self.clock_s - ago_s)
         return self.now_ns - ago_ns - round(sum(later) * _S)
 
-    def _test(self, name: str, kind: str, ago_s: float = 0.0) -> None:
-        """Test a unit, or receive a test that ended some time ago."""
+    def _arrive(self, name: str, end_ns: int, pace: float) -> bool:
+        """Receive the telemetry of a test, up to now; return whether that shows that it is new."""
+        arrivals, now_ns, block_ns = self.actuators[name].arrivals, self.clock_s * _S, _S // 10
+        for before in range(5, 0, -1):
+            block_end_ns = end_ns - (before - 1) * block_ns
+            received_ns = round(now_ns - pace * (before - 1) * block_ns)
+            arrivals.add(block_end_ns - block_ns, block_end_ns, received_ns)
+        return arrivals.are_live(end_ns)
+
+    def _test(self, name: str, kind: str, ago_s: float = 0.0, pace: float = 1.0) -> None:
+        """Test a unit, or receive a test that ended some time ago.
+
+        Telemetry comes while it is measured, or faster, down to a pace of 0: at once.
+        """
         made = made_test(len(self.told[name]), **_KINDS[kind])
         if kind in _HIDDEN:
             made = hiding(made, _HIDDEN[kind])
@@ -191,7 +225,10 @@ class Claimed(Walk):
         unit, actuator = self.units[name], self.actuators[name]
         # The node reads its clock before each test.
         self._moment()
-        outlook = unit.update(estimate, None, _SETTINGS[name], received_ns=self.now_ns)
+        is_live = self._arrive(name, end_ns, pace)
+        outlook = unit.update(
+            estimate, None, _SETTINGS[name], received_ns=self.now_ns, is_live=is_live
+        )
         number, description = len(self.told[name]), actuator.finder.description
         actuator.record(Diagnosed(number, number, description, estimate), outlook, self._moment())
         self.told[name].append(estimate)
@@ -202,13 +239,17 @@ class Claimed(Walk):
             self.newest[name] = Tested(measured_s, kind)
 
     @precondition(lambda self: self.is_running and self.is_active)
-    @rule(name=st.sampled_from(_UNITS), kinds=st.sampled_from(_COURSES))
-    def test(self, name: str, kinds: Sequence[str]) -> None:
+    @rule(
+        name=st.sampled_from(_UNITS),
+        kinds=st.sampled_from(_COURSES),
+        pace=st.sampled_from((1.0, 1.0, 0.7, 0.0)),
+    )
+    def test(self, name: str, kinds: Sequence[str], pace: float = 1.0) -> None:
         """Tests of which the last ends now."""
         self.tested = name
         for kind in kinds:
             self._pass(10.0)
-            self._test(name, kind)
+            self._test(name, kind, pace=pace)
 
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(name=st.sampled_from(_UNITS), faulty=st.booleans())
@@ -216,27 +257,32 @@ class Claimed(Walk):
         """Healthy tests, after which it may be OK, and perhaps a faulty one."""
         self.test(name, ["good"] * 3 + ["faulty"] * faulty)
 
-    @precondition(
-        lambda self: (
-            self.is_active and self.tested in self.newest and self.tested not in self.power_on_s
-        )
+    @precondition(lambda self: self.is_running and self.is_active)
+    @rule(
+        kind=st.sampled_from(["good", "good", *_KINDS]),
+        late_s=st.sampled_from((3.0, 25.0, 595.0, 1800.0, 3605.0)),
+        pace=st.sampled_from((0.0, 0.3)),
     )
-    @rule(kind=st.sampled_from(["good", "good", *_KINDS]), late_s=st.sampled_from((3.0, 1800.0)))
-    def test_late(self, kind: str, late_s: float) -> None:
-        """A test that ended before the last one of a unit, a moment or long before.
+    def test_late(self, kind: str, late_s: float, pace: float) -> None:
+        """A stored test that ended before the last one of a unit, a moment or long before.
 
-        Stamps that count from power-on do not show how old a test is.
+        It is sent faster than it was measured. If nothing keeps when the clock was set before the
+        monitor was started, a test of before is not told from one that is stamped as of after.
         """
         name = self.tested
         self._pass(1.0)
-        self._test(name, kind, self.clock_s - self.newest[name].measured_s + late_s)
+        newest_s = self.newest[name].measured_s if name in self.newest else self.clock_s
+        ago_s = self.clock_s - newest_s + late_s
+        is_of_before = self.clock_s - ago_s < self.followed_s
+        if not (is_of_before and self._stamp_ns(name, ago_s) > self.followed_ns):
+            self._test(name, kind, ago_s, pace)
 
     @rule(seconds=st.sampled_from((1.0, 6.0, 40.0)))
     def wait(self, seconds: float) -> None:
         """Nothing comes for a while."""
         self._pass(seconds)
 
-    @rule(seconds=st.sampled_from((-3600.0, -20.0, -2.0, 5.0, 3600.0)))
+    @rule(seconds=st.sampled_from((-3600.0, -600.0, -20.0, -2.0, 5.0, 3600.0)))
     def step_clock(self, seconds: float) -> None:
         """The clock of the machine is set."""
         self.now_ns += round(seconds * _S)
@@ -279,9 +325,9 @@ class Claimed(Walk):
         self._pass(1.0)
 
     @precondition(lambda self: not self.is_active)
-    @rule(disk=st.booleans())
-    def start_again(self, *, disk: bool) -> None:
-        """The monitor is started, or activated, with its histories or without."""
+    @rule(disk=st.booleans(), reboot=st.booleans())
+    def start_again(self, *, disk: bool, reboot: bool) -> None:
+        """The monitor is started, or its machine, with its histories or without."""
         for unit in self.units.values():
             unit.history.close()
         if not disk:
@@ -289,6 +335,10 @@ class Claimed(Walk):
             self.newest = {}
             for file in Path(self._folder.name).iterdir():
                 file.unlink()
+        if reboot:
+            self.boot = f"boot {self.clock_s}"
+        if reboot or not disk:
+            self.followed_s, self.followed_ns = self.clock_s, self.now_ns
         self._start()
 
     @rule()
@@ -308,11 +358,58 @@ class Claimed(Walk):
         settings = replace(_SETTINGS[name], good_for_s=0.0)
         follow = Unit(History(name, "1"), settings).follow(ordered, None, settings)
         levels = [outlook.health.level for _, outlook in follow if outlook]
-        if tests and not (tests[-1].valid and tests[-1].faults.friction < 0.5):
+        if tests and not _is_good(tests[-1]):
             assert levels[-1] != OK, "a command says OK"
         latest = [one for one in ordered if one.valid][-3:]
         if latest and all(one.unobservable[BACKLASH] for one in latest):
             assert levels[-1] != OK, "a command says OK of tests that hide a fault"
+        self._read_report(name, ordered, levels)
+
+    def _read_report(self, name: str, tests: Sequence[Estimate], levels: Sequence[int]) -> None:
+        """The report of these tests says of the unit what the command says."""
+        description = self.actuators[name].finder.description
+        record = UnitRecord(description, [], [], [], [])
+        settings = replace(_SETTINGS[name], good_for_s=0.0)
+        unit = Unit(History(name, "1"), settings)
+        steps = [Step(*one) for one in unit.follow(tests, None, settings)]
+        given = SimpleNamespace(costs=None)
+        course = Course(record, cast(Any, given), Calibration.builtin(), steps, unit.growth)
+        verdict = verdict_of(course)
+        expected = levels[-1] if levels else STALE
+        assert verdict.level == expected, "the report has another level than the command"
+        assert verdict.lines[0].startswith("Well") == (expected == OK), "the report says Well"
+
+    @rule(name=st.sampled_from(_UNITS))
+    def archive(self, name: str) -> None:
+        """An archive reads the recording."""
+        tests = self.told[name]
+        made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
+        rows = [estimate_row(one, number) | made for number, one in enumerate(tests)]
+        result = follow_unit(
+            UnitTask(
+                UnitEntry(name, name, "1", "", ""),
+                _ARCHIVED,
+                pa.Table.from_pylist(rows, PARTITIONED["estimates"]),
+                pa.Table.from_pylist([], PARTITIONED["usage"]),
+                pa.Table.from_pylist([], PARTITIONED["health"]),
+                None,
+            )
+        )
+        level = result.summary["units"][0]["level"]
+        stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
+        if not tests or unordered(stamped) or not _is_good(tests[-1]):
+            assert level != OK, "an archive says OK"
+
+    @precondition(lambda self: self.is_running and self.is_active)
+    @rule(name=st.sampled_from(_UNITS))
+    def predict(self, name: str) -> None:
+        """A client asks the monitor for a prediction."""
+        unit = self.units[name]
+        if unit.history.entries:
+            outlook = self.actuators[name].worth(
+                unit.outlook(None, _SETTINGS[name]), self._moment()
+            )
+            assert self._knows(name) or outlook.health.level != OK, "a prediction says OK"
 
     def _knows(self, name: str) -> bool:
         """Return whether a unit may be said to be OK."""
@@ -366,3 +463,7 @@ class Claimed(Walk):
         for unit in self.units.values():
             unit.history.close()
         self._folder.cleanup()
+
+
+def _is_good(estimate: Estimate) -> bool:
+    return estimate.valid and estimate.faults.friction < 0.5

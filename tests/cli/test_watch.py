@@ -9,19 +9,27 @@ import signal
 from collections.abc import Callable, Iterator
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 
+from ema_cli.commands.watch import Completion
 from ema_cli.fleet import SILENT_S, FleetTable, HeardFleet
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.wording import time_in_words
-from ema_interfaces.msg import FaultEstimate, FaultHealth, Health, HiddenCause, RemainingUsefulLife
+from ema_interfaces.msg import (
+    FaultEstimate,
+    FaultHealth,
+    Health,
+    HiddenCause,
+    NodeStatus,
+    RemainingUsefulLife,
+    TelemetryStatus,
+)
 from ema_monitor.node.messages import estimate_to_message
 from ema_ros.stamps import stamp_to_message
-from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE
+from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE, NODE_STATUS
 
 from ..monitor.comparisons import CASES, compared
 from ..ros.spinning import ros_context, spinning
@@ -59,12 +67,18 @@ def refused(actuator_id: str, stamp_ns: int) -> FaultEstimate:
     return message
 
 
+def status_of(*actuators: str) -> NodeStatus:
+    """Status of a monitor of some actuators."""
+    telemetry = [TelemetryStatus(actuator_id=name) for name in actuators]
+    return NodeStatus(node="/ema/monitor", kind=NodeStatus.MONITOR, telemetry=telemetry)
+
+
 def fleet_of(*healths: Health) -> HeardFleet:
     """Fleet whose monitors reported at second 0."""
     fleet = HeardFleet()
     for one in healths:
         fleet.add_health("/ema", one, 0.0, TEST_NS)
-        fleet.add_status(f"/ema/monitor: {one.actuator_id} health", 0.0)
+        fleet.add_status("/ema", status_of(one.actuator_id), 0.0)
     return fleet
 
 
@@ -92,15 +106,15 @@ def test_row_says_value_life_and_removal():
 
 def test_actuator_is_stale_when_its_monitor_is_silent_and_no_longer_when_it_reports():
     fleet = fleet_of(health_of("a", ERROR, None), health_of("b", WARN, None))
-    fleet.add_status("/ema/monitor: b health", 2.0)
+    fleet.add_status("/ema", status_of("b"), 2.0)
     silent, heard = fleet.rows(SILENT_S + 1.0, TEST_NS)
     assert (silent.level, silent.last_level, heard.level) == (STALE, ERROR, WARN)
     assert silent.why.startswith("its monitor is silent, the level was ERROR")
-    # That of another namespace, or task, is none of it.
-    fleet.add_status("/right/monitor: a health", SILENT_S + 2.0)
-    fleet.add_status("/ema/monitor: a telemetry", SILENT_S + 2.0)
+    # The monitor of another namespace, or of other actuators, is another one.
+    fleet.add_status("/right", status_of("a"), SILENT_S + 2.0)
+    fleet.add_status("/ema", status_of("b"), SILENT_S + 2.0)
     assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == STALE
-    fleet.add_status("/ema/monitor: a health", SILENT_S + 2.0)
+    fleet.add_status("/ema", status_of("a"), SILENT_S + 2.0)
     assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
 
 
@@ -147,6 +161,41 @@ def test_record_that_judges_nothing_is_told_and_has_no_index():
     assert [one.actuator_id for one in others] == ["flap", "b"]
 
 
+def counted(windows: int, valid: int, invalid: int = 0) -> list[TelemetryStatus]:
+    return [
+        TelemetryStatus(
+            actuator_id="flap", windows=windows, estimates_valid=valid, estimates_invalid=invalid
+        )
+    ]
+
+
+def test_playback_is_complete_when_each_window_has_an_estimate_and_counts_stand_still():
+    completion = Completion()
+    completion.add_report("/ema", counted(2, 2))
+    completion.add_report("/ema", counted(2, 2))
+    assert not completion.is_complete  # the player has not ended
+    completion.end()
+    completion.add_report("/ema", counted(3, 2))
+    completion.add_report("/ema", counted(3, 2))
+    assert not completion.is_complete
+    completion.add_report("/ema", counted(3, 2, 1))
+    assert not completion.is_complete
+    completion.add_report("/ema", counted(3, 2, 1))
+    assert completion.is_complete
+
+
+def test_playback_is_complete_when_the_monitors_of_all_namespaces_have_finished():
+    completion = Completion()
+    completion.add_report("/left", counted(1, 0))
+    completion.end()
+    for _ in range(2):
+        completion.add_report("/right", counted(1, 1))
+    assert not completion.is_complete
+    for _ in range(2):
+        completion.add_report("/left", counted(1, 1))
+    assert completion.is_complete
+
+
 def test_passing_of_time_is_no_change():
     fleet = fleet_of(health_of("a", WARN, (20.0, 80.0, 100.0)))
     [one], [other] = fleet.rows(1.0, TEST_NS), fleet.rows(2.0, TEST_NS + 10**9)
@@ -189,24 +238,20 @@ def test_table_fits_the_terminal_and_says_why(width):
 
 @pytest.fixture
 def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
-    """Publish as a monitor whose actuators report on /diagnostics."""
-    statuses: dict[str, DiagnosticStatus] = {}
+    """Publish as a monitor of the actuators of which something was published."""
+    actuators: set[str] = set()
     with ros_context() as context:
         node = Node("monitor", namespace=NAMESPACE, context=context)
         kind, qos = MONITOR_TOPICS[HEALTH]
         # As the monitor: one publisher for each actuator, so that each is latched.
         healths = {name: node.create_publisher(kind, HEALTH, qos) for name in ("left", "right")}
         estimates = node.create_publisher(FaultEstimate, FAULT_ESTIMATE, 10)
-        status = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        node.create_timer(0.2, lambda: status.publish(DiagnosticArray(status=[*statuses.values()])))
+        status = node.create_publisher(NodeStatus, NODE_STATUS, 10)
+        node.create_timer(0.2, lambda: status.publish(status_of(*actuators)))
 
         def send(message: Health | FaultEstimate) -> None:
             name = message.actuator_id
-            statuses[name] = DiagnosticStatus(
-                level=bytes([OK]),
-                name=f"{NAMESPACE}/monitor: {name} health",
-                hardware_id=f"{name}-1",
-            )
+            actuators.add(name)
             (healths[name] if isinstance(message, Health) else estimates).publish(message)
 
         try:

@@ -9,6 +9,7 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
 from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.inference import Finding
@@ -19,7 +20,6 @@ from ema_monitor.identification.verdict import Misfit
 from .windows import estimated
 
 SHORTS = slice(2, 5)
-EQUAL_SHORTS = "equal short circuits of all phases"
 SIGMA = 0.01
 KNOWN = Knowledge(np.zeros(N_FAULTS), 1e-6 * np.eye(N_FAULTS))
 
@@ -87,12 +87,12 @@ def test_what_a_stretch_could_not_tell_apart_does_not_average_out():
     """A torque constant that lasts: stretches take it for inertia, then for three equal shorts."""
     kept = [FAULT_NAMES[i] for i in (2, 3, 4)]
     inertia = CauseEstimate("inertia", 0.06, 0.05)
-    pair = ("inertia", EQUAL_SHORTS)
+    pair = Alternative(("inertia",), EQUAL_SHORTS)
     unsure = estimate(0, sigma=0.04, causes=(inertia,), alternatives=(pair,))
     found = combined(part(unsure), part(estimate(1, *kept)))
     assert found.alternatives == (pair,)
     assert found.verdict == "degraded"
-    assert f"this motion cannot separate inertia from {EQUAL_SHORTS}" in found.reason
+    assert "this motion cannot separate inertia from equal short circuits" in found.reason
     np.testing.assert_allclose(np.array(found.sigma)[SHORTS], 0.04)
     assert found.sigma.friction == pytest.approx(SIGMA)
     # As well as wanted, it is not known then.
@@ -102,7 +102,7 @@ def test_what_a_stretch_could_not_tell_apart_does_not_average_out():
 
 
 def test_a_confusion_of_which_nothing_has_remained_is_none():
-    pair = ("friction", "current sensor offset")
+    pair = Alternative(("friction",), ("current_offset",))
     first = estimate(0, "friction", alternatives=(pair,))
     for sigma in (SIGMA, 0.12):  # within its sigma of healthy, it may still be there
         last = part(estimate(1, "friction", sigma=sigma))
@@ -114,7 +114,7 @@ def test_a_confusion_of_which_nothing_has_remained_is_none():
 def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
     """One stretch of three; had it been shorts, they would have stayed."""
     inertia = CauseEstimate("inertia", 0.06, 0.05)
-    unsure = estimate(0, causes=(inertia,), alternatives=(("inertia", EQUAL_SHORTS),))
+    unsure = estimate(0, causes=(inertia,), alternatives=(Alternative(("inertia",), EQUAL_SHORTS),))
     found = combined(part(unsure), *(part(estimate(i)) for i in (1, 2)))
     assert (found.alternatives, found.verdict, found.causes) == ((), "valid", (inertia,))
 

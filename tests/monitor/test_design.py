@@ -176,7 +176,7 @@ def test_every_fault_is_among_several_in_some_actuator_and_one_phase_is_shorted(
 def certificate() -> Certificate:
     faults = [FaultProspect(name, True, 0.004, 0.002, 0.01, ()) for name in COMPONENTS]
     nan = math.nan
-    faults[BACKLASH] = FaultProspect("backlash", False, nan, nan, nan, ("load torque",))
+    faults[BACKLASH] = FaultProspect("backlash", False, nan, nan, nan, (("load_torque",),))
     faults[0] = faults[0]._replace(error=0.02)
     causes = (
         CauseProspect("torque_constant", 0.05, "named"),

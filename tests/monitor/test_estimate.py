@@ -8,6 +8,7 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector, healthy_faults
+from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
 from ema_monitor.joint.window_figures import Motion, WindowFigures
@@ -45,7 +46,7 @@ ESTIMATE = Estimate(
     verdict="degraded",
     unexplained_share=1.0 / 7.0,
     causes=(CauseEstimate("load_torque", 0.1 + 0.2, 1e-300), CauseEstimate("inertia", -0.05, 0.01)),
-    alternatives=(("inertia", "torque constant"), ("gain", "speed sensor gain")),
+    alternatives=(Alternative(("inertia",), EQUAL_SHORTS), Alternative(("gain",), ("speed_gain",))),
     measured=(CauseEstimate("winding_temperature", 40.0, 1.0 / 3.0),),
 )
 
@@ -77,8 +78,29 @@ def test_comparison_comes_back_from_json(name: str):
 
 def test_record_of_an_earlier_version_has_no_comparison():
     record = estimate_record(ESTIMATE)
-    del record["comparison"], record["parts"]
+    del record["comparison"], record["parts"], record["lacks_calibration"]
     assert estimate_of(record).comparison is None
+    assert not estimate_of(record).lacks_calibration
+
+
+def test_record_of_an_earlier_version_names_alternatives_by_their_labels():
+    labels = [
+        ["inertia", "equal short circuits of all phases"],
+        ["short circuit A and short circuit B", "delay of the command"],
+    ]
+    record = estimate_record(ESTIMATE) | {"alternatives": labels}
+    shorts = ("short_circuit_a", "short_circuit_b")
+    assert estimate_of(record).alternatives == (
+        Alternative(("inertia",), EQUAL_SHORTS),
+        Alternative(shorts, ("command_delay",)),
+    )
+
+
+@pytest.mark.parametrize("alternative", [["rust", "friction"], ["friction"], {"part": []}])
+def test_record_with_an_unknown_alternative_is_refused(alternative):
+    record = estimate_record(ESTIMATE) | {"alternatives": [alternative]}
+    with pytest.raises((ValueError, KeyError)):
+        estimate_of(record)
 
 
 def test_comparison_is_printed_in_place_of_the_faults():

@@ -8,6 +8,7 @@ import pytest
 from ema_core.faults import ECCENTRICITY_PHASE, SHORT_CIRCUITS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.diagnosis import identify
+from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
@@ -73,8 +74,11 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
     assert abs(cause.value + 0.08) < 0.2 * cause.sigma
     assert cause.sigma > 0.05
     assert str(cause) in estimate.reason
-    of_faults = ("torque constant", "equal short circuits of all phases")
-    assert set(estimate.alternatives) == {("torque constant", "inertia"), of_faults}
+    of_faults = Alternative(("torque_constant",), EQUAL_SHORTS)
+    assert set(estimate.alternatives) == {
+        Alternative(("torque_constant",), ("inertia",)),
+        of_faults,
+    }
     assert (
         "cannot separate torque constant from inertia or equal short circuits of all phases"
         in estimate.reason
@@ -95,12 +99,12 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
         (
             {"short_circuit_a": 0.288, "short_circuit_c": 0.297, "backlash": 0.285},
             {"torque_constant": -0.096, "supply_voltage": -0.13},
-            ("short circuit B", "torque constant"),
+            (("short_circuit_b",), ("torque_constant",)),
         ),
         (
             {"friction": 0.215, "short_circuit_a": 0.059, "short_circuit_b": 0.101},
             {"inertia": 0.08},
-            ("short circuit C", "inertia"),
+            (("short_circuit_c",), ("inertia",)),
         ),
     ],
 )

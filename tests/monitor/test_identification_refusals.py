@@ -13,6 +13,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.windows.trigger import Refusal
 from ema_sim.actuator import SimulatedActuator
 
 from .reference_cases import CASES
@@ -118,6 +119,18 @@ def test_calibration_of_another_unit_is_refused_unless_forced(
     assert said[0] in estimate.reason
     # The model is the calibration's, so that the estimate is that of the right unit.
     np.testing.assert_array_equal(estimate.faults, estimates("friction low").faults)
+
+
+def test_only_a_refusal_for_want_of_a_calibration_lacks_one(window, calibration, description):
+    """Whatever words its reason has: a drive that failed, or stood still, had its calibration."""
+    slower = changed(window, sample_period=2e-4)
+    still = changed(window, **standing(window.telemetry, 22.0))
+    cut = Refusal(0, 1, "the calibration was running")
+    assert identify(window, description, "no file").lacks_calibration
+    assert identify(window, OTHER_UNIT, calibration).lacks_calibration
+    assert identify(slower, description, calibration).lacks_calibration
+    assert not identify(still, description, calibration).lacks_calibration
+    assert not identify(cut, description, "no file").lacks_calibration
 
 
 def test_command_that_the_motion_did_not_follow_is_refused(window, calibration, description):

@@ -7,8 +7,9 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_core.faults import SHORT_CIRCUITS, fault_vector
+from ema_core.faults import FRICTION, SHORT_CIRCUITS, fault_vector
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.memory import NOTHING, SLOW, Memory
 from ema_monitor.identification.settings import SearchSettings
@@ -51,7 +52,7 @@ def test_test_before_the_latest_one_is_identified_alone_and_changes_nothing():
 
 
 def test_only_what_a_test_has_told_apart_is_expected_of_the_next_one():
-    pair = ("inertia", "torque constant")
+    pair = Alternative(("inertia",), ("torque_constant",))
     doubtful = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
     assert (doubtful.expected, doubtful.causes["inertia"]) == ((), INERTIA)
     assert "torque_constant" not in doubtful.causes
@@ -61,6 +62,25 @@ def test_only_what_a_test_has_told_apart_is_expected_of_the_next_one():
     later = clear.updated(told(3, CauseEstimate("load_torque", 1.0, 0.1), alternatives=(pair,)))
     assert [one.name for one in later.expected] == ["inertia"]
     assert "load_torque" not in later.causes
+
+
+@pytest.mark.parametrize("cause", ["viscous_friction", "friction_ripple", "stribeck"])
+def test_doubt_about_a_cause_leaves_faults_of_a_similar_name_in_memory(cause):
+    """The label of the fault is part of that of the cause: the memory forgot the fault."""
+    pair = Alternative(("inertia",), (cause,))
+    memory = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
+    assert np.isfinite(memory.variances[FRICTION])
+    doubtful = Alternative(("friction",), (cause,))
+    memory = NOTHING.updated(told(1, INERTIA, alternatives=(doubtful,)))
+    assert np.isinf(memory.variances[FRICTION])
+
+
+@pytest.mark.parametrize("cause", ["current_gain", "speed_gain", "position_gain"])
+def test_doubt_about_equal_shorts_makes_all_phases_doubtful_and_nothing_else(cause):
+    pair = Alternative((cause,), EQUAL_SHORTS)
+    memory = NOTHING.updated(told(1, alternatives=(pair,)))
+    assert np.all(np.isinf(memory.variances[SHORT_CIRCUITS]))
+    assert np.isfinite(memory.variances[FRICTION])
 
 
 def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_square():

@@ -5,7 +5,7 @@ import pytest
 from ema_cli.fleet import HeardFleet
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.receiver_clock import Moment, ReceiverClock
@@ -91,10 +91,11 @@ def test_health_expires_where_it_is_shown_whatever_the_clock_does(behind_s: int)
     received_ns = FIRST_NS - behind_s * S
     fleet.add_health("/ema", health, 100.0, received_ns)
     claims.note(("/ema/health", "flap"), health, received_ns, 100.0)
+    reported = NodeStatus(telemetry=[TelemetryStatus(actuator_id="flap")])
     levels, shown = [], OK
     for passed_s in (0, 10, 29, 31):
         now_ns, now_s = FIRST_NS + (passed_s - 3600) * S, 100.0 + passed_s
-        fleet.add_status("/ema/monitor: flap health", now_s)
+        fleet.add_status("/ema", reported, now_s)
         [row] = fleet.rows(now_s, now_ns)
         for _, held in claims.changes(now_ns, now_s):
             shown = held.level

@@ -114,13 +114,15 @@ def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path:
     wait_for_match(recorder, wanted)
     for publisher in (*others, wanted):
         publisher.publish(String())
-    wait_for(lambda: "/diagnostics" in str(task(recorder).values["topics"]), "diagnostics")
+    for name in ("/diagnostics", "/flap_1/node_status"):
+        wait_for(lambda name=name: name in str(task(recorder).values["topics"]), name)
     recorder.report()
     recorded(recorder, 2)
     recorder.trigger_shutdown()
     assert set(Bag(tmp_path / "flight").topics) == {
         "/diagnostics",
         "/flap_1/deep/text",
+        "/flap_1/node_status",
         "/flap_1/recorder/transition_event",
     }
 

@@ -16,6 +16,7 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import (
     ActuatorDescription,
     Advice,
+    Confusion,
     FaultEstimate,
     FaultForecast,
     FaultHealth,
@@ -273,7 +274,9 @@ def estimate(
         goodness_limit=3.5,
         unexplained_share=0.031,
         hidden_causes=causes,
-        confusions=["winding temperature or torque constant"] if causes else [],
+        confusions=[Confusion(part=["winding_temperature"], stand_in=["torque_constant"])]
+        if causes
+        else [],
         verdict=verdict if refused else FaultEstimate.VALID,
         excitation=0.12,
         excitation_limit=0.02,

@@ -29,6 +29,7 @@ from ema_core.faults import N_FAULTS, FaultVector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.identification.alternatives import Alternative, alternative_of
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
@@ -121,11 +122,18 @@ class _Recorded(NamedTuple):
             warm_start=message.warm_start,
             verdict=VERDICTS[message.verdict],
             causes=tuple(causes),
-            alternatives=tuple((words, "") for words in message.confusions),
+            alternatives=tuple(map(_alternative_of, message.confusions)),
             stretches=int(message.stretches),
             comparison=Comparison(quantities) if quantities else None,
         )
         return cls(int(message.window), estimate)
+
+
+def _alternative_of(confusion: Any) -> Alternative:
+    """Return an alternative as recorded: a message, or the text of a bag of an earlier version."""
+    if isinstance(confusion, str):
+        return alternative_of(confusion.split(" or "))
+    return Alternative(tuple(confusion.part), tuple(confusion.stand_in))
 
 
 @click.command()

@@ -1,14 +1,12 @@
 """``ema watch``: the health of a fleet in the terminal."""
 
 import os
-import re
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import Any, Final
 
 import click
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.validate_namespace import validate_namespace
@@ -19,22 +17,20 @@ from ema_cli.options import network_option
 from ema_cli.processes.listener import Listener
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
-from ema_interfaces.msg import FaultEstimate, Health, PlaybackState
+from ema_interfaces.msg import FaultEstimate, Health, NodeStatus, PlaybackState, TelemetryStatus
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
     FAULT_ESTIMATE,
     HEALTH,
     LATCHED_BY_MANY,
     NAMESPACE,
+    NODE_STATUS,
     PLAYBACK_STATE,
     STREAM,
 )
 
-_DIAGNOSTICS: Final = "/diagnostics"
 _CLOCK: Final = "/clock"
 _BEST_EFFORT: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_MONITOR: Final = re.compile(r"monitor(_\d+)?")
-_COUNTS: Final = ("blocks", "windows", "estimates valid", "estimates invalid")
 _REFRESH_S: Final = 0.25
 _DISCOVERY_S: Final = 3.0
 
@@ -94,17 +90,16 @@ class _Hearing(Listener):
     """
 
     def __init__(self, places: list[str]) -> None:
-        topics: dict[str, tuple[type, QoSProfile]] = {
-            _DIAGNOSTICS: (DiagnosticArray, STREAM),
-            _CLOCK: (Clock, _BEST_EFFORT),
-        }
+        topics: dict[str, tuple[type, QoSProfile]] = {_CLOCK: (Clock, _BEST_EFFORT)}
         self._places: dict[str, str] = {}
+        self._monitors: set[str] = set()
         self.completion = Completion()
         for place in places:
             topics[f"{place.rstrip('/')}/{PLAYBACK_STATE}"] = PlaybackState, LATCHED_BY_MANY
             for name, kind, qos in (
                 (HEALTH, Health, LATCHED_BY_MANY),
                 (FAULT_ESTIMATE, FaultEstimate, STREAM),
+                (NODE_STATUS, NodeStatus, STREAM),
             ):
                 topic = f"{place.rstrip('/')}/{name}"
                 topics[topic] = kind, qos
@@ -122,34 +117,26 @@ class _Hearing(Listener):
             if topic == _CLOCK:
                 self._simulated_ns = stamp_from_message(message.clock)
                 return
-            if topic == _DIAGNOSTICS:
-                for status in message.status:
-                    self._fleet.add_status(status.name, now_s)
-                self._note_counts(message)
-                return
             if isinstance(message, PlaybackState):
                 if message.status == PlaybackState.ENDED:
                     self.completion.end()
                 return
             place = self._places[topic]
+            if isinstance(message, NodeStatus):
+                self._monitors |= {place} if message.kind == NodeStatus.MONITOR else set()
+                self._fleet.add_status(place, message, now_s)
+                self.completion.add_report(place, message.telemetry)
+                return
             if isinstance(message, Health):
                 self._fleet.add_health(place, message, now_s, self._clock_ns())
             else:
                 self._fleet.add_estimate(place, message, now_s)
         self.changed.set()
 
-    def _note_counts(self, message: DiagnosticArray) -> None:
-        """Note how many windows the monitor whose report this is has identified."""
-        places = set(self._places.values())
-        telemetry = {}
-        for status in message.status:
-            # Where monitors share the actuators they are ``monitor_0`` and on.
-            place, _, name = status.name.partition(": ")[0].rpartition("/")
-            is_there = _MONITOR.fullmatch(name) and (place or "/") in places
-            if is_there and status.name.endswith(" telemetry"):
-                telemetry[status.name] = {pair.key: pair.value for pair in status.values}
-        if telemetry:
-            self.completion.add_report(telemetry)
+    def has_monitor(self) -> bool:
+        """Return whether a monitor has published its status."""
+        with self._lock:
+            return bool(self._monitors)
 
     def rows(self) -> list[Row]:
         """Return the actuators, the worst first."""
@@ -177,7 +164,7 @@ def _domain() -> str:
     return f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
 
 
-def _nothing_heard(places: list[str], listener: Listener) -> str:
+def _nothing_heard(places: list[str], listener: _Hearing) -> str:
     """Return that there is no health, and what there is instead."""
     words = f"no health is published on {', '.join(places)} in {_domain()}"
     elsewhere = [
@@ -188,7 +175,7 @@ def _nothing_heard(places: list[str], listener: Listener) -> str:
     others = [place for place in elsewhere if place not in places]
     if others:
         return f"{words}, but on {', '.join(others)}: choose it with --namespace"
-    if any(_MONITOR.fullmatch(name) for place in places for name in listener.nodes_in(place)):
+    if listener.has_monitor():
         return f"{words}: its monitor waits for a first valid test"
     return (
         f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another, "
@@ -212,10 +199,10 @@ class Completion:
     def __init__(self) -> None:
         self.is_complete = False
         self._has_ended = False
-        self._last: dict[str, tuple[str, ...]] = {}
+        self._last: dict[tuple[str, str], TelemetryStatus] = {}
         # Actuators that were reported, and those of them of which nothing is on its way.
-        self._known: set[str] = set()
-        self._settled: set[str] = set()
+        self._known: set[tuple[str, str]] = set()
+        self._settled: set[tuple[str, str]] = set()
 
     def end(self) -> None:
         """Record that the player has ended."""
@@ -223,17 +210,24 @@ class Completion:
             self._has_ended = True
             self._last.clear()
 
-    def add_report(self, telemetry: Mapping[str, Mapping[str, str]]) -> None:
-        """Add a report of a monitor."""
-        self._known.update(telemetry)
-        if not self._has_ended or not telemetry:
+    def add_report(self, place: str, telemetry: Iterable[TelemetryStatus]) -> None:
+        """Add what a monitor in a namespace has counted of its actuators."""
+        actuators = {(place, one.actuator_id): one for one in telemetry}
+        self._known |= actuators.keys()
+        if not self._has_ended or not actuators:
             return
-        for name, values in telemetry.items():
-            counts = tuple(values.get(key, "") for key in _COUNTS)
-            is_still, self._last[name] = counts == self._last.get(name), counts
-            _, windows, valid, invalid = counts
-            if is_still and int(windows) == int(valid) + int(invalid):
-                self._settled.add(name)
+        for key, counts in actuators.items():
+            is_still, self._last[key] = _counts(counts) == _counts(self._last.get(key)), counts
+            answered = counts.estimates_valid + counts.estimates_invalid
+            if is_still and counts.windows == answered:
+                self._settled.add(key)
             else:
-                self._settled.discard(name)
+                self._settled.discard(key)
         self.is_complete |= self._settled >= self._known
+
+
+def _counts(status: TelemetryStatus | None) -> tuple[int, ...]:
+    """Return the counts that stand still when nothing is on its way; none of no status."""
+    if status is None:
+        return ()
+    return status.blocks, status.windows, status.estimates_valid, status.estimates_invalid

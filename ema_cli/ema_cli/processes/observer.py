@@ -5,14 +5,13 @@ import time
 from collections.abc import Mapping
 from typing import Any, Final
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
 
 from ema_bags.message_type import type_name
 from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog
 from ema_cli.processes.listener import Listener
 from ema_core.faults import healthy_faults
-from ema_interfaces.msg import FaultGrowth
+from ema_interfaces.msg import FaultGrowth, NodeStatus
 from ema_interfaces.srv import SetSimulatedFaults
 from ema_ros.messages import faults_to_message
 from ema_ros.stamps import stamp_from_message
@@ -22,20 +21,21 @@ from ema_ros.topics import (
     HEALTH,
     MONITOR_TOPICS,
     NAMESPACE,
+    NODE_STATUS,
+    NODE_TOPICS,
     SIMULATED_FAULTS,
-    STATE,
     TELEMETRY,
 )
 
 _MARGIN_NS: Final = 100_000_000
 _TELEMETRY: Final = f"{NAMESPACE}/{TELEMETRY}"
-_STATUS: Final = "/diagnostics"
+_STATUS: Final = f"{NAMESPACE}/{NODE_STATUS}"
 _SET_FAULTS: Final = f"{NAMESPACE}/actuator/set_faults"
 _TOPICS: Final = {
     f"{NAMESPACE}/{SIMULATED_FAULTS}": ACTUATOR_TOPICS[SIMULATED_FAULTS],
     **{f"{NAMESPACE}/{name}": MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
     _TELEMETRY: (ACTUATOR_TOPICS[TELEMETRY][0], qos_profile_sensor_data),
-    _STATUS: (DiagnosticArray, STATE),
+    _STATUS: NODE_TOPICS[NODE_STATUS],
 }
 
 
@@ -96,10 +96,8 @@ class Observer(Listener):
     def _note(self, topic: str, message: Any) -> None:
         with self._lock:
             if topic == _STATUS:
-                for status in message.status:
-                    if status.name == f"{NAMESPACE}/dashboard: dashboard":
-                        values = {item.key: item.value for item in status.values}
-                        self.dashboard_address = values["address"]
+                if message.kind == NodeStatus.DASHBOARD:
+                    self.dashboard_address = message.address
             elif topic == _TELEMETRY:
                 self._telemetry_ns = stamp_from_message(message.header.stamp)
             else:

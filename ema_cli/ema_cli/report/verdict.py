@@ -19,6 +19,7 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
+from ema_monitor.identification.alternatives import part_label
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.joint.comparison import FRICTION, Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
@@ -164,7 +165,10 @@ def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
 def confusions(course: Course) -> list[tuple[str, str, int]]:
     """Return the pairs that tests could not tell apart, and in how many of them."""
     counts = Counter(pair for one in course.estimates if one.valid for pair in one.alternatives)
-    return [(*pair, count) for pair, count in counts.items()]
+    return [
+        (part_label(part), part_label(stand_in), count)
+        for (part, stand_in), count in counts.items()
+    ]
 
 
 @dataclass(frozen=True)
@@ -304,8 +308,9 @@ def _after_the_last_test(course: Course) -> list[str]:
         about = CAUSE_BY_NAME[cause.name]
         part = "sensor" if about.place is Place.SENSOR else "installation"
         actions.append(f"Check the {part}: {cause} explains part of the last test and is no fault.")
-    for one, other in last.alternatives:
-        actions.append(f"The last test cannot separate {one} from {other}: check both.")
+    for part, stand_in in last.alternatives:
+        pair = f"{part_label(part)} from {part_label(stand_in)}"
+        actions.append(f"The last test cannot separate {pair}: check both.")
     if last.verdict == "degraded" and not last.alternatives:
         actions.append(f"The last test is usable with wider uncertainty: {last.reason}.")
     return actions

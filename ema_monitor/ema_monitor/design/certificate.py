@@ -24,6 +24,7 @@ from ema_monitor.design.rehearsal import (
     rehearse,
 )
 from ema_monitor.diagnosis import identify
+from ema_monitor.identification.alternatives import part_label
 from ema_monitor.identification.estimate import Estimate, plain
 from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
@@ -115,7 +116,7 @@ class Certificate:
                 f"{one.error:.4f}" if one.shown else "",
                 f"{one.smallest:.4f}" if math.isfinite(one.smallest) else "",
                 one.meaning,
-                ", ".join(one.not_told_from),
+                ", ".join(map(part_label, one.not_told_from)),
             )
             for one in self.faults
         ]
@@ -208,19 +209,19 @@ def certify(
 
 def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
     faults = [FAULTS[i].label for i in claimed(estimate)]
-    others = fewest(confused_with(estimate, cause.cause.label))
+    confused = ", ".join(map(part_label, fewest(confused_with(estimate, cause.name))))
     named = [one.name for one in estimate.causes]
     wrong = [CAUSE_BY_NAME[name].label for name in named if name != cause.name] + faults
     if not estimate.valid:
         verdict = "refused"
     elif cause.name in named:
         verdict = "named"
-        if others:
-            verdict += f", not separated from {', '.join(others)}"
+        if confused:
+            verdict += f", not separated from {confused}"
         elif faults:
             verdict += f", with {', '.join(faults)}"
-    elif others:
-        verdict = f"not separated from {', '.join(others)}"
+    elif confused:
+        verdict = f"not separated from {confused}"
     else:
         verdict = f"taken for {', '.join(wrong)}" if wrong else "does not show"
     return CauseProspect(cause.name, cause.sigma, verdict)

@@ -7,7 +7,6 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from ema_core.arrays import Array, Flags
-from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import (
@@ -22,6 +21,7 @@ from ema_core.faults import (
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
+from ema_monitor.identification.alternatives import Part
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, STRONG_CORRELATION
 from ema_monitor.windows.window import Window
@@ -146,7 +146,7 @@ class FaultProspect(NamedTuple):
     smallest
         Distance from healthy beyond which a test shows it [-].
     not_told_from
-        What a test does not tell it from, in words.
+        Parts of explanations that a test does not tell it from, by name.
     """
 
     name: str
@@ -154,7 +154,7 @@ class FaultProspect(NamedTuple):
     sigma: float
     error: float
     smallest: float
-    not_told_from: tuple[str, ...]
+    not_told_from: tuple[Part, ...]
 
     @property
     def effective(self) -> float:
@@ -207,20 +207,20 @@ class Rehearsed(NamedTuple):
         i, single = FAULT_NAMES.index(name), self.singles[name]
         having = [single, *(one for one in self.combined if present(one.faults)[i])]
         having = [one for one in having if single.shown[i] and one.shown[i]]
-        others = set()
+        confused: set[Part] = set()
         for one in single.estimates:
-            others |= confused_with(one, FAULTS[i].label)
-            others |= {FAULTS[j].label for j in claimed(one) if j != i}
-            others |= {CAUSE_BY_NAME[cause.name].label for cause in one.causes}
+            confused |= confused_with(one, name)
+            confused |= {(FAULT_NAMES[j],) for j in claimed(one) if j != i}
+            confused |= {(cause.name,) for cause in one.causes}
         for one in self.combined:
-            others |= {FAULTS[j].label for j in _correlated(one, i)}
+            confused |= {(FAULT_NAMES[j],) for j in _correlated(one, i)}
         return FaultProspect(
             name,
             bool(single.shown[i]),
             max((float(one.sigma[i]) for one in having), default=math.nan),
             max((one.error(i) for one in having), default=math.nan),
             float(SIGNIFICANT_SIGMAS[i] * self.healthy.sigma[i]),
-            fewest(others),
+            fewest(confused),
         )
 
 
@@ -250,21 +250,20 @@ def rehearse(
     )
 
 
-def confused_with(estimate: Estimate, label: str) -> set[str]:
-    """Return what an estimate does not tell from something, in words."""
-    pairs = [pair for one in estimate.alternatives for pair in (one, one[::-1])]
-    return {other for one, other in pairs if label in one}
+def confused_with(estimate: Estimate, name: str) -> set[Part]:
+    """Return the parts that an estimate does not tell from those with a fault or a cause."""
+    pairs = [pair for part, stand_in in estimate.alternatives for pair in _both(part, stand_in)]
+    return {stand_in for part, stand_in in pairs if name in part}
 
 
-def fewest(others: Iterable[str]) -> tuple[str, ...]:
-    """Return names without those of pairs whose parts are among them."""
-    return tuple(
-        sorted(
-            name
-            for name in set(others)
-            if " and " not in name or not set(name.split(" and ")) <= set(others)
-        )
-    )
+def _both(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[Part, Part]]:
+    return (part, stand_in), (stand_in, part)
+
+
+def fewest(parts: Iterable[Part]) -> tuple[Part, ...]:
+    """Return parts without those of several names that are all among the others alone."""
+    alone = {part[0] for part in parts if len(part) == 1}
+    return tuple(sorted(part for part in parts if len(part) == 1 or not alone.issuperset(part)))
 
 
 def claimed(estimate: Estimate) -> list[int]:

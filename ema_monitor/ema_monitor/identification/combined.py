@@ -12,10 +12,10 @@ import numpy as np
 
 from ema_core.arrays import Array, Flags
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
-from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS, healthy_faults
+from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, healthy_faults
 from ema_core.wording import counted
+from ema_monitor.identification.alternatives import Alternative, Part, faults_of
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.evidence import EQUAL_SHORTS
 from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.quantiles import within_range
@@ -56,7 +56,7 @@ def combined_estimate(
     unknown |= known.sigma > wanted_sigma
     unknown[PLANE] |= np.any(known.sigma[PLANE] > wanted_sigma)
     with np.errstate(invalid="ignore"):
-        confused = _faults_of(word for pair in alternatives for word in pair)
+        confused = faults_of(part for pair in alternatives for part in pair)
         unknown[confused] |= np.sqrt(np.diag(covariance))[confused] > wanted_sigma
     if np.all(unknown | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
         return None
@@ -164,7 +164,7 @@ def _counted(of_stretches: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def _not_told_apart(estimates: Sequence[Estimate], kept: Flags) -> tuple[tuple[str, str], ...]:
+def _not_told_apart(estimates: Sequence[Estimate], kept: Flags) -> tuple[Alternative, ...]:
     """Return the pairs that the stretches cannot be said to have told apart.
 
     A later stretch that names no alternative has not told them apart: what was known before it
@@ -173,35 +173,21 @@ def _not_told_apart(estimates: Sequence[Estimate], kept: Flags) -> tuple[tuple[s
     were rarely there.
     """
     by_name = _by_name(one.causes for one in estimates)
-    lasting = {
-        CAUSE_BY_NAME[name].label
-        for name, found in by_name.items()
-        if 2 * len(found) > len(estimates)
-    }
+    lasting = {name for name, found in by_name.items() if 2 * len(found) > len(estimates)}
 
-    def remains(words: str) -> bool:
-        faults = _faults_of([words])
-        return words in lasting or bool(faults and np.all(kept[faults]))
+    def remains(part: Part) -> bool:
+        faults = faults_of([part])
+        return lasting.issuperset(part) or bool(faults and np.all(kept[faults]))
 
     pairs = dict.fromkeys(pair for one in estimates for pair in one.alternatives)
     return tuple(pair for pair in pairs if any(map(remains, pair)))
-
-
-def _faults_of(texts: Iterable[str]) -> list[int]:
-    """Return the faults that parts of an explanation are made of; none of a hidden cause."""
-    found: set[int] = set()
-    for words in texts:
-        names = words.split(" and ")
-        found |= {i for i, fault in enumerate(FAULTS) if fault.label in names}
-        found |= set(SHORT_CIRCUITS) if words == EQUAL_SHORTS else set()
-    return sorted(found)
 
 
 def _with_confusions(
     last: Estimate,
     covariance: Array,
     estimates: Iterable[Estimate],
-    alternatives: Iterable[tuple[str, str]],
+    alternatives: Iterable[Alternative],
 ) -> tuple[Array, Flags]:
     """Return a covariance that knows a fault no better than the stretches did one by one.
 
@@ -211,7 +197,7 @@ def _with_confusions(
     best = np.diag(covariance).copy()
     unknown = last.unobservable.copy()
     for pair in alternatives:
-        confused = _faults_of(pair)
+        confused = faults_of(pair)
         stated = np.array(
             [np.diag(one.covariance)[confused] for one in estimates if pair in one.alternatives]
         )

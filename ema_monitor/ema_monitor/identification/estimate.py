@@ -11,6 +11,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector, healthy_faults
 from ema_core.wording import text_table
+from ema_monitor.identification.alternatives import Alternative, alternative_of
 from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
@@ -31,7 +32,7 @@ _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
 # Fields that records of earlier versions do not have.
-_LATER: Final = ("parts", "comparison")
+_LATER: Final = ("lacks_calibration", "parts", "comparison")
 _SHAPES: Final = {
     "covariance": (N_FAULTS, N_FAULTS),
     "quantiles": (len(LEVELS), N_FAULTS),
@@ -103,13 +104,16 @@ class Estimate:
         Hidden causes that are part of what explains the window; of stretches each one as in that in
         which it is most significant, with its range in ``reason``.
     alternatives
-        Pairs of what is part of the explanation and what the window does not tell it from; of
+        Parts of the explanation and what the window does not tell them from, by name; of
         stretches those that they together have not told apart.
     stretches
         Number of stretches of ordinary motion that it rests on, from the start of the first to the
         end of the last; 0 of a test cycle, which is one window.
     measured
         Hidden causes that were measured, as they were used; of stretches as ``causes``.
+    lacks_calibration
+        Whether the window is refused because there is no calibration, or it does not belong to the
+        actuator or the command.
     parts
         Figures of the window, or of each stretch, if the calibration has a baseline of windows.
     comparison
@@ -142,9 +146,10 @@ class Estimate:
     verdict: str = VALID
     unexplained_share: float = math.nan
     causes: tuple[CauseEstimate, ...] = ()
-    alternatives: tuple[tuple[str, str], ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
     stretches: int = 0
     measured: tuple[CauseEstimate, ...] = ()
+    lacks_calibration: bool = False
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
 
@@ -234,6 +239,7 @@ def refusal(
     reason: str,
     *,
     is_failure: bool = False,
+    lacks_calibration: bool = False,
 ) -> Estimate:
     """Return the estimate of a window in which no faults can be identified.
 
@@ -255,6 +261,7 @@ def refusal(
         reason=reason,
         calibration_windows=calibration.windows if is_calibrated else 0,
         verdict=verdict,
+        lacks_calibration=lacks_calibration,
     )
 
 
@@ -271,7 +278,7 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
         values[name] = [FAULT_NAMES[number] for number in np.flatnonzero(values[name])]
     for name in _CAUSES:
         values[name] = [cause._asdict() for cause in values[name]]
-    values["alternatives"] = [list(pair) for pair in estimate.alternatives]
+    values["alternatives"] = [pair.as_record() for pair in estimate.alternatives]
     values["parts"] = [row_of(part) for part in estimate.parts]
     compared = estimate.comparison
     values["comparison"] = None if compared is None else compared.as_mapping()
@@ -311,7 +318,8 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
         values[name] = np.isin(FAULT_NAMES, record[name])
     for name in _CAUSES:
         values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
-    values["alternatives"] = tuple(tuple(pair) for pair in record["alternatives"])
+    values["alternatives"] = tuple(map(alternative_of, record["alternatives"]))
+    values["lacks_calibration"] = bool(record.get("lacks_calibration", False))
     values["parts"] = tuple(figures_of_row(row) for row in record.get("parts", ()))
     compared = record.get("comparison")
     values["comparison"] = None if compared is None else Comparison.of_mapping(compared)

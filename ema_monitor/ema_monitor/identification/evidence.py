@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array, Flags
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, SHORT_CIRCUITS
+from ema_monitor.identification.alternatives import Alternative, Part
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
 
@@ -25,9 +26,6 @@ AMBIGUOUS_EVIDENCE: Final = 8.0
 
 REMEMBERED_EVIDENCE: Final = 3.0
 """How much earlier tests tell at most between explanations that the window leaves open."""
-
-EQUAL_SHORTS: Final = "equal short circuits of all phases"
-"""What three of them are called, where they stand for something else."""
 
 Components = Flags
 """A set of components, ``(d,)``."""
@@ -121,7 +119,7 @@ class Evidence:
 
     def alternatives(
         self, at: Linearisation, kept: Components, tried: Components
-    ) -> tuple[Components, Explanations, list[tuple[str, str]]]:
+    ) -> tuple[Components, Explanations, list[Alternative]]:
         """Return which of those ``tried`` could stand in for what is kept, with them, pairs."""
         confused = np.zeros_like(kept)
         found, worse, steps = [], [0.0], [np.zeros_like(at.point)]
@@ -180,19 +178,17 @@ class Evidence:
         of_window = np.maximum(cost - objective.noise * surprise, 1e-12 * cost)
         return objective.fitness.effective * np.log(of_window) + surprise
 
-    def named(self, group: list[int], other: list[int]) -> tuple[str, str]:
-        """Return what is kept, and what could stand in for it, in words."""
-        return self._name(group), self._name(other)
+    def named(self, group: list[int], other: list[int]) -> Alternative:
+        """Return what is kept, and what could stand in for it, by name."""
+        return Alternative(self._part(group), self._part(other))
 
-    def _name(self, group: list[int]) -> str:
-        if group == SHORT_CIRCUITS:
-            return EQUAL_SHORTS
-        if group[0] in SHORT_CIRCUITS:
-            return " and ".join(FAULTS[phase].label for phase in group)
+    def _part(self, group: list[int]) -> Part:
         first = group[0]
+        if first in SHORT_CIRCUITS:
+            return tuple(FAULT_NAMES[phase] for phase in group)
         if first < N_FAULTS:
-            return FAULTS[first].label
-        return self._objective.hidden_causes[first - self._objective.first_cause].cause.label
+            return (FAULT_NAMES[first],)
+        return (self._objective.hidden_causes[first - self._objective.first_cause].name,)
 
 
 def including(kept: Components, group: list[int]) -> Components:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.faults import FRICTION, N_FAULTS, SHORT_CIRCUITS
+from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.evidence import (
     AMBIGUOUS_EVIDENCE,
     COMPONENT_EVIDENCE,
@@ -80,7 +81,7 @@ class Explanation:
     kept
         Components that differ from healthy, ``(d,)``.
     confused, alternatives
-        Components that could stand in for what is kept, ``(d,)``, and pairs of both in words.
+        Components that could stand in for what is kept, ``(d,)``, and the pairs of both by name.
     open, far
         Explanations that the window leaves open; and the second moment of those that the model
         itself compared, about the estimate, ``(d, d)``.
@@ -89,7 +90,7 @@ class Explanation:
     at: Linearisation
     kept: Components
     confused: Components
-    alternatives: list[tuple[str, str]]
+    alternatives: list[Alternative]
     open: Explanations
     far: Array
 

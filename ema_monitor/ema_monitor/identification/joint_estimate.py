@@ -90,8 +90,11 @@ def identify_record(
         return _refused(window, calibration, window.reason, SKIPPED if is_lost else REFUSED)
     mismatch = calibration.unit_mismatch(description)
     if mismatch and not force:
-        return _refused(window, calibration, f"the calibration does not fit: {mismatch}")
-    if reason := _unusable(window, calibration):
+        reason = f"the calibration does not fit: {mismatch}"
+        return _refused(window, calibration, reason, lacks_calibration=True)
+    if reason := calibration.shape_mismatch(window):
+        return _refused(window, calibration, reason, lacks_calibration=True)
+    if reason := _missing(window):
         return _refused(window, calibration, reason)
     reason, verdict = _standstill(window, calibration)
     if reason:
@@ -213,6 +216,8 @@ def _refused(
     reason: str,
     verdict: str = REFUSED,
     comparison: Comparison | None = None,
+    *,
+    lacks_calibration: bool = False,
 ) -> Estimate:
     return Estimate(
         window.start_ns,
@@ -223,6 +228,7 @@ def _refused(
         reason=reason,
         calibration_windows=calibration.windows,
         verdict=verdict,
+        lacks_calibration=lacks_calibration,
         comparison=comparison,
     )
 

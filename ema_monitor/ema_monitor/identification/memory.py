@@ -7,10 +7,10 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
-from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_core.causes import CauseEstimate
+from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, FAULTS, N_FAULTS
+from ema_monitor.identification.alternatives import names_of
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.evidence import EQUAL_SHORTS
 from ema_monitor.windows.window import Window
 
 _MONTH_NS: Final = 30 * 86_400 * 10**9
@@ -88,17 +88,15 @@ class Memory:
             return self
         known = self.before(estimate.end_ns)
         found = {one.name: one for one in estimate.causes if one.name in SLOW}
-        words = "; ".join(label for pair in estimate.alternatives for label in pair)
+        doubtful = names_of(estimate.alternatives)
         causes, clear = dict(known.causes), set(known.clear)
         for name, pace in SLOW.items():
-            is_doubtful = CAUSE_BY_NAME[name].label in words
-            if not is_doubtful:
+            if name not in doubtful:
                 causes[name] = found.get(name, CauseEstimate(name, 0.0, pace.at_least))
                 clear.add(name)
             elif name in found and name not in clear:
                 causes[name] = found[name]
-        is_doubtful = np.array([one.label in words for one in FAULTS])
-        is_doubtful[SHORT_CIRCUITS] |= EQUAL_SHORTS in words
+        is_doubtful = np.isin(FAULT_NAMES, list(doubtful))
         variances = np.square(estimate.sigma)
         variances[~_MAY_GROW | is_doubtful | ~np.isfinite(variances)] = np.inf
         faults = np.where(np.isfinite(variances), estimate.faults, 0.0)

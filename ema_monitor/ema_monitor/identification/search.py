@@ -3,6 +3,7 @@
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +45,14 @@ class Generation:
     evaluations: int
     fitness: float
     faults: Array
+
+
+class _Defect(NamedTuple):
+    """Why no estimate of a window can be made; flags as of ``refusal``."""
+
+    reason: str
+    is_failure: bool = False
+    lacks_calibration: bool = False
 
 
 Search = Generator[Generation, None, Finding]
@@ -92,8 +101,10 @@ class ModelIdentification:
     def run(self) -> Search:
         """Yield the state after each generation; there is none where a window is refused."""
         window, calibration = self.window, self.calibration
-        if isinstance(window, Refusal) or isinstance(calibration, str):
-            return self._refused(window.reason if isinstance(window, Refusal) else str(calibration))
+        if isinstance(window, Refusal):
+            return self._refused(window.reason)
+        if isinstance(calibration, str):
+            return self._refused(calibration, lacks_calibration=True)
         found = yield from self._search(window, calibration)
         return (yield from self._question_scale(found, window, calibration))
 
@@ -160,9 +171,9 @@ class ModelIdentification:
         memory: Memory,
     ) -> Search:
         settings, mismatch = self.settings, calibration.unit_mismatch(self.description)
-        reason, is_failure = self._defect(window, calibration, "" if self.force else mismatch)
-        if reason:
-            return self._refused(reason, is_failure=is_failure)
+        defect = self._defect(window, calibration, "" if self.force else mismatch)
+        if defect.reason:
+            return self._refused(**defect._asdict())
         caveats = [_MISSING[name] for name in window.telemetry.missing]
         if mismatch:
             caveats.append(f"forced although {mismatch}")
@@ -206,16 +217,20 @@ class ModelIdentification:
         except np.linalg.LinAlgError as error:
             return self._refused(f"the uncertainty cannot be computed: {error}")
 
-    def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> tuple[str, bool]:
-        """Return why no estimate can be made, empty when one can, and whether the unit failed."""
+    def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> _Defect:
+        """Return why no estimate can be made; the reason is empty if one can."""
         if self.description.drive == "unknown":
-            return _UNKNOWN_DRIVE, False
+            return _Defect(_UNKNOWN_DRIVE, lacks_calibration=True)
         if failure := drive_defect(window, self.description.parameters):
             # A speed in another unit is none that stands still.
             scale = wrong_scale(window, calibration.parameters)
-            return (scale.in_words(calibration.parameters) if scale else failure), scale is None
+            if scale is not None:
+                return _Defect(scale.in_words(calibration.parameters))
+            return _Defect(failure, is_failure=True)
         fitness = self.settings.fitness
-        reason = calibration.shape_mismatch(window) or window.excitation_defect()
+        if reason := calibration.shape_mismatch(window):
+            return _Defect(reason, lacks_calibration=True)
+        reason = window.excitation_defect()
         if not reason and not len(window.current) and fitness != DEFAULT_FITNESS:
             reason = (
                 f"the current is not measured: fitness {fitness} compares currents only, use "
@@ -223,11 +238,19 @@ class ModelIdentification:
             )
         if not reason and mismatch:
             reason = f"the calibration does not fit: {mismatch}"
-        return reason, False
+            return _Defect(reason, lacks_calibration=True)
+        return _Defect(reason)
 
-    def _refused(self, reason: str, *, is_failure: bool = False) -> Finding:
+    def _refused(
+        self, reason: str, *, is_failure: bool = False, lacks_calibration: bool = False
+    ) -> Finding:
         estimate = refusal(
-            self.window, self.calibration, self.settings, reason, is_failure=is_failure
+            self.window,
+            self.calibration,
+            self.settings,
+            reason,
+            is_failure=is_failure,
+            lacks_calibration=lacks_calibration,
         )
         return Finding(estimate)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, SHORT_CIRCUITS
+from ema_monitor.identification.alternatives import Alternative, part_label
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 
 
@@ -70,7 +71,7 @@ def judged(
     misfit: Misfit,
     limit: float,
     unobservable: Flags,
-    alternatives: Sequence[tuple[str, str]],
+    alternatives: Sequence[Alternative],
     reservations: Sequence[str],
     calibration_windows: int,
 ) -> dict[str, Any]:
@@ -116,14 +117,14 @@ def judged(
     return {"verdict": verdict, "valid": not defects, "reason": reason}
 
 
-def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[str]:
+def confusions(subject: str, alternatives: Iterable[Alternative]) -> list[str]:
     """Return in words what cannot be separated, a text for each part of an explanation."""
-    others: dict[str, list[str]] = {}
-    for one, other in alternatives:
-        others.setdefault(one, []).append(other)
+    stand_ins: dict[str, list[str]] = {}
+    for part, stand_in in alternatives:
+        stand_ins.setdefault(part_label(part), []).append(part_label(stand_in))
     return [
-        f"this {subject} cannot separate {one} from {' or '.join(found)}"
-        for one, found in others.items()
+        f"this {subject} cannot separate {part} from {' or '.join(labels)}"
+        for part, labels in stand_ins.items()
     ]
 
 

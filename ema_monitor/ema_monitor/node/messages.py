@@ -15,6 +15,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import LEVEL_NAMES
 from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
+    Confusion,
     FaultEstimate,
     FaultForecast,
     HealthForecast,
@@ -27,6 +28,7 @@ from ema_interfaces.msg import (
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
 from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.identification.alternatives import part_label
 from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.joint.comparison import JUDGEMENTS, Comparison
@@ -67,7 +69,7 @@ def estimate_to_message(
         hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
         measured_causes=[_hidden_cause(cause) for cause in estimate.measured],
         quantities=_quantities(estimate.comparison),
-        confusions=[" or ".join(pair) for pair in estimate.alternatives],
+        confusions=[Confusion(**pair.as_record()) for pair in estimate.alternatives],
         verdict=VERDICTS.index(estimate.verdict),
         excitation_limit=MIN_TRAVEL,
         computing_time=estimate.computing_time_s,
@@ -85,8 +87,8 @@ def _hidden_cause(one: CauseEstimate, estimate: Estimate | None = None) -> Hidde
     """Return a cause as a message, of an estimate with what else could stand in for it."""
     cause = CAUSE_BY_NAME[one.name]
     pairs = estimate.alternatives if estimate else ()
-    others = [other for label, other in pairs if label == cause.label]
-    return _made(HiddenCause, cause, one, alternatives=others)
+    stand_ins = [part_label(stand_in) for part, stand_in in pairs if part == (one.name,)]
+    return _made(HiddenCause, cause, one, alternatives=stand_ins)
 
 
 def _bits(components: Flags) -> int:

@@ -10,7 +10,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Health, NodeStatus
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
@@ -22,7 +22,7 @@ from ema_monitor.node.kernels import compile_monitor_kernels
 from ema_monitor.node.messages import summary_of
 from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.settings import Files, Operation, folder_of
-from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.node.unit_status import telemetry_status, unit_tasks
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.fleet import Fleet
@@ -85,12 +85,12 @@ class MonitorNode(ManagedNode):
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self.estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         self._calls = MonitorCalls(self)
-        self.units.begin()
         # On the clock of the system, a backward step would stop it; on simulated time it does not.
         is_simulated = self.get_parameter("use_sim_time").value
         add_timer = self.create_timer if is_simulated else self.add_timer
         add_timer(_STALE_CHECK_S, self.units.check)
         self.prognosis.begin(files.history_folder, fleet)
+        self.units.begin(self.prognosis.folder)
         self.units.expect_listed()
         if words := self.units.admission.list_in_words():
             self.get_logger().info(words)
@@ -143,6 +143,22 @@ class MonitorNode(ManagedNode):
         self.follow_ups.dropped = 0
         self.units.clear()
 
+    def counts(self) -> NodeStatus:
+        """Return what is counted of each actuator, and of all of them."""
+        queue = self.worker.queue
+        with self.units.lock:
+            telemetry = [
+                telemetry_status(unit, queue.dropped[name]) for name, unit in self.units.items()
+            ]
+        return NodeStatus(
+            kind=NodeStatus.MONITOR,
+            telemetry=telemetry,
+            windows_waiting=len(queue),
+            windows_dropped=sum(queue.dropped.values()),
+            refusals_dropped=sum(queue.unanswered.values()),
+            follow_ups_dropped=self.follow_ups.dropped,
+        )
+
     def tasks(self, actuator_id: str = "") -> list[Task]:
         """Return the status of one actuator and of the identification; of each one when empty."""
         queue, follow_ups = self.worker.queue, self.follow_ups
@@ -150,11 +166,12 @@ class MonitorNode(ManagedNode):
         if self.is_active and follow_ups.thread.failure:
             failures = [message] if level == ERROR else []
             level, message = ERROR, "; ".join([*failures, follow_ups.thread.failure])
+        status = self.counts()
         counts = {
-            "windows dropped": sum(queue.dropped.values()),
-            "refusals dropped": sum(queue.unanswered.values()),
+            "windows dropped": status.windows_dropped,
+            "refusals dropped": status.refusals_dropped,
         }
-        waiting, admission = len(queue), self.units.admission
+        waiting, admission = status.windows_waiting, self.units.admission
         with self.units.lock:
             is_heard = any(one.finder.blocks and not one.is_silent for one in self.units.values())
             received = admission.status(self.units, is_heard=is_heard)
@@ -172,7 +189,7 @@ class MonitorNode(ManagedNode):
             ]
         figures = {
             "follow-ups waiting": follow_ups.waiting,
-            "follow-ups dropped": follow_ups.dropped,
+            "follow-ups dropped": status.follow_ups_dropped,
             "ends of threads": self.worker.thread.ends + follow_ups.thread.ends,
             "goal rejected": self._calls.rejected or "none",
         }

@@ -3,6 +3,7 @@
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_core.wording import beside_limit
+from ema_interfaces.msg import TelemetryStatus
 from ema_monitor.health import FaultHealth
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.actuator import Actuator
@@ -16,6 +17,21 @@ from ema_ros.status import (
     OFF_SPEC,
     Task,
 )
+
+
+def telemetry_status(unit: Actuator, dropped: int = 0) -> TelemetryStatus:
+    """Return what is counted of an actuator, of which ``dropped`` windows had to give way."""
+    return TelemetryStatus(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.description.serial_number if unit.description else "",
+        blocks=unit.finder.blocks,
+        samples_lost=unit.finder.lost_samples,
+        windows=unit.finder.windows,
+        windows_dropped=dropped,
+        estimates_valid=unit.valid,
+        estimates_invalid=unit.invalid,
+        latency=unit.latency_s,
+    )
 
 
 def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
@@ -96,16 +112,17 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
         level, message = STALE, f"no telemetry any more; {message}"
     if unit.is_calibrating:
         category = DIAGNOSTICS_ACTIVE
+    status = telemetry_status(unit, dropped)
     counts = {
-        "blocks": finder.blocks,
-        "samples lost": finder.lost_samples,
+        "blocks": status.blocks,
+        "samples lost": status.samples_lost,
         "defects": unit.defect_count,
-        "windows": finder.windows,
+        "windows": status.windows,
         "windows waiting": waiting,
-        "windows dropped": dropped,
-        "estimates valid": unit.valid,
-        "estimates invalid": unit.invalid,
-        "latency [s]": unit.latency_s,
+        "windows dropped": status.windows_dropped,
+        "estimates valid": status.estimates_valid,
+        "estimates invalid": status.estimates_invalid,
+        "latency [s]": status.latency,
     }
     if finder.finds_records:
         counts["pieces too short for a record"] = finder.passed_over

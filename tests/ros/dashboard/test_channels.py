@@ -20,6 +20,7 @@ PUBLISHED = {
     **topics.SYSTEM_TOPICS,
     **topics.MONITOR_TOPICS,
     **topics.PLAYER_TOPICS,
+    **topics.NODE_TOPICS,
 }
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 

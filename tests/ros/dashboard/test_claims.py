@@ -1,10 +1,9 @@
 """What a monitor said is shown for as long as it is good and the monitor is heard."""
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from ema_core.levels import OK, STALE
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Health, NodeStatus
 from ema_ros import claims, topics
 from ema_ros.stamps import stamp_to_message
 
@@ -25,8 +24,8 @@ def test_who_comes_after_a_monitor_has_gone_is_told_nothing_that_it_said(
 ):
     monkeypatch.setattr(claims, "SILENT_S", 1.0)
     output = session.source.create_publisher(Health, "health", topics.LATCHED)
-    status = session.source.create_publisher(DiagnosticArray, "/diagnostics", topics.STATE)
-    report = DiagnosticArray(status=[DiagnosticStatus(name="/ema/monitor: flap health")])
+    status = session.source.create_publisher(NodeStatus, "node_status", topics.STATE)
+    report = NodeStatus(node="/ema/monitor")
     node = session.dashboard()
     viewer = session.view(node, "/ema/health")
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from ema_dashboard import unit_history
 from ema_dashboard.unit_history import ActuatorHistory
@@ -13,6 +12,8 @@ from ema_interfaces.msg import (
     ActuatorDescription,
     FaultEstimate,
     Health,
+    NodeStatus,
+    TelemetryStatus,
     UnitEvent,
     UnitHistory,
     UnitTest,
@@ -235,7 +236,7 @@ def test_what_only_the_dashboard_sees_stays_in_the_history():
     history = ActuatorHistory("flap", "1")
     refused = estimate(6, 1)
     refused.valid, refused.verdict = False, FaultEstimate.REFUSED
-    refused.reason = "there is no calibration yet"
+    refused.reason, refused.lacks_calibration = "there is no calibration yet", True
     history.note_health(health(5))
     assert not history.note_estimate(estimate(5, 0))
     assert [test.cycles for test in news(history).tests] == [5]
@@ -253,6 +254,16 @@ def test_what_only_the_dashboard_sees_stays_in_the_history():
     base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(5), unit_test(9)])
     history.set_base(base)  # as when the monitor is asked again
     assert history.message().events == [missing, restart, gap]
+
+
+def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
+    """Its reason may compare the record with the calibration."""
+    history = ActuatorHistory("flap", "1")
+    refused = estimate(6, 1)
+    refused.valid, refused.verdict = False, FaultEstimate.REFUSED
+    refused.reason = "the effort differs from that of the calibration: compare the mapping"
+    assert not history.note_estimate(refused)
+    assert history.news() is None
 
 
 def test_tests_that_a_monitor_has_lost_are_told_where_they_were():
@@ -280,16 +291,15 @@ def test_a_restart_that_the_monitor_tells_of_is_not_told_twice():
 
 def test_a_gap_is_told_at_once_and_shown_after_a_reload(session):
     monitor = Monitor(session)
-    status = session.source.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    status = session.source.create_publisher(NodeStatus, "node_status", 10)
     node = session.dashboard()
     viewer = session.view(node, HISTORY)
     monitor.publish(2)
     wait_for(lambda: latest(viewer) and stamps(latest(viewer)) == [0, 1, 2], "the base")
 
     def lost(samples: int) -> None:
-        values = [KeyValue(key="samples lost", value=str(samples))]
-        task = DiagnosticStatus(name="/ema/monitor: flap telemetry", values=values)
-        status.publish(DiagnosticArray(status=[task]))
+        counts = TelemetryStatus(actuator_id="flap", samples_lost=samples)
+        status.publish(NodeStatus(node="/ema/monitor", telemetry=[counts]))
 
     def is_told() -> bool:
         lost(3)

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 from ament_index_python.packages import get_package_share_directory
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from prometheus_client import parser as plain_text
 from prometheus_client.metrics_core import Metric
 from prometheus_client.openmetrics import parser as open_metrics
@@ -17,7 +16,13 @@ from rosgraph_msgs.msg import Clock
 
 from ema_dashboard.hub import Totals
 from ema_dashboard.metrics import MOST_KEPT, Metrics
-from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultEstimate,
+    Health,
+    NodeStatus,
+    TelemetryStatus,
+)
 from ema_ros import topics
 
 from ...waiting import wait_for
@@ -60,36 +65,39 @@ def estimate(computing_s: float, actuator_id: str = "flap", serial: str = "7") -
     return FaultEstimate(actuator_id=actuator_id, serial_number=serial, computing_time=computing_s)
 
 
-def status(name: str, figures: dict[str, Any]) -> DiagnosticStatus:
-    values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
-    return DiagnosticStatus(name=name, values=values)
-
-
-TELEMETRY_STATUS = status(
-    "/ema/monitor: flap telemetry",
-    {
-        **{"samples lost": 3, "windows dropped": 2, "estimates valid": 5, "estimates invalid": 1},
-        "latency [s]": 0.25,
-    },
+TELEMETRY_STATUS = TelemetryStatus(
+    actuator_id="flap",
+    samples_lost=3,
+    windows_dropped=2,
+    estimates_valid=5,
+    estimates_invalid=1,
+    latency=0.25,
 )
 NODE_STATUS = (
-    status("/ema/monitor: input", {"windows dropped": 4, "refusals dropped": 0, "shard": "0 of 1"}),
-    status("/ema/monitor: identification", {"follow-ups dropped": 1}),
-    status("/ema/recorder: recording", {"lost messages": 8, "messages without room": 9}),
-    status("/ema/bridge: input", {"lost": 11}),
+    NodeStatus(
+        node="/ema/monitor",
+        kind=NodeStatus.MONITOR,
+        telemetry=[TELEMETRY_STATUS],
+        windows_dropped=4,
+        follow_ups_dropped=1,
+    ),
+    NodeStatus(
+        node="/ema/recorder", kind=NodeStatus.RECORDER, messages_lost=8, messages_without_room=9
+    ),
+    NodeStatus(node="/ema/bridge", kind=NodeStatus.BRIDGE, samples_lost=11),
 )
 
 
 @pytest.fixture
 def metrics() -> Metrics:
     """Return metrics that have heard something of each kind."""
-    found = Metrics(["/ema"], lambda: OWN)
+    found = Metrics(lambda: OWN)
     found.note("/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1"))
     for computing_s in (0.01, 0.07, 0.09, 99.0, math.nan):
         found.note("/ema", estimate(computing_s))
     found.note("/ema", health())
-    for one in (TELEMETRY_STATUS, *NODE_STATUS):
-        found.note_status(one)
+    for status in NODE_STATUS:
+        found.note_node("/ema", status)
     return found
 
 
@@ -100,7 +108,7 @@ def exposed(metrics: Metrics, accept: str = OPEN_METRICS) -> dict[str, Metric]:
 def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
     healths = session.source.create_publisher(Health, "health", topics.LATCHED)
     estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
-    diagnostics = session.source.create_publisher(DiagnosticArray, "/diagnostics", topics.STATE)
+    statuses = session.source.create_publisher(NodeStatus, "node_status", topics.STATE)
     clock = session.source.create_publisher(Clock, "/clock", 1)
     node = session.dashboard()
 
@@ -116,8 +124,9 @@ def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
     estimates.publish(estimate(0.3))
     count = ("ema_estimate_computing_seconds_count", "/ema", "flap")
     wait_for(lambda: read().get(count) == 1, "the estimate")
-    wait_for(lambda: diagnostics.get_subscription_count(), "a subscription")
-    diagnostics.publish(DiagnosticArray(status=[TELEMETRY_STATUS, *NODE_STATUS]))
+    wait_for(lambda: statuses.get_subscription_count(), "a subscription")
+    for status in NODE_STATUS:
+        statuses.publish(status)
     wait_for(lambda: ("ema_windows_dropped_total", "/ema", "flap") in read(), "the status")
     assert read()["ema_node_heard_timestamp_seconds", "/ema/monitor"] > 1.7e9
     wait_for(lambda: clock.get_subscription_count(), "a subscription")
@@ -183,6 +192,11 @@ def test_metrics_follow_the_conventions_for_names(metrics, accept):
             assert (family.type == "counter") == name.endswith("_total"), name
 
 
+def test_node_that_is_cleaned_up_keeps_its_counts(metrics):
+    metrics.note_node("/ema", NodeStatus(node="/ema/recorder"))
+    assert values(exposed(metrics))["ema_recorder_messages_lost_total", "/ema/recorder"] == 8
+
+
 def test_another_unit_has_no_health_yet(metrics):
     metrics.note("/ema", estimate(0.1, serial="8"))
     found = values(exposed(metrics))
@@ -198,8 +212,8 @@ def test_hostile_names_neither_break_the_format_nor_take_all_memory(metrics):
     assert found["ema_health_level", "/ema", evil.replace("\udc80", "?")] == 1
     for number in range(2 * MOST_KEPT):
         metrics.note("/ema", health(f"actuator{number}"))
-        metrics.note_status(status(f"/ema/node{number}: input", {"lost": 1}))
-        metrics.note_status(status(f"/other/node{number}: input", {"lost": 1}))
+        bridge = NodeStatus(node=f"{evil}{number}", kind=NodeStatus.BRIDGE, samples_lost=1)
+        metrics.note_node("/ema", bridge)
     names = [name for name, *_ in values(exposed(metrics))]
     assert names.count("ema_health_level") == MOST_KEPT
     assert names.count("ema_node_heard_timestamp_seconds") == MOST_KEPT

@@ -14,6 +14,7 @@ from ema_bags.gaps import Gap
 from ema_bags.recorded_topic import RecordedTopic
 from ema_bags.recording import RecorderSettings, Recording
 from ema_core.wording import counted
+from ema_interfaces.msg import NodeStatus
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
@@ -106,12 +107,20 @@ class RecorderNode(ManagedNode):
             raise OSError(f"{path} ends early: {error}") from error
         self.get_logger().info(f"closed {path} with {counted(recorded.messages, 'message')}")
 
+    def counts(self) -> NodeStatus:
+        """Return how many messages are not recorded."""
+        status = NodeStatus(kind=NodeStatus.RECORDER)
+        if self._recorded is not None:
+            status.messages_lost = sum(topic.lost for topic in tuple(self._topics.values()))
+            status.messages_without_room = sum(gap.messages for gap in self._recorded.bag.gaps)
+        return status
+
     def tasks(self) -> list[Task]:
         """Return what is recorded and what is not."""
         recorded = self._recorded
         if recorded is None:
             return []
-        bag, settings = recorded.bag, self._settings.value
+        bag, settings, counts = recorded.bag, self._settings.value, self.counts()
         topics = dict(self._topics)
         lost = {name: topic.lost for name, topic in sorted(topics.items()) if topic.lost}
         gone = ", ".join(name for name, topic in topics.items() if not topic.has_publisher)
@@ -143,11 +152,11 @@ class RecorderNode(ManagedNode):
             "file": bag.file_path.name,
             "messages": recorded.messages,
             "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
-            "lost messages": sum(lost.values()),
+            "lost messages": counts.messages_lost,
             "lost by topic": ", ".join(f"{name} {count}" for name, count in lost.items()),
             "standstills": self._standstills,
             "waiting [B]": bag.waiting,
-            "messages without room": sum(gap.messages for gap in bag.gaps),
+            "messages without room": counts.messages_without_room,
             "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": gone,

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock as RosClock
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
@@ -15,7 +14,7 @@ from ema_dashboard.access import Access
 from ema_dashboard.alerts import Alerts
 from ema_dashboard.contents import FleetDocument
 from ema_dashboard.hub import Hub
-from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTopic, known_topics
+from ema_dashboard.known_topics import CLOCK, UNIT_HISTORY, KnownTopic, known_topics
 from ema_dashboard.metrics import Metrics
 from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import (
@@ -27,7 +26,7 @@ from ema_dashboard.settings import (
 )
 from ema_dashboard.unit_history import Histories, read_note
 from ema_dashboard.web_server import WebServer
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import Health, NodeStatus
 from ema_ros.claims import Claims
 from ema_ros.managed_node import ManagedNode
 from ema_ros.peers import UNKNOWN_NODE
@@ -35,12 +34,18 @@ from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, WARN, Task
-from ema_ros.topics import DESCRIPTION, FAULT_ESTIMATE, HEALTH, HEALTH_SUMMARY, PLAYBACK_STATE
+from ema_ros.topics import (
+    DESCRIPTION,
+    FAULT_ESTIMATE,
+    HEALTH,
+    HEALTH_SUMMARY,
+    NODE_STATUS,
+    PLAYBACK_STATE,
+)
 
 _DISCOVERY_S: Final = 0.2
 _JUMP_NS: Final = 1_000_000_000
 _NICENESS: Final = 5
-_LOST: Final = "samples lost"  # of the status of telemetry
 
 
 class DashboardNode(ManagedNode):
@@ -80,7 +85,7 @@ class DashboardNode(ManagedNode):
         self._histories = {
             name: Histories(self, name, self._hub, self._time_ns) for name in namespaces
         }
-        self._metrics = Metrics(namespaces, self._hub.figures)
+        self._metrics = Metrics(self._hub.figures)
         self._web = WebServer(
             listener,
             tls,
@@ -112,6 +117,10 @@ class DashboardNode(ManagedNode):
         if self._alerts:
             self._alerts.close()
         self._web.stop()
+
+    def counts(self) -> NodeStatus:
+        """Return where the page is served."""
+        return NodeStatus(kind=NodeStatus.DASHBOARD, address=self.address)
 
     def tasks(self) -> list[Task]:
         """Return where it serves, to how many clients, and what they did not take."""
@@ -199,8 +208,9 @@ class DashboardNode(ManagedNode):
                 self._note_time(
                     stamp_from_message(deserialize_message(data, topic.message_class).clock)
                 )
-            elif topic.name == DIAGNOSTICS:
-                self._note_diagnostics(deserialize_message(data, topic.message_class))
+            elif topic.relative == NODE_STATUS:
+                status = deserialize_message(data, topic.message_class)
+                self._note_node(topic.namespace, status)
             elif topic.kept:
                 message = deserialize_message(data, topic.message_class)
                 key = getattr(message, "actuator_id", "")
@@ -211,17 +221,14 @@ class DashboardNode(ManagedNode):
 
         return receive
 
-    def _note_diagnostics(self, message: DiagnosticArray) -> None:
-        """Take the figures of nodes, and of the status of monitors how many samples they miss."""
-        for status in message.status:
-            self._claims.hear(status.name, time.monotonic())
-            self._metrics.note_status(status)
-            lost = next((item.value for item in status.values if item.key == _LOST), None)
-            actuator_id = status.name.partition(": ")[2].removesuffix(" telemetry")
-            if lost is not None and lost.isdecimal():
-                for namespace, histories in self._histories.items():
-                    if status.name.startswith(f"{namespace.rstrip('/')}/"):
-                        histories.note_lost_samples(actuator_id, message.header.stamp, int(lost))
+    def _note_node(self, namespace: str, status: NodeStatus) -> None:
+        """Take what a node has counted; of a monitor, how many samples each actuator lost."""
+        self._claims.hear(status.node, time.monotonic())
+        self._metrics.note_node(namespace, status)
+        for counted_of in status.telemetry:
+            self._histories[namespace].note_lost_samples(
+                counted_of.actuator_id, status.header.stamp, counted_of.samples_lost
+            )
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
         """Take what the history, the metrics, claims and the control of a playback rest on."""

@@ -19,6 +19,7 @@ _KNOWN: Final = {
     **topics.SYSTEM_TOPICS,
     **topics.MONITOR_TOPICS,
     **topics.PLAYER_TOPICS,
+    **topics.NODE_TOPICS,
 }
 
 
@@ -43,7 +44,7 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
     """Return the topics that are shown of some namespaces, and those outside of any."""
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     found = [
-        KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, True, False),
+        KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),
         KnownTopic(CLOCK, "", "", Clock, best_effort, True, False),
     ]
     for namespace in namespaces:
@@ -53,7 +54,8 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
             kept = latched or relative == topics.FAULT_ESTIMATE
             qos = topics.LATCHED_BY_MANY if latched else offer
             name = f"{place}/{relative}"
-            found.append(KnownTopic(name, namespace, relative, kind, qos, kept, kept))
+            followed = kept or relative in topics.NODE_TOPICS
+            found.append(KnownTopic(name, namespace, relative, kind, qos, followed, kept))
         name = f"{place}/{UNIT_HISTORY}"
         found.append(KnownTopic(name, namespace, UNIT_HISTORY, UnitHistory, None, False, True))
     return found

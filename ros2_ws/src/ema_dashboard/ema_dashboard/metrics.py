@@ -4,13 +4,11 @@ import math
 import threading
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, Final, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from prometheus_client import CollectorRegistry, ProcessCollector
 from prometheus_client.core import (
     CounterMetricFamily,
@@ -24,7 +22,13 @@ from prometheus_client.registry import Collector
 
 from ema_dashboard.contents import Made
 from ema_dashboard.hub import Totals
-from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultEstimate,
+    Health,
+    NodeStatus,
+    TelemetryStatus,
+)
 from ema_ros.stamps import stamp_from_message
 
 COMPUTING_BOUNDS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -33,8 +37,6 @@ COMPUTING_BOUNDS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 MOST_KEPT: Final = 1000
 """Actuators, and nodes, of which figures are kept; those heard of longest ago make room."""
 
-_NODE_TASKS: Final = ("identification", "input", "recording")
-_TELEMETRY: Final = " telemetry"  # ends the name of the status of an actuator's telemetry
 _HOUR_S: Final = 3600.0
 _ACTUATOR: Final = ("namespace", "actuator_id")
 _BOUNDS: Final = (*map(str, COMPUTING_BOUNDS_S), "+Inf")
@@ -45,18 +47,19 @@ _Value = TypeVar("_Value")
 
 _OF_NODES: Final = (
     ("ema_monitor_windows_dropped", "Windows of all actuators of a monitor that had to give way.",
-     "input", "windows dropped"),
+     NodeStatus.MONITOR, "windows_dropped"),
     ("ema_monitor_refusals_dropped", "Refused windows that a monitor did not report.",
-     "input", "refusals dropped"),
+     NodeStatus.MONITOR, "refusals_dropped"),
     ("ema_monitor_follow_ups_dropped", "Forecasts and the like that a monitor left out.",
-     "identification", "follow-ups dropped"),
+     NodeStatus.MONITOR, "follow_ups_dropped"),
     ("ema_recorder_messages_lost", "Messages that did not reach a recorder.",
-     "recording", "lost messages"),
+     NodeStatus.RECORDER, "messages_lost"),
     ("ema_recorder_messages_without_room", "Messages that a recorder could not write.",
-     "recording", "messages without room"),
-    ("ema_bridge_samples_lost", "Samples missing at a bridge's input.", "input", "lost"),
+     NodeStatus.RECORDER, "messages_without_room"),
+    ("ema_bridge_samples_lost", "Samples missing at a bridge's input.",
+     NodeStatus.BRIDGE, "samples_lost"),
 )  # fmt: skip
-"""Counters of nodes: name, documentation, and task and key of the status that has it."""
+"""Counters of nodes: name, documentation, and kind of node and field of its status."""
 
 _OF_HEALTH: Final = (
     ("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio",
@@ -73,13 +76,13 @@ _OF_HEALTH: Final = (
 """Gauges of actuators: name, documentation, unit, and value of a health."""
 
 _OF_STATUS: Final = (
-    ("ema_samples_lost", "Samples of telemetry that are missing.", {(): "samples lost"}),
+    ("ema_samples_lost", "Samples of telemetry that are missing.", {(): "samples_lost"}),
     ("ema_windows_dropped", "Windows that had to give way to later ones.",
-     {(): "windows dropped"}),
+     {(): "windows_dropped"}),
     ("ema_estimates", "Estimates by their verdict.",
-     {("valid",): "estimates valid", ("refused",): "estimates invalid"}),
+     {("valid",): "estimates_valid", ("refused",): "estimates_invalid"}),
 )  # fmt: skip
-"""Counters of actuators: name, documentation, and keys of the status of telemetry by verdict."""
+"""Counters of actuators: name, documentation, and fields of TelemetryStatus by verdict."""
 
 
 @dataclass
@@ -89,17 +92,17 @@ class _Actuator:
     serial_number: str = ""
     model: str = ""
     health: Health | None = None
-    status: dict[str, float] = field(default_factory=dict)  # of its telemetry
+    status: TelemetryStatus | None = None
     computing: list[int] = field(default_factory=lambda: [0] * (len(COMPUTING_BOUNDS_S) + 1))
     computing_s: float = 0.0
 
 
 @dataclass
 class _Node:
-    """What a node has told of itself: when last [s], and figures by the names of its tasks."""
+    """Latest status of a node while it was configured, and when any was received last [s]."""
 
     heard_s: float = 0.0
-    tasks: dict[str, dict[str, float]] = field(default_factory=dict)
+    status: NodeStatus = field(default_factory=NodeStatus)
 
 
 class Metrics(Collector):
@@ -109,14 +112,11 @@ class Metrics(Collector):
 
     Parameters
     ----------
-    namespaces
-        Those whose nodes are of interest.
     own
         Returns the figures of the dashboard.
     """
 
-    def __init__(self, namespaces: Iterable[str], own: Callable[[], Totals]) -> None:
-        self._prefixes = tuple(f"{name.rstrip('/')}/" for name in namespaces)
+    def __init__(self, own: Callable[[], Totals]) -> None:
         self._own = own
         self._lock = threading.Lock()
         self._actuators: dict[tuple[str, str], _Actuator] = {}
@@ -143,19 +143,16 @@ class Metrics(Collector):
                     known.computing[bisect_left(COMPUTING_BOUNDS_S, taken_s)] += 1
                     known.computing_s += taken_s
 
-    def note_status(self, status: DiagnosticStatus) -> None:
-        """Take the status of a task of a node."""
-        node, _, task = status.name.partition(": ")
-        if not node.startswith(self._prefixes):
-            return
+    def note_node(self, namespace: str, status: NodeStatus) -> None:
+        """Take the status of a node."""
         with self._lock:
-            known = _latest(self._nodes, node, _Node)
-            known.heard_s = time.time()
-            if task in _NODE_TASKS:
-                known.tasks[task] = _numbers(status)
-            elif task.endswith(_TELEMETRY):
-                key = node.rpartition("/")[0] or "/", task.removesuffix(_TELEMETRY)
-                _latest(self._actuators, key, _Actuator).status = _numbers(status)
+            node = _latest(self._nodes, status.node, _Node)
+            node.heard_s = time.time()
+            if status.kind != NodeStatus.OTHER:
+                node.status = status
+            for telemetry in status.telemetry:
+                key = namespace.rstrip("/") or "/", telemetry.actuator_id
+                _latest(self._actuators, key, _Actuator).status = telemetry
 
     def rewind(self, time_ns: int) -> None:
         """Forget health that is later than a time to which the graph has jumped back [ns]."""
@@ -182,15 +179,15 @@ class Metrics(Collector):
 
 
 def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
-    for name, documentation, task, key in _OF_NODES:
+    for name, documentation, kind, counter in _OF_NODES:
         family = CounterMetricFamily(name, documentation, labels=["node"])
         for node, known in nodes.items():
-            if (value := known.tasks.get(task, {}).get(key)) is not None:
-                family.add_metric((node,), value)
+            if known.status.kind == kind:
+                family.add_metric((_text(node),), getattr(known.status, counter))
         yield family
     heard = _gauge("ema_node_heard_timestamp", "When a node last reported.", "seconds", "node")
     for node, known in nodes.items():
-        heard.add_metric((node,), known.heard_s)
+        heard.add_metric((_text(node),), known.heard_s)
     yield heard
 
 
@@ -223,9 +220,9 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
         verdict = ["verdict"] if len(keys) > 1 else []
         family = CounterMetricFamily(name, documentation, labels=[*_ACTUATOR, *verdict])
         for labels, known in named:
-            for label, key in keys.items():
-                if key in known.status:
-                    family.add_metric((*labels, *label), known.status[key])
+            for label, counter in keys.items():
+                if known.status is not None:
+                    family.add_metric((*labels, *label), getattr(known.status, counter))
         yield family
     latency = _gauge(
         "ema_estimate_latency", "Time from the end of the latest window to its estimate.", "seconds"
@@ -237,8 +234,8 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
         unit="seconds",
     )
     for labels, known in named:
-        if "latency [s]" in known.status:
-            latency.add_metric(labels, known.status["latency [s]"])
+        if known.status is not None:
+            latency.add_metric(labels, known.status.latency)
         if any(known.computing):
             counts = zip(_BOUNDS, accumulate(known.computing), strict=True)
             computing.add_metric(labels, list(counts), known.computing_s)
@@ -275,11 +272,3 @@ def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> 
     if len(items) > MOST_KEPT:
         del items[next(iter(items))]
     return item
-
-
-def _numbers(status: DiagnosticStatus) -> dict[str, float]:
-    found = {}
-    for item in status.values:
-        with suppress(ValueError):
-            found[item.key] = float(item.value)
-    return found

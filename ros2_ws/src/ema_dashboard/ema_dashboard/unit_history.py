@@ -83,8 +83,7 @@ class ActuatorHistory:
             if not any(at >= since_ns and kind == "restart" for at, kind, _ in self._events):
                 self._happened(estimate.header.stamp, "restart", "the monitor was started again")
         is_told = before is not None and before.reason == estimate.reason
-        is_refused = estimate.verdict == FaultEstimate.REFUSED
-        if is_refused and "calibration" in estimate.reason and not is_told:
+        if estimate.lacks_calibration and not is_told:
             self._happened(estimate.header.stamp, "calibration", estimate.reason)
         if estimate.valid:
             self._estimate = estimate

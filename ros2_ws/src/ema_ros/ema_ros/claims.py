@@ -9,7 +9,7 @@ from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_ros.stamps import stamp_from_message
 
 SILENT_S: Final = 5.0
-"""A monitor reports on `/diagnostics` each second; after so long without, it is silent [s]."""
+"""A node publishes its status each second; after so long without, it is silent [s]."""
 
 Place = tuple[str, str]
 """Full topic and actuator."""
@@ -99,9 +99,9 @@ class Claims:
         self._healths[key] = Received.at(health, now_ns, now_s)
         self._shown[key] = health.level
 
-    def hear(self, status_name: str, now_s: float) -> None:
-        """Take the name of a status of `/diagnostics`: its node is there."""
-        self._heard_s[status_name.partition(": ")[0]] = now_s
+    def hear(self, node: str, now_s: float) -> None:
+        """Take the full name of a node that has published its status."""
+        self._heard_s[node] = now_s
 
     def rewind(self, time_ns: int) -> None:
         """Forget what is later than a time to which the clock has gone back [ns]."""

@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
+from ema_interfaces.msg import NodeStatus
 from ema_ros import topics
 from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
 from ema_ros.rclpy_private import (
@@ -83,6 +84,7 @@ class ManagedNode(LifecycleNode):
         self._peers = Peers()
         self.declare_parameter(_AUTOSTART, True, _AUTOSTART_DESCRIPTOR)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._node_status = self.create_publisher(NodeStatus, topics.NODE_STATUS, topics.STATE)
         wrap_change_state(self, self._refuse_impossible)
         self.add_on_set_parameters_callback(self._refuse_other_clock)
         self.add_timer(_REPORT_S, self._report_regularly)
@@ -102,6 +104,10 @@ class ManagedNode(LifecycleNode):
     def tasks(self) -> list[Task]:
         """Return the status of what the node does; called while it is configured."""
         return []
+
+    def counts(self) -> NodeStatus:
+        """Return what the node counts; called while it is configured."""
+        return NodeStatus()
 
     @property
     def hardware_id(self) -> str:
@@ -226,7 +232,9 @@ class ManagedNode(LifecycleNode):
         Of what it does the node knows nothing while it is not active: that is STALE, never OK.
         """
         own = [] if tasks else [self._lifecycle_task()]
+        counts = None
         if not tasks:
+            counts = self.counts() if self._configured else NodeStatus()
             peers = self._peers.task(self.hardware_id, time.monotonic())
             tasks = [peers, *(self.tasks() if self._configured else [])]
         state = self.state
@@ -242,6 +250,9 @@ class ManagedNode(LifecycleNode):
         # Simulated time is 0 as long as there is no /clock.
         message.header.stamp = (now if now.nanoseconds else Clock().now()).to_msg()
         self._diagnostics.publish(message)
+        if counts is not None:
+            counts.header.stamp, counts.node = message.header.stamp, name
+            self._node_status.publish(counts)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure, and be unconfigured still when that is refused."""

@@ -15,5 +15,6 @@ HEALTH_FORECAST: Final = "health_forecast"
 ADVICE: Final = "advice"
 WINDOW_FIT: Final = "window_fit"
 PLAYBACK_STATE: Final = "playback_state"
+NODE_STATUS: Final = "node_status"
 
 NAMESPACE: Final = "/ema"

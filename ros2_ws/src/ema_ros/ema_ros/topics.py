@@ -19,6 +19,7 @@ from ema_interfaces.msg import (
     HealthForecast,
     HealthSummary,
     MeasuredCauses,
+    NodeStatus,
     PlaybackState,
     TelemetryBlock,
     Usage,
@@ -33,6 +34,7 @@ from ema_ros.topic_names import (
     HEALTH_SUMMARY,
     JOINT_STATES,
     MEASURED_CAUSES,
+    NODE_STATUS,
     PLAYBACK_STATE,
     SIMULATED_FAULTS,
     TELEMETRY,
@@ -79,3 +81,6 @@ MONITOR_TOPICS: Final = {
 
 PLAYER_TOPICS: Final = {PLAYBACK_STATE: (PlaybackState, LATCHED)}
 """Message class and quality of service of what a player publishes about itself, by topic."""
+
+NODE_TOPICS: Final = {NODE_STATUS: (NodeStatus, STATE)}
+"""Message class and quality of service of what every node publishes about itself, by topic."""

@@ -13,6 +13,7 @@ from ema_bags.message_type import message_class
 from ema_bags.qos import common_offer
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
+from ema_interfaces.msg import NodeStatus
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
 from ema_ros.managed_node import ManagedNode
@@ -101,6 +102,10 @@ class BridgeNode(ManagedNode):
         times = round(_SILENT_S / _DISCOVERY_S) + 1
         self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
 
+    def counts(self) -> NodeStatus:
+        """Return how many samples are missing at the input."""
+        return NodeStatus(kind=NodeStatus.BRIDGE, samples_lost=self._bridge.losses.lost)
+
     def _recent(self) -> dict[str, float]:
         """Return the rates of the last 3 s [Hz]: of messages by topic, and of samples."""
         first_s, first = self._past[0]
@@ -117,7 +122,7 @@ class BridgeNode(ManagedNode):
             "jitter [us]": 1e6 * rate.jitter if rate else 0.0,
             "interpolated": bool(rate and not rate.is_regular),
             "samples": losses.samples,
-            "lost": losses.lost,
+            "lost": self.counts().samples_lost,
             "gaps": losses.gaps,
             "filled": losses.filled,
             "pauses": losses.pauses,

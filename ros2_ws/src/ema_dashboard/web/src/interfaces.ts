@@ -55,6 +55,11 @@ export interface Advice {
   reason: string;
 }
 
+export interface Confusion {
+  part: string[];
+  stand_in: string[];
+}
+
 export interface DiagnosticArray {
   header: Header;
   status: DiagnosticStatus[];
@@ -90,7 +95,7 @@ export interface FaultEstimate {
   hidden_causes: HiddenCause[];
   measured_causes: HiddenCause[];
   quantities: QuantityChange[];
-  confusions: string[];
+  confusions: Confusion[];
   verdict: number;
   excitation: number;
   excitation_limit: number;
@@ -101,6 +106,7 @@ export interface FaultEstimate {
   computing_time: number;
   calibration_id: string;
   calibration_windows: bigint;
+  lacks_calibration: boolean;
   valid: boolean;
   reason: string;
 }

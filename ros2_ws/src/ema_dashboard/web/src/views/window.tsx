@@ -4,7 +4,7 @@ import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
 import { labelOf } from "../faults.ts";
 import { dateTime, fixed, percent, significant, unit, withSigma } from "../format.ts";
-import { type FaultEstimate, type HiddenCause, VERDICTS, type WindowFit, seconds } from "../messages.ts";
+import { type Confusion, type FaultEstimate, type HiddenCause, VERDICTS, type WindowFit, seconds } from "../messages.ts";
 import { isOfRecord } from "../quantities.ts";
 import type { Actuator } from "../state.ts";
 import { Empty, Figure, Section } from "./parts.tsx";
@@ -84,10 +84,15 @@ function Trust({ estimate }: { estimate: FaultEstimate }) {
       <Causes title="Explained by what is no fault" causes={estimate.hidden_causes} />
       <Causes title="Measured, and taken for known" causes={estimate.measured_causes} />
       {estimate.confusions.length > 0 && (
-        <p class="remark">This {isRecord ? "record" : "window"} cannot separate: {estimate.confusions.join("; ")}.</p>
+        <p class="remark">This {isRecord ? "record" : "window"} cannot separate: {estimate.confusions.map(confused).join("; ")}.</p>
       )}
     </>
   );
+}
+
+/** A pair in words: faults of one part stand together. */
+function confused({ part, stand_in }: Confusion): string {
+  return [part, stand_in].map((names) => names.map(labelOf).join(" and ")).join(" or ");
 }
 
 function Causes({ title, causes }: { title: string; causes: HiddenCause[] }) {

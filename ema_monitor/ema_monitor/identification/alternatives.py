@@ -1,0 +1,74 @@
+"""Parts of an explanation that a window cannot separate from others, by name (M27)."""
+
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+from ema_core.causes import CAUSE_BY_NAME
+from ema_core.faults import FAULT_NAMES, FAULTS, SHORT_CIRCUITS
+
+Part = tuple[str, ...]
+"""Names of one or several faults, or of a hidden cause, that explain a window together."""
+
+EQUAL_SHORTS: Final[Part] = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
+"""Equal short circuits of all phases: the motor is as weak by a smaller torque constant."""
+
+_LABELS: Final = {fault.name: fault.label for fault in FAULTS} | {
+    cause.name: cause.label for cause in CAUSE_BY_NAME.values()
+}
+_EQUAL_SHORTS_LABEL: Final = "equal short circuits of all phases"
+_AND: Final = " and "
+
+
+class Alternative(NamedTuple):
+    """A part of an explanation, and a part that explains the window as well in its place."""
+
+    part: Part
+    stand_in: Part
+
+    def as_record(self) -> dict[str, list[str]]:
+        """Return the names as JSON holds them."""
+        return {name: list(part) for name, part in self._asdict().items()}
+
+
+def part_label(part: Part) -> str:
+    """Return a part of an explanation in words."""
+    if part == EQUAL_SHORTS:
+        return _EQUAL_SHORTS_LABEL
+    return _AND.join(_LABELS[name] for name in part)
+
+
+def names_of(alternatives: Iterable[Alternative]) -> frozenset[str]:
+    """Return the names of all faults and hidden causes that are not separated from others."""
+    return frozenset(name for pair in alternatives for part in pair for name in part)
+
+
+def faults_of(parts: Iterable[Part]) -> list[int]:
+    """Return the numbers of the faults among parts; a hidden cause has none."""
+    names = {name for part in parts for name in part}
+    return [number for number, name in enumerate(FAULT_NAMES) if name in names]
+
+
+def alternative_of(record: Any) -> Alternative:
+    """Return the alternative of ``as_record``, or of the two labels that version 0.1 wrote.
+
+    Raises
+    ------
+    ValueError, KeyError
+        When a name is of no fault and no hidden cause, or there are not two parts.
+    """
+    pair = record
+    if isinstance(record, dict):
+        pair = record["part"], record["stand_in"]
+    part, stand_in = map(_part_of, pair)
+    return Alternative(part, stand_in)
+
+
+def _part_of(value: Any) -> Part:
+    if value == _EQUAL_SHORTS_LABEL:
+        return EQUAL_SHORTS
+    if isinstance(value, str):
+        names = {label: name for name, label in _LABELS.items()}
+        value = [names.get(label, label) for label in value.split(_AND)]
+    if not value or any(name not in _LABELS for name in value):
+        raise ValueError(f"alternative {value!r}: expected names of faults or of a hidden cause")
+    return tuple(value)

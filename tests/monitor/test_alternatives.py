@@ -1,0 +1,46 @@
+"""Parts of an explanation are compared by name; labels are made where they are shown."""
+
+from ema_monitor.design.rehearsal import confused_with, fewest
+from ema_monitor.identification.alternatives import (
+    EQUAL_SHORTS,
+    Alternative,
+    faults_of,
+    names_of,
+    part_label,
+)
+from ema_monitor.identification.estimate import Estimate
+
+
+def estimate(*alternatives: Alternative) -> Estimate:
+    return Estimate(0, 1, "a", 0, "c", alternatives=alternatives)
+
+
+def test_fault_is_not_confused_with_what_a_cause_of_a_similar_name_is_confused_with():
+    found = estimate(
+        Alternative(("viscous_friction",), ("load_torque",)),
+        Alternative(("current_gain",), ("inertia",)),
+        Alternative(("friction",), ("stribeck",)),
+    )
+    assert confused_with(found, "friction") == {("stribeck",)}
+    assert confused_with(found, "gain") == set()
+    assert confused_with(found, "inertia") == {("current_gain",)}
+
+
+def test_each_of_several_shorts_is_confused_with_what_they_are_confused_with():
+    found = estimate(Alternative(("torque_constant",), EQUAL_SHORTS))
+    for name in EQUAL_SHORTS:
+        assert confused_with(found, name) == {("torque_constant",)}
+    assert faults_of([EQUAL_SHORTS, ("inertia",)]) == [2, 3, 4]
+    assert names_of(found.alternatives) == {"torque_constant", *EQUAL_SHORTS}
+
+
+def test_parts_whose_names_are_all_listed_alone_are_left_out():
+    pair = EQUAL_SHORTS[:2]
+    assert fewest([pair, *((name,) for name in pair)]) == tuple((name,) for name in pair)
+    assert fewest([pair, pair[:1]]) == (pair[:1], pair)
+
+
+def test_labels_name_several_faults_and_equal_shorts():
+    assert part_label(EQUAL_SHORTS) == "equal short circuits of all phases"
+    assert part_label(EQUAL_SHORTS[:2]) == "short circuit A and short circuit B"
+    assert part_label(("command_delay",)) == "delay of the command"
