@@ -75,7 +75,6 @@ lint: style types ## style, types and import contracts
 style: setup
 	$(activate) && ruff check
 	$(activate) && lint-imports --no-logo
-	@python3 tools/size.py >/dev/null || python3 tools/size.py
 
 types: setup
 	$(activate) && basedpyright
@@ -114,7 +113,7 @@ campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks,
 words: ## words in what users read that a reader stumbles over
 	@python3 tools/words.py
 
-size: ## lines of code; packages, circles and the largest file against their bounds
+size: ## lines of code, packages, circles and the largest file, for information
 	@python3 tools/size.py
 
 calibration: setup ## the shipped calibration anew, after a change of either model
