@@ -39,6 +39,11 @@ def travel_shown(parameters: ActuatorParameters) -> Shown:
     return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("mrad", 1e3)
 
 
+def angle_shown(parameters: ActuatorParameters) -> Shown:
+    """Return in what unit a large angle of the user shaft is shown: rad, or mm with a lead."""
+    return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("rad", 1.0)
+
+
 def motor_shown(parameters: ActuatorParameters) -> Shown:
     """Return in what unit an angle of the motor is shown: rad, or mm at the rod with a lead."""
     if not parameters.lead:

@@ -10,7 +10,7 @@ import numpy as np
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_BY_NAME, FRICTION, N_FAULTS, FaultVector
-from ema_core.wording import counted
+from ema_core.linear import angle_shown
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
 from ema_monitor.identification.defects import usual_mistake
 from ema_monitor.identification.estimate import (
@@ -27,27 +27,30 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange
 from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, defect_of, read_record
-from ema_monitor.joint.shape import DRY, INERTIA
+from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
-from ema_monitor.joint.wording import summary
+from ema_monitor.joint.standstill import StandstillCause, standstill_of
+from ema_monitor.joint.wording import (
+    OTHER_SIGN,
+    Samples,
+    negative_text,
+    sample_sentences,
+    scaled_effort_text,
+    standstill_text,
+    summary,
+    zero_sentence,
+)
 from ema_monitor.joint.zero import zero_shift
 from ema_monitor.windows.records import stands_still
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
-_LARGE_EFFORT: Final = 0.9
-"""Quantile of the size of the effort that a joint at rest is judged by [-]."""
-_ACTING: Final = 0.5
-"""Effort that moves a healthy joint, over its dry friction, at least [-]."""
-_FAR: Final = 0.5
-"""Least travel of the command over the travel of the healthy records [-]."""
-_OTHER_UNIT: Final = 5.0
-_OTHER_FRICTION: Final = 20.0
-_BEYOND_DOUBT: Final = 4.0
+_OTHER_SPEED: Final = 5.0
+"""Ratio of speeds from which on the unit of the position or speed is in doubt [-]."""
 _LEAST_ZERO: Final = 0.03
 """Smallest angle that is named as another zero of the position [rad]."""
 _GAIN_OF_ZERO: Final = 1.2
@@ -96,25 +99,32 @@ def identify_record(
         return _refused(window, calibration, reason, lacks_calibration=True)
     if reason := _missing(window):
         return _refused(window, calibration, reason)
-    reason, verdict = _standstill(window, calibration)
-    if reason:
-        return _refused(window, calibration, reason, verdict)
+    if stands_still(window.telemetry):
+        standstill = standstill_of(window.telemetry, calibration.baseline)
+        reason = standstill_text(
+            standstill, calibration.effort_shown, angle_shown(description.parameters)
+        )
+        has_failed = standstill.cause is StandstillCause.FAILURE
+        return _refused(window, calibration, reason, FAILED if has_failed else REFUSED)
     window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
     if isinstance(record, str):
         return _refused(window, calibration, record, comparison=of.not_judged(record))
-    if reason := _other_unit(record, calibration.baseline, description):
+    if reason := _wrong_scale(record, calibration.baseline, description):
         return _refused(window, calibration, reason, comparison=of.not_judged(reason))
     comparison = calibration.comparer.compare(record)
     torque = comparison[of.TORQUE]
     if torque in comparison.changed and torque.change <= -1.0:
-        reason = (
-            "the effort has the other sign than in the healthy records, or follows another joint: "
-            "compare the mapping with that of the healthy records"
-        )
-        return _refused(window, calibration, reason, comparison=of.not_judged(reason))
+        return _refused(window, calibration, OTHER_SIGN, comparison=of.not_judged(OTHER_SIGN))
     faults, covariance, insignificant = _faults(comparison)
     caveat = [f"forced although {mismatch}"] if mismatch else []
+    zero = _another_zero(window, description, calibration, record, comparison)
+    samples = Samples(
+        len(window.telemetry),
+        int(np.count_nonzero(window.telemetry.interpolated)),
+        spikes,
+        record.effort_lag.shift_s,
+    )
     return Estimate(
         window.start_ns,
         window.end_ns,
@@ -133,8 +143,8 @@ def identify_record(
             [
                 *caveat,
                 summary(comparison),
-                *_zero_note(window, description, calibration, record, comparison),
-                *_notes(window, record, spikes),
+                *([] if zero is None else [zero_sentence(zero)]),
+                *sample_sentences(samples),
             ]
         ),
         calibration_windows=calibration.windows,
@@ -246,126 +256,56 @@ def _missing(window: Window) -> str:
     return ""
 
 
-def _standstill(window: Window, calibration: JointCalibration) -> tuple[str, str]:
-    """Return why a joint stands still although it is commanded to move, and the verdict.
-
-    Both are empty if it moves. It has failed if the command travels as far as in healthy records,
-    nearly, and the effort is not far below the friction: a drive that is off moves nothing either.
-    """
-    telemetry = window.telemetry
-    if not stands_still(telemetry):
-        return "", ""
-    baseline, (unit, scale) = calibration.baseline, calibration.effort_shown
-    effort = float(np.quantile(np.abs(telemetry.current), _LARGE_EFFORT))
-    still = (
-        f"the joint stands still although the command travels {np.ptp(telemetry.command):.2g} rad"
-    )
-    at = f"at an effort of {scale * effort:.2g} {unit}"
-    if effort < _ACTING * baseline.friction:
-        friction = f"the healthy friction is {scale * baseline.friction:.2g} {unit}"
-        asked = "is the drive off, a brake on or a phase open?"
-        return f"{still} {at}, and {friction}: {asked}", REFUSED
-    least = _FAR * min(one.travel for one in baseline.records)
-    if np.ptp(telemetry.command) < least:
-        return f"{still}: command at least {least:.2g} rad, as the healthy records do", REFUSED
-    return f"{still} {at}: a blocked shaft, an open phase or a frozen sensor", FAILED
-
-
 def _wrong_speed(fine: Fine, description: ActuatorDescription, baseline: Baseline) -> str:
     """Return which usual mistake scales the speed of a record; empty if it is none of them."""
     preparation = baseline.preparation
     factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
-    if 1.0 / _OTHER_UNIT < factor < _OTHER_UNIT:
+    if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
         return ""
     column = "position" if fine.speed is None else "speed"
     asked = usual_mistake(column, factor, description.parameters)
     return f"the {column} changes {factor:.3g} times as fast as in them: {asked}" if asked else ""
 
 
-def _other_unit(record: JointRecord, baseline: Baseline, description: ActuatorDescription) -> str:
-    """Return why the effort of a record cannot be that of the unit; empty where it can.
-
-    Friction alone may grow several times. With inertia it does so by another unit, sign or sensor.
-    Friction and inertia below 0 are of another sign, or of an effort that is late.
-    """
-    shown = [DRY, INERTIA] if baseline.shape.has_inertia else [DRY]
-    healthy = baseline.healthy[shown]
-    ratios = record.values[shown] / healthy
-    errors = np.hypot(np.sqrt(np.diag(record.covariance)), baseline.motion_errors(record))[shown]
-    is_negative = ratios < -_BEYOND_DOUBT * np.abs(errors / healthy)
-    highest = _OTHER_UNIT if baseline.shape.has_inertia else _OTHER_FRICTION
-    is_scaled = np.all(ratios > highest) or np.all(ratios < 1.0 / _OTHER_UNIT)
-    # The friction is better determined than the inertia.
-    factor = float(ratios[0])
-    asked = usual_mistake("current", factor, description.parameters) if is_scaled else ""
-    if is_scaled and (asked or not np.any(is_negative)):
-        return (
-            f"the effort is {factor:.3g} times that of the healthy records: "
-            f"{asked or 'another unit or sign, or a failed sensor'}; compare the mapping with that "
-            "of the healthy records"
-        )
-    if np.any(is_negative):
-        at = int(np.argmax(is_negative))
-        return (
-            f"the {('friction', 'inertia')[at]} is {ratios[at]:.2g} times that of the healthy "
-            "records, expected above 0: is the effort late by more than 0.1 s, of another sign, or "
-            "of another joint? Compare the mapping and the clocks with those of the healthy records"
-        )
-    return ""
+def _wrong_scale(record: JointRecord, baseline: Baseline, description: ActuatorDescription) -> str:
+    """Return why the effort of a record cannot be that of the unit; empty where it can."""
+    scale = effort_scale(record, baseline)
+    mistake = ""
+    if scale.is_scaled:
+        mistake = usual_mistake("current", scale.factor, description.parameters)
+    if scale.is_scaled and (mistake or scale.negative is None):
+        return scaled_effort_text(scale.factor, mistake)
+    return "" if scale.negative is None else negative_text(*scale.negative)
 
 
-def _zero_note(
+def _another_zero(
     window: Window,
     description: ActuatorDescription,
     calibration: JointCalibration,
     record: JointRecord,
     comparison: Comparison,
-) -> list[str]:
-    """Return whether another zero of the position explains a record better, as sentences."""
+) -> float | None:
+    """Return by how much the position exceeds that of the healthy records [rad].
+
+    None where another zero does not explain the record better than the changes.
+    """
     baseline, comparer = calibration.baseline, calibration.comparer
     if not (baseline.shape.has_gravity and comparison.has_departed):
-        return []
+        return None
     fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
     signals = filtered(aligned(fine, record.effort_lag), baseline.preparation)
     shift, gain = zero_shift(baseline.shape, signals)
     if abs(shift) < _LEAST_ZERO:
-        return []
+        return None
     telemetry = window.telemetry
     moved = replace(
         telemetry, position=telemetry.position - shift, command=telemetry.command - shift
     )
     turned = _record_of(replace(window, telemetry=moved), description, calibration)
     if isinstance(turned, str):
-        return []
+        return None
     better = comparer.unexplained(record) - comparer.unexplained(turned)
-    if better < (0.0 if gain > _GAIN_OF_ZERO else _OF_ZERO):
-        return []
-    return [
-        f"Or the position counts from another zero: the record agrees better if it is "
-        f"{abs(shift):.2f} rad {'more' if shift > 0.0 else 'less'} than in the healthy records: "
-        "check the homing"
-    ]
-
-
-def _notes(window: Window, record: JointRecord, spikes: int) -> list[str]:
-    """Return what qualifies the samples of a record, as sentences."""
-    notes = []
-    if shift_s := record.effort_lag.shift_s:
-        notes.append(
-            f"The effort is {1e3 * abs(shift_s):.0f} ms {'later' if shift_s > 0.0 else 'earlier'} "
-            "than in the healthy records, which is corrected: look for another filter, driver or "
-            "clock of the effort"
-        )
-    if spikes:
-        count = counted(spikes, "spike")
-        notes.append(
-            f"The effort has {count} in {len(window.telemetry)} samples, which "
-            f"{'is' if spikes == 1 else 'are'} left out: look for a disturbed sensor or bus"
-        )
-    if lost := int(np.count_nonzero(window.telemetry.interpolated)):
-        count = counted(lost, "lost sample")
-        notes.append(f"{count} of {len(window.telemetry)} interpolated")
-    return notes
+    return shift if better >= (0.0 if gain > _GAIN_OF_ZERO else _OF_ZERO) else None
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:

@@ -1,10 +1,11 @@
-"""Comparison of a record with its baseline in words: the summary and the rows of a table."""
+"""A record and its comparison in words: reasons, the summary, and the rows of a table."""
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
-from ema_core.wording import text_table
+from ema_core.linear import Shown
+from ema_core.wording import counted, text_table
 from ema_monitor.joint.baseline import Gap
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
@@ -18,9 +19,16 @@ from ema_monitor.joint.comparison import (
     Judgement,
     QuantityChange,
 )
+from ema_monitor.joint.standstill import Standstill, StandstillCause
 
 HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
 """Headings of ``rows``."""
+
+OTHER_SIGN: Final = (
+    "the effort has the other sign than in the healthy records, or follows another joint: compare "
+    "the mapping with that of the healthy records"
+)
+"""Why a record whose torque per unit of effort is negative is refused."""
 
 _GAPS: Final = {
     Gap.NO_DATES: (
@@ -358,3 +366,92 @@ def _lag_sentences(lag_s: float) -> list[str]:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < _WHOLE_PERCENT / 100.0 else f"{100.0 * share:.0f} %"
+
+
+class Samples(NamedTuple):
+    """Samples of a record, and how they were prepared.
+
+    Attributes
+    ----------
+    count
+        Number of samples.
+    interpolated
+        Number of lost samples that were interpolated.
+    spikes
+        Number of samples of the effort that were left out as spikes.
+    effort_shift_s
+        By how much the effort is later than in the healthy records, which is corrected [s].
+    """
+
+    count: int
+    interpolated: int
+    spikes: int
+    effort_shift_s: float
+
+
+def sample_sentences(samples: Samples) -> list[str]:
+    """Return what qualifies the samples of a record, without final full stops."""
+    sentences = []
+    if shift_s := samples.effort_shift_s:
+        sentences.append(
+            f"The effort is {1e3 * abs(shift_s):.0f} ms {'later' if shift_s > 0.0 else 'earlier'} "
+            "than in the healthy records, which is corrected: look for another filter, driver or "
+            "clock of the effort"
+        )
+    if samples.spikes:
+        sentences.append(
+            f"The effort has {counted(samples.spikes, 'spike')} in {samples.count} samples, which "
+            f"{'is' if samples.spikes == 1 else 'are'} left out: look for a disturbed sensor or bus"
+        )
+    if samples.interpolated:
+        count = counted(samples.interpolated, "lost sample")
+        sentences.append(f"{count} of {samples.count} interpolated")
+    return sentences
+
+
+def zero_sentence(shift: float) -> str:
+    """Return that the position counts from another zero, by an angle [rad]."""
+    return (
+        "Or the position counts from another zero: the record agrees better if it is "
+        f"{abs(shift):.2f} rad {'more' if shift > 0.0 else 'less'} than in the healthy records: "
+        "check the homing"
+    )
+
+
+def standstill_text(standstill: Standstill, effort: Shown, angle: Shown) -> str:
+    """Return why a joint stands still, in the units in which effort and position are shown."""
+    travel, least = (
+        f"{angle.scale * value:.2g} {angle.unit}"
+        for value in (standstill.travel, standstill.least_travel)
+    )
+    acting, friction = (
+        f"{effort.scale * value:.2g} {effort.unit}"
+        for value in (standstill.effort, standstill.friction)
+    )
+    still = f"the joint stands still although the command travels {travel}"
+    if standstill.cause is StandstillCause.NO_EFFORT:
+        return (
+            f"{still} at an effort of {acting}, and the healthy friction is {friction}: is the "
+            "drive off, a brake on or a phase open?"
+        )
+    if standstill.cause is StandstillCause.SHORT_COMMAND:
+        return f"{still}: command at least {least}, as the healthy records do"
+    return f"{still} at an effort of {acting}: a blocked shaft, an open phase or a frozen sensor"
+
+
+def scaled_effort_text(factor: float, mistake: str) -> str:
+    """Return that an effort is a multiple of the healthy one; ``mistake`` may name the unit."""
+    return (
+        f"the effort is {factor:.3g} times that of the healthy records: "
+        f"{mistake or 'another unit or sign, or a failed sensor'}; compare the mapping with that "
+        "of the healthy records"
+    )
+
+
+def negative_text(name: str, ratio: float) -> str:
+    """Return that friction or inertia of a record is below 0."""
+    return (
+        f"the {name} is {ratio:.2g} times that of the healthy records, expected above 0: is the "
+        "effort late by more than 0.1 s, of another sign, or of another joint? Compare the mapping "
+        "and the clocks with those of the healthy records"
+    )

@@ -1,0 +1,64 @@
+"""A joint that stands still is a value; words and units are made where it is shown."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.linear import Shown, angle_shown
+from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
+from ema_monitor.joint.standstill import Standstill, StandstillCause, standstill_of
+from ema_monitor.joint.wording import standstill_text
+
+from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of
+
+JOINT = Joint(gravity=0.4)
+STANDSTILL = Standstill(StandstillCause.SHORT_COMMAND, 0.5, 1.0, 0.2, 0.8)
+
+
+@pytest.fixture(scope="module")
+def calibration() -> JointCalibration:
+    return calibrate_joint(list(map(window_of, healthy_telemetry(JOINT))), described())
+
+
+@pytest.mark.parametrize(
+    ("effort", "command", "cause"),
+    [
+        (1.0, 1.0, StandstillCause.FAILURE),
+        (1.0, 0.1, StandstillCause.SHORT_COMMAND),
+        (0.1, 1.0, StandstillCause.NO_EFFORT),
+        (0.1, 0.1, StandstillCause.NO_EFFORT),
+    ],
+)
+def test_cause_of_a_standstill(calibration, effort: float, command: float, cause):
+    """Effort over the healthy friction, and command over that of the healthy records."""
+    moving = telemetry_of(JOINT, tones(), Sensors(), seed=9)
+    friction = calibration.baseline.friction
+    record = replace(
+        moving, command=command * moving.command, current=np.full(len(moving), effort * friction)
+    )
+    standstill = standstill_of(record, calibration.baseline)
+    assert standstill.cause is cause
+    assert standstill.travel == pytest.approx(np.ptp(record.command))
+    assert standstill.effort == pytest.approx(effort * friction)
+    assert standstill.friction == friction
+
+
+@pytest.mark.parametrize(
+    ("lead", "travels"), [(0.0, ("0.5 rad", "1 rad")), (0.01, ("0.8 mm", "1.6 mm"))]
+)
+def test_travel_is_shown_in_the_unit_of_the_axis(lead: float, travels: tuple[str, str]):
+    """A lead of 10 mm moves 1.6 mm in a radian."""
+    angle = angle_shown(described(lead=lead).parameters)
+    text = standstill_text(STANDSTILL, Shown("N.m", 1.0), angle)
+    assert f"the command travels {travels[0]}: command at least {travels[1]}" in text
+
+
+@pytest.mark.parametrize("cause", [StandstillCause.FAILURE, StandstillCause.NO_EFFORT])
+def test_effort_is_shown_in_its_unit(cause: StandstillCause):
+    scale = 2.0 * math.pi / 0.01
+    standstill = replace(STANDSTILL, cause=cause)
+    assert "at an effort of 1.3e+02 N" in standstill_text(
+        standstill, Shown("N", scale), Shown("mm", 1.0)
+    )
