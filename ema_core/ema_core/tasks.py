@@ -121,6 +121,8 @@ class Workers(AbstractContextManager["Workers", None]):
                 if not pending:
                     return
                 done = wait(pending, _LOOK_S, FIRST_COMPLETED).done
+                if not done:
+                    self._replace_workers()
                 silences = 0 if done or self._is_there() else silences + 1
                 if silences >= _MOST_SILENCES:
                     raise self._lost()
@@ -186,6 +188,14 @@ class Workers(AbstractContextManager["Workers", None]):
         if self._client is None:
             return self._number
         return max(1, sum(self._client.nthreads().values())) if self._is_there() else 1
+
+    def _replace_workers(self) -> None:
+        """Start the local workers of Dask that are missing.
+
+        Dask restarts a worker that is killed, unless it is killed before its start is confirmed.
+        """
+        if self._client is not None and self._client.cluster is not None:
+            self._client.cluster.scale(self._number)
 
     def _is_there(self) -> bool:
         return self._client is None or self._client.status == "running"

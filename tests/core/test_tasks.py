@@ -13,7 +13,7 @@ import pytest
 from ema_core.linear_algebra import array_environment
 from ema_core.tasks import WorkerLostError, Workers
 
-from ..waiting import DEADLINE_S, wait_for
+from ..waiting import wait_for
 
 # Workers import what they are to do by the name of a module on their path.
 WORK = """
@@ -155,8 +155,9 @@ def run_script(folder: Path, body: str, *arguments: object) -> str:
     lines = "".join(f"    {line}\n" for line in body.strip().splitlines())
     path = folder / "script.py"
     path.write_text(
-        "import sys, subprocess\nfrom pathlib import Path\nimport work_of_tasks as work\n"
-        f"from ema_core import tasks\nif __name__ == '__main__':\n{lines}"
+        "import socket, subprocess, sys, time\nfrom pathlib import Path\n"
+        "import work_of_tasks as work\nfrom ema_core import tasks\n"
+        f"if __name__ == '__main__':\n{lines}"
     )
     done = subprocess.run(
         [sys.executable, path, *map(str, arguments)],
@@ -198,10 +199,17 @@ try:
     tasks.Workers("dask", 1, address)
 except tasks.ClusterLostError as error:
     print(error)
-tasks._CONNECT_S = float(sys.argv[2])
+tasks._CONNECT_S = 10.0
 dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
 scheduler = subprocess.Popen([*dask, "--host", "127.0.0.1", "--port", sys.argv[1],
     "--no-dashboard", "--no-show"], stderr=subprocess.DEVNULL)
+# A busy machine starts it later than a client waits.
+while True:
+    try:
+        socket.create_connection(("127.0.0.1", int(sys.argv[1]))).close()
+        break
+    except ConnectionRefusedError:
+        time.sleep(0.1)
 def items():
     yield 3
     # No worker: the first waits.
@@ -213,7 +221,7 @@ try:
 except tasks.ClusterLostError as error:
     print(error)
 """
-    said = run_script(folder, body, free_port(), DEADLINE_S)
+    said = run_script(folder, body, free_port())
     assert "does not answer within 1 s" in said
     assert "is out of reach; what is done is kept" in said
 
