@@ -401,7 +401,8 @@ def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
         assert not life.known
         assert "service hours are unknown" in life.reason
     estimate = prognostics.history.entries[-1].estimate
-    assert last.health.faults == assess(estimate, HealthLimits()).faults
+    # What the tracker holds is NaN, which does not equal itself.
+    assert repr(last.health.faults) == repr(assess(estimate, HealthLimits()).faults)
 
 
 def test_count_that_was_read_after_the_test_does_not_count_for_it():

@@ -47,11 +47,14 @@ def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
 
 
 def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
-    """Return a fault or requirement that has the level of earlier tests, if that is worse."""
+    """Return a fault or requirement at the level of earlier tests if worse, else the same item."""
     if item.level == STALE:
         return item
     level, shown = max(item.level, before), min(_level_of_test(item), item.level)
-    return replace(item, level=level, unconfirmed=shown if shown < level else None)
+    unconfirmed = shown if shown < level else None
+    if (level, unconfirmed) == (item.level, item.unconfirmed):
+        return item  # in Python 3.13, a copy with a NaN would be unequal
+    return replace(item, level=level, unconfirmed=unconfirmed)
 
 
 def _level_of_test(item: FaultHealth) -> int:
