@@ -88,6 +88,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python accuracy.py --json accuracy.json
 	$(activate) && cd benchmarks && python field_oriented.py --json field_oriented.json
 	$(activate) && cd benchmarks && python trust.py --json trust.json
+	$(activate) && cd benchmarks && python sensor_errors.py --json sensor_errors.json
 	$(activate) && cd benchmarks && python sampling.py --json sampling.json
 	$(activate) && cd benchmarks && python design.py --json design.json
 	$(activate) && cd benchmarks && python ordinary_motion.py --json ordinary_motion.json

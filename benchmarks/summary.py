@@ -19,9 +19,9 @@ from targets import Row, target_table
 
 HERE: Final = Path(__file__).parent
 SCRIPTS: Final = (
-    *("accuracy", "field_oriented", "trust", "sampling", "design", "ordinary_motion"),
-    *("departures", "joints", "kernels", "live", "many_actuators", "many_joints", "promptness"),
-    *("dashboard", "startup", "resume", "memory", "archive"),
+    *("accuracy", "field_oriented", "trust", "sensor_errors", "sampling", "design"),
+    *("ordinary_motion", "departures", "joints", "kernels", "live", "many_actuators"),
+    *("many_joints", "promptness", "dashboard", "startup", "resume", "memory", "archive"),
     *("prognosis.own_laws", "prognosis.foreign_laws", "advisory"),
 )
 """Modules that have rows of targets; each writes a file of its name."""

@@ -92,3 +92,35 @@ def test_plants_are_off_by_five_percent_at_most_and_share_the_faults_out(cases):
         values = off.as_mapping()
         assert values == pytest.approx(nominal, rel=cases.PLANT_TOLERANCE, abs=0.0)
         assert values != pytest.approx(nominal, rel=0.005)
+
+
+def test_errors_of_sensors_are_as_large_as_they_say():
+    errors = benchmark("sensor_errors")
+    telemetry = errors.simulate({})
+    most = np.max(np.abs(telemetry.current))
+    rest = {"faults": errors.fault_vectors(0)[0], "seed": 0, "column": "current"}
+    gain, offset, delay = (errors.Case(error=one, percent=10, **rest) for one in errors.ERRORS)
+    np.testing.assert_allclose(gain.misread(telemetry).current, 1.1 * telemetry.current)
+    np.testing.assert_allclose(
+        offset.misread(telemetry).current, telemetry.current + 0.1 * most, atol=1e-9
+    )
+    # 1 ms are ten samples.
+    late = delay.misread(telemetry).current
+    np.testing.assert_allclose(late[10:], telemetry.current[:-10], atol=1e-6 * most)
+    np.testing.assert_array_equal(delay.misread(telemetry).speed, telemetry.speed)
+
+
+@pytest.mark.parametrize(
+    ("faults", "level"),
+    [
+        ({"friction": 0.09}, 0),
+        ({"friction": 0.12}, 1),
+        # Beyond its limit by less than a tenth.
+        ({"friction": 0.52}, 1),
+        ({"gain": 0.2}, 2),
+        ({"eccentricity_phase": 0.9}, 0),
+    ],
+)
+def test_due_level_follows_the_limits(faults, level):
+    due = benchmark("sensor_errors").due_level(tuple(fault_vector(faults)))
+    assert due == level

@@ -1,0 +1,213 @@
+"""Faults beside an error of a sensor: gain, offset or delay of current, speed or position.
+
+    python benchmarks/sensor_errors.py [--json FILE] [--quick | --full] [--step PERCENT] [--seed N]
+
+Each error goes from -30 to 30 % in steps of 4 %, with ``--full`` of 1 %: of the column for a gain,
+of its largest value for an offset, of 10 ms for a delay (a column with a negative delay is early).
+There are four fault vectors: those for development with seed 0, and drawn ones with any other seed.
+Windows are identified as by the library, without earlier tests.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+from cases import CURRENT_NOISE, RESOLUTIONS, wide_faults
+from rich.table import Table
+from script import Figures, Workers, command
+from targets import Row, grid, none_of
+from trials import Trial, median
+
+from ema_core.faults import FAULT_NAMES, INDICES, fault_vector, healthy_faults, random_faults
+from ema_core.levels import ERROR, OK, WARN
+from ema_core.telemetry import Telemetry
+from ema_monitor.api import HealthLimits, Window, assess, find_windows, identify
+from ema_sim.api import simulate
+
+COLUMNS: Final = ("current", "speed", "position")
+ERRORS: Final = ("gain", "offset", "delay")
+LARGEST_PERCENT: Final = 30
+"""Largest error of a sensor [%]."""
+DELAY_S: Final = 0.01
+"""What delays are in percent of [s]."""
+WRONG_SIGMA: Final = 5.0
+"""From this error on, an estimate is wrong [standard deviations]."""
+
+_DEVELOPMENT: Final[tuple[Mapping[str, float], ...]] = (
+    {"friction": 0.22},
+    {"friction": 0.62, "short_circuit_b": 0.12},
+    {"backlash": 0.3, "gain": 0.6, "short_circuit_a": 0.3},
+    {"eccentricity": 0.4, "eccentricity_phase": 0.3, "friction": 0.05},
+)
+_ROOT: Final = 31_207
+# A fault that is beyond a limit by less than this share is not due yet.
+_MARGIN: Final = 0.1
+
+
+class Case(NamedTuple):
+    """Faults, ``(8,)``, and the error of a sensor."""
+
+    faults: tuple[float, ...]
+    seed: int
+    column: str
+    error: str
+    percent: int
+
+    @property
+    def kind(self) -> str:
+        """Which error of which sensor."""
+        return f"{self.column} {self.error}"
+
+    def windows(self) -> list[Window]:
+        """Record the window; there is none if the wrong column hides the start of the test."""
+        telemetry = simulate(
+            self.faults, current_noise=CURRENT_NOISE, resolutions=RESOLUTIONS, seed=self.seed
+        )
+        return find_windows(self.misread(telemetry))
+
+    def misread(self, telemetry: Telemetry) -> Telemetry:
+        """Return telemetry with the error."""
+        column, share = getattr(telemetry, self.column), self.percent / 100.0
+        if self.error == "gain":
+            column = (1.0 + share) * column
+        elif self.error == "offset":
+            column = column + share * np.max(np.abs(column))
+        else:
+            at = np.arange(len(column)) * telemetry.sample_period
+            column = np.interp(at - share * DELAY_S, at, column)
+        return replace(telemetry, **{self.column: column})
+
+
+def cases(step: int, seed: int) -> list[Case]:
+    """Return the cases with errors so many percent apart."""
+    sizes = [one for one in range(-LARGEST_PERCENT, LARGEST_PERCENT + 1, step) if one]
+    return [
+        Case(faults, 10 * seed + number, column, error, size)
+        for number, faults in enumerate(fault_vectors(seed))
+        for column, error in product(COLUMNS, ERRORS)
+        for size in sizes
+    ]
+
+
+def fault_vectors(seed: int) -> list[tuple[float, ...]]:
+    """Return four fault vectors."""
+    if seed == 0:
+        return [tuple(fault_vector(faults).tolist()) for faults in _DEVELOPMENT]
+    rng = np.random.default_rng([_ROOT, seed])
+    single, double = healthy_faults(), healthy_faults()
+    for faults, numbers in ((single, rng.choice(INDICES, 1)), (double, rng.choice(INDICES, 2))):
+        for number in numbers:
+            faults[number] += rng.uniform(0.05, 0.35)
+    return [tuple(one.tolist()) for one in (single, double, random_faults(rng), wide_faults(rng))]
+
+
+def work(case: Case) -> Figures:
+    """Return what the library makes of a case."""
+    found = case.windows()
+    estimate = identify(found[0]) if found else None
+    result: Figures = {
+        "kind": case.kind,
+        "percent": case.percent,
+        "truth": case.faults,
+        "verdict": "refused" if estimate is None else estimate.verdict,
+        "seconds": float("nan") if estimate is None else estimate.computing_time_s,
+    }
+    if estimate is None or not estimate.valid:
+        return result | {"sigmas": 0.0, "component": "", "error": 0.0, "is_too_low": False}
+    health = assess(estimate, HealthLimits())
+    trial = Trial.of([case.faults], [estimate])
+    sigmas = np.where(trial.known, trial.away / trial.sigma, 0.0)[0]
+    worst = int(np.argmax(sigmas))
+    return result | {
+        "sigmas": float(sigmas[worst]),
+        "component": FAULT_NAMES[worst],
+        "error": float(trial.away[0, worst]),
+        "level": health.level,
+        "due": (due := due_level(case.faults)),
+        "is_too_low": health.level < due,
+        "estimate": list(estimate.faults),
+        "sigma": list(estimate.sigma),
+        "causes": [str(one) for one in estimate.causes],
+        "reason": estimate.reason,
+        "goodness": estimate.goodness_of_fit,
+    }
+
+
+def due_level(faults: tuple[float, ...]) -> int:
+    """Return the level that faults, ``(8,)``, ask for, were they known."""
+    limits, away = HealthLimits(), np.abs(np.array(faults) - healthy_faults())
+    share = max(float(away[n]) / limits.of(FAULT_NAMES[n]) for n in INDICES) / (1.0 + _MARGIN)
+    return ERROR if share > 1.0 else WARN if share > limits.warn_share else OK
+
+
+def measure(pool: Workers, step: int, seed: int) -> Figures:
+    """Print how right estimates are beside an error of a sensor."""
+    found = pool.map("windows", work, cases(step, seed))
+    kinds = [f"{column} {error}" for column, error in product(COLUMNS, ERRORS)]
+    return {
+        "faults": fault_vectors(seed),
+        "kinds": {kind: summary([one for one in found if one["kind"] == kind]) for kind in kinds},
+        "windows": found,
+    }
+
+
+def summary(found: list[Figures]) -> Figures:
+    """Return the figures of the windows of a kind."""
+    verdicts = [one["verdict"] for one in found]
+    wrong = [one for one in found if one["sigmas"] > WRONG_SIGMA]
+    worst = max(found, key=lambda one: one["sigmas"])
+    return {
+        "windows": len(found),
+        "valid": verdicts.count("valid"),
+        "degraded": verdicts.count("degraded"),
+        "refused": len(found) - verdicts.count("valid") - verdicts.count("degraded"),
+        "wrong": len(wrong),
+        "too_low": sum(one["is_too_low"] for one in found),
+        "wrong_ok": sum(one["is_too_low"] and one["level"] == OK for one in found),
+        "worst": (
+            f"{worst['percent']:+d} %: {worst['component']} off by {worst['error']:.3f}, "
+            f"{worst['sigmas']:.1f} sigma"
+        ),
+        "seconds": median([one["seconds"] for one in found if one["seconds"] > 0.0]),
+    }
+
+
+def rows(figures: Figures) -> Iterator[Row]:
+    """Return the rows of the targets."""
+    kinds, windows = figures["kinds"].values(), len(figures["windows"])
+    for what, key in (
+        (f"estimates wrong by more than {WRONG_SIGMA:g} sigma", "wrong"),
+        ("levels too low", "too_low"),
+        ("  of these OK", "wrong_ok"),
+    ):
+        count = sum(one[key] for one in kinds)
+        yield none_of(what, count, f"{count} of {windows}")
+
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed below the targets."""
+    yield grid(
+        "faults beside an error of a sensor",
+        (
+            *("error", "win-\ndows", "valid", "degra-\nded", "re-\nfused", "wrong"),
+            *("level\ntoo low", "OK", "time\ns", "worst"),
+        ),
+        (
+            (
+                kind,
+                *(one[key] for key in ("windows", "valid", "degraded", "refused", "wrong")),
+                *(one["too_low"], one["wrong_ok"], one["seconds"], one["worst"]),
+            )
+            for kind, one in figures["kinds"].items()
+        ),
+    )
+
+
+main = command(
+    measure, "sensor errors", rows, tables, quick={"step": 15}, full={"step": 1}, step=4, seed=0
+)
+
+if __name__ == "__main__":
+    main()
