@@ -13,7 +13,7 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.health import warned
-from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, Estimate
+from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, SKIPPED, Estimate
 from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.prognosis.assessing import assessment_of
 from ema_monitor.prognosis.confirmation import confirmed
@@ -41,9 +41,13 @@ from ema_monitor.prognosis.history_entry import (
 )
 from ema_monitor.prognosis.intermittent import Intermittent
 from ema_monitor.prognosis.notes import Notes
-from ema_monitor.prognosis.order import Place, moved, place_of
+from ema_monitor.prognosis.order import Place, is_after_step, moved, place_of
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
-from ema_monitor.prognosis.requirements.requirements import requirements_of
+from ema_monitor.prognosis.requirements.requirements import (
+    WITHOUT_MODEL,
+    RequirementLimits,
+    requirements_of,
+)
 from ema_monitor.prognosis.sentences import cause_of_level, label_of, recurrence_in_words
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -51,6 +55,9 @@ from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
 
 SHOWN_SHARE: Final = 0.05
 """Share of its limit from which on a fault is named where the baseline changes [-]."""
+
+_CHANGED_BY: Final = "baseline changed by"
+_NOTHING_WORN: Final = "no fault above 5 % of its limit"
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
@@ -99,8 +106,8 @@ class Unit:
     ) -> None:
         self.history = history
         self._author = author
-        # Stamp of the newest test that came while this runs, and when it came [ns].
-        self._received = 0, 0
+        # Stamp of the newest test that came while this runs, when it came [ns], and whether live.
+        self._received = 0, 0, False
         # What the valid tests say, unless settings or tests have changed since.
         self._by_valid: Outlook | None = None
         self._lock = threading.RLock()
@@ -127,6 +134,7 @@ class Unit:
         count: Count | None = None,
         flown: FlownDuty = NOTHING_FLOWN,
         received_ns: int = 0,
+        is_live: bool = False,
     ) -> Outlook | None:
         """Record the estimate of a test and return the outlook after it.
 
@@ -147,6 +155,8 @@ class Unit:
             Duty since the test before, valid or not, as far as it is known.
         received_ns
             When it was received, by the clock of the receiver [ns]; 0 for a recording.
+        is_live
+            Whether it was received while it was measured: then it is the newest test.
 
         Notes
         -----
@@ -156,10 +166,11 @@ class Unit:
         """
         with self._lock:
             self._apply(settings)
-            place = self._place_of(estimate, received_ns)
+            place = self._place_of(estimate, received_ns, is_live)
             estimate = moved(estimate, place.shift_ns)
             if not place.is_known:
-                self._received = max(self._received, (estimate.end_ns, received_ns))
+                received = estimate.end_ns, received_ns, is_live
+                self._received = max(self._received, received)
             is_new = not self.history.holds(estimate.end_ns)
             if place.problem or not estimate.valid:
                 test = UnusedCycle.of(estimate, flown, place.shift_ns)
@@ -196,12 +207,13 @@ class Unit:
                 self._findings += findings
             return self._outlook_with_events(parameters)
 
-    def _place_of(self, estimate: Estimate, received_ns: int) -> Place:
+    def _place_of(self, estimate: Estimate, received_ns: int, is_live: bool) -> Place:
         """Return the place of a test among those so far."""
         newest, known_ns = self.history.newest, 0
         if newest is not None and self._received[0] == newest.stamp_ns:
             known_ns = self._received[1]
-        return place_of(estimate, self.history, received_ns, known_ns, self._settings.has_clock)
+        by_clock = self._settings.has_clock
+        return place_of(estimate, self.history, received_ns, known_ns, by_clock, is_live)
 
     def _refuse(self, test: UnusedCycle, parameters: ActuatorParameters | None) -> Outlook | None:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
@@ -347,9 +359,9 @@ class Unit:
             newest = self.history.entries[-1]
             items = self._by_valid.health.faults if self._by_valid else ()
             seen = [f"{label_of(i.name)} {i.value:.3f}" for i in items if i.share > SHOWN_SHARE]
-            before = ", ".join(seen) or "no fault above 5 % of its limit"
+            before = ", ".join(seen) or _NOTHING_WORN
             text = (
-                f"baseline changed by {person}: {calibration_id} instead of "
+                f"{_CHANGED_BY} {person}: {calibration_id} instead of "
                 f"{newest.estimate.calibration_id}, which showed {before}"
             )
             known = self.history.assessments.get(newest.stamp_ns)
@@ -503,10 +515,12 @@ class Unit:
         newest = self.history.newest
         if newest is None:
             return outlook
-        stamp_ns, received_ns = newest.stamp_ns, 0
-        if self._received[0] == stamp_ns:
-            received_ns = self._received[1]
-        claim = Claim(newest.end_ns, received_ns, self._author, self._settings.good_for_s)
+        received_ns, is_live = 0, False
+        if self._received[0] == newest.stamp_ns:
+            _, received_ns, is_live = self._received
+        claim = Claim(
+            newest.end_ns, received_ns, self._author, self._settings.good_for_s, is_live=is_live
+        )
         if self.history.entries:
             measured_ns = outlook.stamp_ns - self.history.entries[-1].shift_ns
             outlook = replace(outlook, stamp_ns=measured_ns)
@@ -521,24 +535,53 @@ class Unit:
         """Return what the valid tests say."""
         if not self.history.entries:
             return unknown_outlook("no valid test so far")
-        requirements = "requirements cannot be monitored without a calibration of a known drive"
+        wanted, requirements = self._settings.requirements, None
         if parameters is not None:
-            requirements = requirements_of(parameters, self._settings.requirements)
+            requirements = requirements_of(parameters, wanted)
+        elif wanted != RequirementLimits() or not self.history.entries[-1].estimate.is_of_record:
+            requirements = WITHOUT_MODEL
         entries, shown = self.history.entries, self._shown.estimates
-        recent = recent_faults(shown, recent_from_ns(entries, self._settings.good_for_s))
+        from_ns = recent_from_ns(entries, self._settings.good_for_s)
+        recent = recent_faults(shown, max(from_ns, self._since_step_ns(from_ns)))
         outlook = outlook_of(
             self.growth, self._settings, requirements, shown, recent, self._intermittent.faults
         )
         outlook = self._confirmed(outlook)
         # The probability that a test gives no valid estimate is that of Laplace's rule.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
+        reason = "; ".join(filter(None, [outlook.health.reason, self._worn_baseline()]))
         return replace(
             outlook,
+            health=replace(outlook.health, reason=reason),
             assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
             failed_since=self._failed_since(outlook),
             last_level=self._last_level(outlook),
             missing_share=(missing + 1) / (missing + len(entries) + 2),
         )
+
+    def _worn_baseline(self) -> str:
+        """Return who made a baseline of a worn state, on which the newest test rests; or ""."""
+        newest = _baseline(self.history.entries[-1])
+        earlier = (one for one in reversed(self.history.entries) if _baseline(one) != newest)
+        before = next(earlier, None)
+        found = self.history.assessments.get(before.stamp_ns) if before else None
+        start, words = f"{_CHANGED_BY} ", f": {newest} instead of "
+        texts = [event.text for event in found.events] if found else []
+        changed = [one for one in texts if one.startswith(start) and words in one]
+        return changed[-1] if changed and _NOTHING_WORN not in changed[-1] else ""
+
+    def _since_step_ns(self, from_ns: int) -> int:
+        """Return the time of the first test after the latest step of a clock, after a time [ns]."""
+        by_clock, after = self._settings.has_clock, None
+        for test in reversed(self.history.tests):
+            if test.verdict == SKIPPED:
+                continue
+            if after is not None and is_after_step(after, test, by_clock):
+                return after.stamp_ns
+            if test.stamp_ns < from_ns:
+                break
+            after = test
+        return from_ns
 
     def _confirmed(self, outlook: Outlook) -> Outlook:
         """Return the outlook with levels, and a departure, that no later tests have ended.
@@ -624,6 +667,10 @@ class Unit:
             text = f"{counted(missed, 'test')} without a valid estimate before this one"
             findings.append(Finding(GAP, text))
         return Entry(estimate, hours, cycles, newest, flown), findings
+
+
+def _baseline(entry: Entry) -> str:
+    return entry.estimate.calibration_id
 
 
 def _counts(estimate: Estimate) -> bool:

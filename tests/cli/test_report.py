@@ -13,9 +13,12 @@ from ema_core import __version__
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Assessment, UnitEvent
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from ..commands import SAMPLE
 from ..pages import Page
+from ..prognosis.made_tests import made_test
 from .conftest import TESTS
 
 
@@ -68,6 +71,23 @@ def test_report_has_the_notes_of_persons_in_the_history_given_or_beside(ema, tmp
     assert said.exit_code == 0, said.stderr
     [line] = [line for line in Page(tmp_path / "a.html").said["li"] if "Ada" in line]
     assert line.startswith("Ada: greased <b>")
+
+
+def test_report_has_the_changes_of_the_baseline_with_person_and_the_faults_before(ema, tmp_path):
+    unit = ("flap", "SIM-0001")
+    history = History(*unit, history_path(tmp_path, *unit))
+    estimates = [made_test(number, friction=0.4) for number in range(2)]
+    followed = Unit(history)
+    for estimate in estimates:
+        followed.update(estimate, None, PrognosisSettings())
+    assert followed.change_baseline("Ada, forced, 2026-11-29 01:12 UTC", "other-calibration")
+    followed.resume(None, PrognosisSettings())
+    history.close()
+    said = ema("report", SAMPLE, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
+    assert said.exit_code == 0, said.stderr
+    [line] = [line for line in Page(tmp_path / "a.html").said["li"] if "Ada" in line]
+    assert line.startswith("baseline changed by Ada, forced, 2026-11-29 01:12 UTC")
+    assert "other-calibration instead of some-calibration, which showed friction 0.400" in line
 
 
 @pytest.mark.slow

@@ -63,7 +63,7 @@ def test_no_life_is_given_before_five_tests_after_a_repair(law, seed):
     soon = made[last : last + LEAST_TESTS - 1]
     assert OK in {one.health.level for one in soon}
     for number, one in enumerate(soon, start=1):
-        words = f"fewer than 5 tests since the repair at {made[last].hours:,.0f} h"
+        words = f"fewer than 5 tests since the repair or new baseline at {made[last].hours:,.0f} h"
         assert words in one.rul.reason
         assert f"about {LEAST_TESTS - number} more test" in one.rul.reason
         assert not any(life.known for life in one.lives.values())

@@ -90,10 +90,28 @@ def test_changed_baseline_stays_in_the_history_with_its_author_and_the_figures_b
     assert math.isfinite(event.hours)
     follow(unit, 5, [0.0] * 30, "second")
     unit.history.close()
-    tests, _ = Unit(History(*UNIT, path), HOURS).latest_tests(100)
+    again = Unit(History(*UNIT, path), HOURS)
+    tests, _ = again.latest_tests(100)
     kept = [one for test in tests if test.assessment for one in test.assessment.events]
     assert event in kept
     assert not [one for one in kept if one.kind == "repair"]
     assert tests[-1].assessment is not None
     assert tests[-1].assessment.level == OK
+    # Whoever sees the OK sees what it rests on, after a restart as well.
+    now = again.resume(None, HOURS)
+    assert now is not None
+    assert now.health.level == OK
+    assert event.text in now.health.reason
     assert ERROR not in [test.assessment.level for test in tests if test.assessment]
+
+
+def test_baseline_of_a_healthy_state_is_not_named_beside_the_level():
+    unit = Unit(History(*UNIT), HOURS)
+    follow(unit, 0, [0.0] * 5, "first")
+    assert unit.change_baseline("Ada", "second")
+    unit.resume(None, HOURS)
+    follow(unit, 5, [0.0] * 5, "second")
+    outlook = unit.resume(None, HOURS)
+    assert outlook is not None
+    assert outlook.health.level == OK
+    assert "Ada" not in outlook.health.reason

@@ -123,3 +123,25 @@ def test_fault_that_needs_many_weak_tests_is_not_shown_by_the_latest():
     assert outlook is not None
     assert outlook.health.level == STALE
     assert "short circuit A, short circuit B, short circuit C" in outlook.health.reason
+
+
+@pytest.mark.parametrize("has_clock", [True, False])
+@pytest.mark.parametrize("refused", [True, False])
+def test_fault_that_was_shown_before_the_clock_went_back_is_not_recent(
+    has_clock: bool, refused: bool
+):
+    """How long ago that was is not known: the tests after the step are moved behind it."""
+    settings = replace(LIVE, has_clock=has_clock)
+    unit, first = Unit(History(*UNIT), settings), made_test(0)
+    unit.update(first, None, settings, received_ns=first.end_ns)
+    levels = []
+    for number, hidden in enumerate([("backlash",), ("backlash",), ()]):
+        now_ns = FIRST_NS + (10 * number - 3600) * S
+        if refused:
+            test = replace(made_test(0, valid=False), start_ns=now_ns - 2 * S, end_ns=now_ns - S)
+            unit.update(test, None, settings, received_ns=now_ns - S)
+        test = replace(hiding(made_test(number), hidden), start_ns=now_ns - S // 2, end_ns=now_ns)
+        outlook = unit.update(test, None, settings, received_ns=now_ns)
+        assert outlook is not None
+        levels.append(outlook.at(now_ns + S).health.level)
+    assert levels == [STALE, STALE, OK]

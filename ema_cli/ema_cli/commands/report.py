@@ -18,7 +18,7 @@ from ema_cli.report.page import fleet_page, report_page
 from ema_cli.report.verdict import is_unjudged, verdict_of
 from ema_core.files import complete_file
 from ema_monitor.prognosis.history import history_path, read_history
-from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
+from ema_monitor.prognosis.history_entry import CALIBRATION, NOTE, UnitEvent
 
 
 @click.command()
@@ -31,9 +31,9 @@ def report(
 ) -> None:
     """Write what the tests in bags, or folders of bags, say of a unit.
 
-    All tests are of one unit, as for `ema prognose`. Notes come from its history
-    ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there. The page
-    needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
+    All tests are of one unit, as for `ema prognose`. Notes and changes of the baseline come from
+    its history ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there.
+    The page needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
 
     Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
     record does not determine the level.
@@ -74,11 +74,11 @@ def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
 
 
 def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
-    """Return what persons have noted of a unit in histories, the oldest first."""
+    """Return notes and changes of the baseline of a unit in histories, the oldest first."""
     found = [read_history(path) for path in histories]
     for path, history in zip(histories, found, strict=True):
         if history.unit != unit:
             raise ValueError(f"{path}: expected a history of {unit[0]} ({unit[1]})")
     kept = (one.events for history in found for one in history.assessments.values())
-    notes = [event for events in kept for event in events if event.kind == NOTE]
+    notes = [event for events in kept for event in events if event.kind in (NOTE, CALIBRATION)]
     return sorted(notes, key=lambda event: event.stamp_ns)

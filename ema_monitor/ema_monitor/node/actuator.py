@@ -7,17 +7,18 @@ from dataclasses import replace
 from queue import SimpleQueue
 
 from ema_core.description import ActuatorDescription
-from ema_core.levels import LEVEL_NAMES, STALE
+from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.tally import Tally
 from ema_monitor.joint.comparison import Comparison
+from ema_monitor.node.arrivals import Arrivals
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.settings import Operation
 from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.prognosis.history_entry import UnitEvent
-from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
+from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import hardware_name
@@ -48,6 +49,8 @@ class Actuator:
     ----------
     finder
         Finds the windows in its telemetry.
+    arrivals
+        When its telemetry was received.
     latest
         Its latest complete window; None when there was none.
     diagnosis
@@ -80,6 +83,7 @@ class Actuator:
     ) -> None:
         self.actuator_id = actuator_id
         self.finder = WindowFinder(settings)
+        self.arrivals = Arrivals()
         self._duty: dict[str, DutyMeter] = {}
         self.latest: Segment | None = None
         self.diagnosis: Diagnosis | None = None
@@ -211,7 +215,7 @@ class Actuator:
         """Publish an outlook; return the change of the level in words, empty when there is none."""
         self._is_withdrawn = False
         before = self.outlook.known_level
-        self._assessed, self.outlook = description, self._worth(outlook, now)
+        self._assessed, self.outlook = description, self.worth(outlook, now)
         level, change = self.outlook.health.level, ""
         if level not in (STALE, before):
             what = f": {outlook.dominant}" if outlook.dominant else ""
@@ -219,20 +223,39 @@ class Actuator:
         self._publish_health()
         return change
 
-    def _worth(self, outlook: Outlook, now: Moment) -> Outlook:
+    def worth(self, outlook: Outlook, now: Moment) -> Outlook:
         """Return what an outlook is worth: a claim ends by the steady clock, and for good."""
         claim = outlook.claim
         test = claim.measured_ns, claim.received_ns
         if test != self._claimed_test:
             self._claimed_test, self._claimed_at, self._end_of_claim = test, now, ""
-        if self._end_of_claim:
-            is_known = outlook.health.level != STALE
-            return outlook.stale(self._end_of_claim) if is_known else outlook
+            self._doubt = self._doubt_of(claim, now)
+        reason = self._end_of_claim or (self._doubt if outlook.health.level == OK else "")
+        if reason:
+            return outlook.stale(reason) if outlook.health.level != STALE else outlook
         passed_ns = now.steady_ns - self._claimed_at.steady_ns
         worth = outlook.at(max(now.clock_ns, self._claimed_at.clock_ns + passed_ns))
         if worth.health.level == STALE:
             self._end_of_claim = worth.health.reason
         return worth
+
+    def _doubt_of(self, claim: Claim, now: Moment) -> str:
+        """Return why it is not known when the newest test was measured; empty if it is known."""
+        if not claim.good_for_s or claim.is_live:
+            return ""
+        if not (claim.received_ns or now.is_continued):
+            return "the monitor was started after the newest test: the next test gives the level"
+        if claim.measured_ns <= now.passed_ns:
+            return (
+                "the newest test may be from before the clock went back: the next test that is "
+                "received while it is measured gives the level"
+            )
+        if claim.is_ahead or (self.arrivals.has_streamed and not claim.is_dated):
+            return (
+                "the stamp of the newest test does not show when it was measured: send telemetry "
+                "while it is measured, or set the clock of the actuator"
+            )
+        return ""
 
     def end_claim(self, reason: str) -> HealthMessage | None:
         """End what the tests so far say of the level; return the health if it was published."""
@@ -245,7 +268,7 @@ class Actuator:
         self.comparison: Comparison | None = None
         # Newest test of the outlook, when it was first shown, and why it is worth nothing any more.
         self._claimed_test, self._claimed_at = (0, 0), Moment(0, 0)
-        self._end_of_claim = ""
+        self._end_of_claim = self._doubt = ""
         self._added_ns = steady_ns
         self._is_withdrawn = False
         self._assessed: ActuatorDescription | None = None
@@ -289,7 +312,7 @@ class Actuator:
             # The expected period may be another by now.
             claim = self.outlook.claim._replace(good_for_s=good_for_s)
             self.outlook = replace(self.outlook, claim=claim)
-            worth = self._worth(self.outlook, now)
+            worth = self.worth(self.outlook, now)
             is_due, reason = worth is not self.outlook, worth.health.reason
         if not is_due:
             return None

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ema_core.description import ActuatorDescription, UnitKey, check_name
@@ -24,6 +25,7 @@ from ema_ros.stamps import stamp_from_message
 if TYPE_CHECKING:
     from ema_monitor.node.monitor_node import MonitorNode
 
+_CLOCK_FILE: Final = "clock.json"
 _MOST_NAMED: Final = 10
 _MOST_DESCRIBED: Final = 1000
 _MOST_MEASUREMENTS: Final = 10_000
@@ -53,10 +55,11 @@ class Actuators(dict[str, Actuator]):
         self._described: dict[str, ActuatorDescription] = {}
         self._clock = ReceiverClock(self.now_ns)
 
-    def begin(self) -> None:
-        """Read the clock of the node from now on."""
+    def begin(self, folder: Path | None) -> None:
+        """Read the clock of the node from now on, and keep its steps in a folder, if any."""
         is_simulated = bool(self._node.get_parameter("use_sim_time").value)
-        self._clock = ReceiverClock(self.now_ns, is_simulated=is_simulated)
+        kept = folder / _CLOCK_FILE if folder else None
+        self._clock = ReceiverClock(self.now_ns, is_simulated=is_simulated, kept=kept)
 
     def clear(self) -> None:
         """Remove all, and forget what was received."""
@@ -183,10 +186,16 @@ class Actuators(dict[str, Actuator]):
                     rise = self._measurements.winding_rise(actuator_id, block.stamp_ns, max_age_s)
                     meter = unit.duty_of(described.serial_number)
                     meter.add(block, described.parameters, rise)
+                unit.arrivals.add(block.stamp_ns, block.stamp_at(len(block)), unit.heard_ns)
                 events = unit.finder.feed(block)
             if unit.finder.blocks == 1:
                 self._node.get_logger().info(f"{actuator_id}: first telemetry")
             self._handle(unit, events)
+
+    def is_live(self, actuator_id: str, end_ns: int) -> bool:
+        """Return whether a test that ends at a stamp [ns] was received while it was measured."""
+        with self.lock:
+            return actuator_id in self and self[actuator_id].arrivals.are_live(end_ns)
 
     def flown(self, unit_key: UnitKey, end_ns: int) -> FlownDuty:
         """Return the duty of a unit in its windows by a stamp [ns], once."""
@@ -332,6 +341,12 @@ class Actuators(dict[str, Actuator]):
             change = unit.resume(description, outlook, self.now())
         self._follow(description, None if change is None else outlook, change)
         self._node.report(self._node.tasks(description.actuator_id))
+
+    def worth(self, description: ActuatorDescription, outlook: Outlook) -> Outlook:
+        """Return what an outlook of a unit that is mounted is worth at this time."""
+        with self.lock:
+            unit, now = self[description.actuator_id], self.now()
+            return unit.worth(self._claimed(unit, outlook), now)
 
     def _claimed(self, unit: Actuator, outlook: Outlook) -> Outlook:
         """Return an outlook that holds as long as the tests of the unit require."""

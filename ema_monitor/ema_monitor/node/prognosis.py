@@ -64,6 +64,11 @@ class MonitorPrognosis:
 
     A history is opened at its first use. Those of a monitor in simulated time are in memory alone:
     a bag that is replayed must not mix with tests of the actuator itself.
+
+    Attributes
+    ----------
+    folder
+        Folder of the histories; None for memory alone.
     """
 
     def __init__(self, node: "MonitorNode") -> None:
@@ -80,7 +85,7 @@ class MonitorPrognosis:
         # Held while a history is opened, resumed or closed.
         self._lock = threading.RLock()
         self._is_serving = False
-        self._folder: Path | None = None
+        self.folder: Path | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -109,7 +114,7 @@ class MonitorPrognosis:
         """Store histories in a folder, in memory alone if it is empty; offer the services."""
         is_simulated = self._node.get_parameter("use_sim_time").value
         is_on_disk = history_folder not in ("", IN_MEMORY) and not is_simulated
-        self._folder = folder_of(history_folder) if is_on_disk else None
+        self.folder = folder_of(history_folder) if is_on_disk else None
         self._fleet = fleet
         self._is_serving = True
         self._refresh_soon = self._node.create_guard_condition(
@@ -191,7 +196,8 @@ class MonitorPrognosis:
             if not reason:
                 count = self.counts.latest(key, end_ns)
                 parameters = self._parameters(description)
-                outlook = unit.update(estimate, parameters, settings, count, flown, now_ns)
+                is_live = self._node.units.is_live(description.actuator_id, estimate.end_ns)
+                outlook = unit.update(estimate, parameters, settings, count, flown, now_ns, is_live)
                 self._log(description, unit, outlook.events if outlook else ())
                 return outlook
             self._node.warn(description.actuator_id, reason)
@@ -214,7 +220,7 @@ class MonitorPrognosis:
         """Return why a test of a stamp [ns] may not enter a history; empty when it may."""
         offset_s = (stamp_ns - now_ns) * 1e-9
         limit_s = self._node.operation.value.history_max_offset_s
-        if self._folder is None or abs(offset_s) <= limit_s:
+        if self.folder is None or abs(offset_s) <= limit_s:
             return ""
         stamp = datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC)
         return (
@@ -279,7 +285,7 @@ class MonitorPrognosis:
                 if not self._is_serving:
                     raise ValueError("the monitor is not configured")
                 if (unit := self._histories.get(key)) is None:
-                    path = history_path(self._folder, *key) if self._folder else None
+                    path = history_path(self.folder, *key) if self.folder else None
                     unit = self._histories[key] = Unit(
                         History(*key, path), self.settings, time.time_ns(), self._author
                     )
@@ -312,7 +318,7 @@ class MonitorPrognosis:
             settings = replace(settings, service=service)
             scenarios = scenarios_from_messages(list(request.scenarios))
             unit, parameters = self._of(description), self._parameters(description)
-            outlook = unit.outlook(parameters, settings).at(self._node.units.now_ns())
+            outlook = self._node.units.worth(description, unit.outlook(parameters, settings))
             response.health = health_to_message(outlook, description)
             response.scenarios = [
                 message_of(

@@ -1,11 +1,34 @@
 """The time of a node that receives: by the clock of stamps, and by a clock that never goes back."""
 
+import contextlib
+import json
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final, NamedTuple
+
+from ema_core.files import complete_file
 
 _LEAST_STEP_NS: Final = 1_000_000_000
 """Smallest backward step of the clock that is noticed [ns]; adjustments by NTP are slower."""
+
+_KEPT_TO_NS: Final = 100_000_000
+"""Change of the offset between both clocks from which on it is kept anew [ns]."""
+
+_BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
+
+
+def boot_id() -> str:
+    """Return what names the present run of the machine; empty where it is not known."""
+    try:
+        return _BOOT_ID.read_text().strip()
+    except OSError:
+        return ""
+
+
+def boot_time_ns() -> int:
+    """Return the time since the machine was started [ns], in which it slept included."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
 class Moment(NamedTuple):
@@ -17,10 +40,16 @@ class Moment(NamedTuple):
         By the clock of stamps [ns].
     steady_ns
         By a clock that never goes back [ns]; 0 as long as simulated time has not begun.
+    passed_ns
+        Latest time that the clock had shown when it stepped back [ns]; 0 if it never did.
+    is_continued
+        Whether a step while the node did not run is noticed as well.
     """
 
     clock_ns: int
     steady_ns: int
+    passed_ns: int = 0
+    is_continued: bool = False
 
 
 class ReceiverClock:
@@ -35,7 +64,11 @@ class ReceiverClock:
     is_simulated
         Whether that is simulated time.
     steady_ns
-        Returns the time of a steady clock [ns].
+        Returns the time of a steady clock [ns], which runs on while the node does not.
+    kept
+        File that keeps the offset between both clocks for the next run of the node; None for none.
+    boot_id
+        Returns what names the run of the machine, for which the offset holds.
     """
 
     def __init__(
@@ -43,11 +76,16 @@ class ReceiverClock:
         read_ns: Callable[[], int],
         *,
         is_simulated: bool = False,
-        steady_ns: Callable[[], int] = time.monotonic_ns,
+        steady_ns: Callable[[], int] = boot_time_ns,
+        kept: Path | None = None,
+        boot_id: Callable[[], str] = boot_id,
     ) -> None:
         self._read_ns, self._steady_ns = read_ns, steady_ns
         self.is_simulated = is_simulated
-        self._offset_ns: int | None = None
+        self._passed_ns = 0
+        self._kept, self._boot_id = (None if is_simulated else kept), boot_id()
+        self._offset_ns = self._kept_ns = self._read_kept()
+        self._is_continued = self._offset_ns is not None
 
     def read(self) -> tuple[Moment, int]:
         """Return the time, and by how much the clock has stepped back since the last call [ns]."""
@@ -59,7 +97,34 @@ class ReceiverClock:
         before_ns = offset_ns if self._offset_ns is None else self._offset_ns
         self._offset_ns = offset_ns
         back_ns = before_ns - offset_ns
-        return Moment(clock_ns, steady_ns), back_ns if back_ns >= _LEAST_STEP_NS else 0
+        if back_ns >= _LEAST_STEP_NS:
+            self._passed_ns = max(self._passed_ns, clock_ns + back_ns)
+        self._keep(offset_ns)
+        moment = Moment(clock_ns, steady_ns, self._passed_ns, self._is_continued)
+        return moment, back_ns if back_ns >= _LEAST_STEP_NS else 0
+
+    def _read_kept(self) -> int | None:
+        """Return the offset of an earlier run of the node [ns]; None where it is not known."""
+        if self._kept is None or not self._boot_id:
+            return None
+        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+            record = json.loads(self._kept.read_text())
+            if record["boot_id"] == self._boot_id:
+                return int(record["offset_ns"])
+        return None
+
+    def _keep(self, offset_ns: int) -> None:
+        """Keep the offset for the next run, if it has changed."""
+        if self._kept is None:
+            return
+        if self._kept_ns is not None and abs(offset_ns - self._kept_ns) < _KEPT_TO_NS:
+            return
+        self._kept_ns = offset_ns
+        # Without it, the next run takes no level from its histories.
+        with contextlib.suppress(OSError):
+            self._kept.parent.mkdir(parents=True, exist_ok=True)
+            with complete_file(self._kept) as partial:
+                partial.write_text(json.dumps({"boot_id": self._boot_id, "offset_ns": offset_ns}))
 
     def _read_simulated(self, clock_ns: int) -> tuple[Moment, int]:
         # Here the offset is the sum of the backward steps, and the latest time is kept beside it.

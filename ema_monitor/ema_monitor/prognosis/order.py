@@ -36,13 +36,19 @@ class Place(NamedTuple):
 
 
 def place_of(
-    estimate: Estimate, history: History, received_ns: int, newest_received_ns: int, by_clock: bool
+    estimate: Estimate,
+    history: History,
+    received_ns: int,
+    newest_received_ns: int,
+    by_clock: bool,
+    is_live: bool = False,
 ) -> Place:
     """Return the place of a test among the tests of its unit.
 
     The stamp gives it. If the stamp is not later than the newest one, the order of reception gives
     it where the clock went back: the clock of the receiver is behind the reception of the newest
-    test. Otherwise the order is not known. A test of a recording has the place of its stamp, unless
+    test. So it does for a test that was received while it was measured. Otherwise the order is not
+    known. A test of a recording has the place of its stamp, unless
     another test has the same stamp.
 
     Parameters
@@ -57,6 +63,8 @@ def place_of(
         When the newest test so far was received [ns]; 0 if that is not known.
     by_clock
         Whether stamps are of a clock; otherwise the order of reception always counts.
+    is_live
+        Whether the test was received while it was measured.
     """
     newest, end_ns = history.newest, estimate.end_ns
     if received_ns and not by_clock:
@@ -77,10 +85,20 @@ def place_of(
         return Place(newest.shift_ns)
     has_gone_back = received_ns < (newest_received_ns or newest.end_ns)
     is_ahead = end_ns > received_ns + _LEAST_AHEAD_NS  # stamped before the clock went back
-    if (has_gone_back and not is_ahead) or not estimate.valid:
+    if is_live or (has_gone_back and not is_ahead) or not estimate.valid:
         # A failure is a failure, whenever it was.
         return Place(shift_ns)
     return Place(shift_ns, _problem(end_ns, newest))
+
+
+def is_after_step(test: Test, before: Test, by_clock: bool) -> bool:
+    """Return whether a clock went back between a test and the one before it.
+
+    The time between both is then not known from their stamps.
+    """
+    if by_clock:
+        return test.shift_ns != before.shift_ns
+    return test.stamp_ns == before.stamp_ns + 1
 
 
 def moved(estimate: Estimate, shift_ns: int) -> Estimate:

@@ -17,6 +17,7 @@ from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import UnitEvent, UnusedCycle
 
 _OTHER_CLOCK_NS: Final = 365 * 86_400 * 10**9
+_LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Claim(NamedTuple):
@@ -35,6 +36,8 @@ class Claim(NamedTuple):
     oldest_ns
         Stamp since when tests have shown every fault [ns], on which an OK rests; 0 where only the
         newest test counts.
+    is_live
+        Whether the newest test was received while it was measured, whatever its stamp is.
     """
 
     measured_ns: int = 0
@@ -42,6 +45,17 @@ class Claim(NamedTuple):
     author: str = ""
     good_for_s: float = 0.0
     oldest_ns: int = 0
+    is_live: bool = False
+
+    @property
+    def is_ahead(self) -> bool:
+        """Whether the newest test is stamped later than it was received, by more than 1 s."""
+        return 0 < self.received_ns < self.measured_ns - _LEAST_AHEAD_NS
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether the stamp of the newest test is by the clock of its receiver: not years ago."""
+        return self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS
 
     @property
     def begin_ns(self) -> int:

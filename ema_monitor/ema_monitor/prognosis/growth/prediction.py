@@ -235,8 +235,12 @@ def growth_not_certain(constant: float, tests: int) -> str:
 
 
 def too_soon_after(repair_hours: float, missing: int) -> str:
-    """Return why no life is given after a repair at a service hour [h]; tests are missing."""
-    since = f"fewer than {LEAST_TESTS} tests since the repair at {repair_hours:,.0f} h"
+    """Return why no life is given after a fault fell at a service hour [h]; tests are missing.
+
+    A new baseline makes a fault fall as a repair does.
+    """
+    since = f"fewer than {LEAST_TESTS} tests since the repair or new baseline"
+    since += f" at {repair_hours:,.0f} h"
     return since + _after(missing)
 
 

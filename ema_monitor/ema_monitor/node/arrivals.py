@@ -1,0 +1,93 @@
+"""When the telemetry of an actuator was received, which shows whether it was stored before."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import Final, NamedTuple
+
+_SPAN_NS: Final = 1_000_000_000
+_LEAST_BLOCKS: Final = 5
+"""Telemetry whose pace is looked at: the latest of so many nanoseconds, and so many blocks."""
+
+_LEAST_PACE: Final = 0.5
+"""Least time of reception over that of the measurement, if both are at the same time [-]."""
+
+_MOST_BLOCKS: Final = 1000
+
+
+class Arrival(NamedTuple):
+    """A block of telemetry: stamps of its first sample and its end, and its reception [ns]."""
+
+    start_ns: int
+    end_ns: int
+    steady_ns: int
+
+
+class Arrivals:
+    """The latest blocks of telemetry of an actuator.
+
+    Telemetry that is sent while it is measured arrives as fast as it was measured. Telemetry that
+    was stored arrives at once, whatever its stamps are.
+
+    Attributes
+    ----------
+    has_streamed
+        Whether the actuator has ever sent telemetry while it was measured.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: deque[Arrival] = deque(maxlen=_MOST_BLOCKS)
+        self.has_streamed = False
+
+    def add(self, start_ns: int, end_ns: int, steady_ns: int) -> None:
+        """Note a block by its stamps, and its reception by a clock that never goes back [ns]."""
+        self._blocks.append(Arrival(start_ns, end_ns, steady_ns))
+        if not self.has_streamed:
+            self.has_streamed = _is_live(self._run(0))
+
+    def are_live(self, end_ns: int) -> bool:
+        """Return whether the telemetry up to a stamp [ns] was received as it was measured.
+
+        It is not known, and False, if too few blocks were received. If the stamp came several
+        times, all have to be live.
+        """
+        runs = [
+            self._run(place)
+            for place, block in enumerate(reversed(self._blocks))
+            if block.start_ns < end_ns <= block.end_ns
+        ]
+        return bool(runs) and all(map(_is_live, runs))
+
+    def _run(self, place: int) -> list[Arrival]:
+        """Return the blocks up to one, counted from the latest, without a gap: the latest first.
+
+        Earlier ones than are looked at are left out.
+        """
+        run = list[Arrival]()
+        for block in self._from(place):
+            if run and not 0 < run[-1].end_ns - block.end_ns <= 2 * (block.end_ns - block.start_ns):
+                break
+            run.append(block)
+            if len(run) >= _LEAST_BLOCKS and run[0].end_ns - block.end_ns >= _SPAN_NS:
+                break
+        return run
+
+    def _from(self, place: int) -> Iterator[Arrival]:
+        return islice(reversed(self._blocks), place, None)
+
+
+def _is_live(run: Sequence[Arrival]) -> bool:
+    """Return whether both halves of a run, the latest block first, were received as measured.
+
+    After a pause, stored telemetry fills one half of it at most.
+    """
+    middle = len(run) // 2
+    return len(run) >= _LEAST_BLOCKS and min(_pace(run[: middle + 1]), _pace(run[middle:])) >= (
+        _LEAST_PACE
+    )
+
+
+def _pace(run: Sequence[Arrival]) -> float:
+    """Return the time of reception over that of the measurement [-]."""
+    last, first = run[0], run[-1]
+    return (last.steady_ns - first.steady_ns) / (last.end_ns - first.end_ns)
