@@ -25,6 +25,7 @@ from ema_monitor.joint.comparison import FRICTION, Comparison
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import DEPARTURE, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one, unknown_outlook
+from ema_monitor.prognosis.requirements.requirements import WITHOUT_MODEL, RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of
 from ema_monitor.unit import Unit
 
@@ -58,6 +59,19 @@ def test_growth_of_friction_is_tracked_as_that_of_the_fault():
     assert last.rul.known
     assert last.dominant == "friction"
     assert last.health.faults[0].value == pytest.approx(GROWTH * 13 / 2.0, abs=0.02)
+
+
+def test_life_of_a_joint_mentions_requirements_only_if_they_were_asked_for():
+    """Nobody knows a model of its drive, and as a rule nobody requires anything of it."""
+    wanted = replace(TEN_HOURS, requirements=RequirementLimits(bandwidth=10.0))
+    for settings, are_wanted in ((TEN_HOURS, False), (wanted, True)):
+        unit = Unit(History(*UNIT, None), settings)
+        last = unit.update(record(0, HEALTHY), None, settings)
+        assert last is not None
+        assert not last.rul.known
+        for reason in (last.rul.reason, last.rul_requirements.reason, last.health.reason):
+            assert ("requirements" in reason) <= are_wanted
+        assert (WITHOUT_MODEL in last.rul.reason) == are_wanted
 
 
 def test_departure_warns_before_the_fault_does():

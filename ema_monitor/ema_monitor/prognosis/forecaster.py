@@ -76,7 +76,7 @@ def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
 def outlook_of(
     growth: GrowthRecord,
     settings: PrognosisSettings,
-    requirements: Requirements | str,
+    requirements: Requirements | str | None,
     shown: Mapping[str, Estimate],
     recent: Collection[str],
     intermittent: Mapping[str, Recurrence],
@@ -90,7 +90,8 @@ def outlook_of(
     settings
         Limits, horizon and duty.
     requirements
-        Those of the unit, or why they cannot be monitored.
+        Those of the unit, or why they cannot be monitored; None for a joint without a drive
+        model, of which nobody has required anything.
     shown
         Estimate of the latest test that has shown a fault, by fault.
     recent
@@ -200,9 +201,11 @@ def _required(
     prognosis: Prognosis,
     horizon_hours: float,
     limits: HealthLimits,
-    requirements: Requirements | str,
+    requirements: Requirements | str | None,
 ) -> RequiredLife | str:
     """Return what is known as to the requirements, or why nothing is."""
+    if requirements is None:
+        return ""
     if isinstance(requirements, str):
         return requirements
     faults, covariance = _latest_faults(growth, estimate, tracked)

@@ -62,6 +62,10 @@ class RequirementLimits(Checked):
         return _criterion(name, getattr(self, name))
 
 
+WITHOUT_MODEL: Final = "requirements cannot be monitored without a calibration of a known drive"
+"""Why no requirement is monitored where there is no model of the drive."""
+
+
 @dataclass(frozen=True)
 class Judgement:
     """How an actuator with given faults meets the requirements.
