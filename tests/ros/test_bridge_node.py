@@ -223,6 +223,7 @@ def test_bridge_that_is_activated_again_goes_on(session):
 
 
 def test_column_that_becomes_nan_is_an_error_that_names_it_accepted_or_not(session):
+    session.step_s = 0.01
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
     session.publish_until(lambda: session.task("mapping").level == ERROR, "the error", math.nan)
     mapping, incoming = session.task("mapping"), session.task("input")
