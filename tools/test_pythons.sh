@@ -13,18 +13,27 @@ versions=("$@")
 work=$(mktemp -d -t ema_pythons_XXXXXX)
 trap 'rm -rf "$work"' EXIT
 
-# python_of VERSION: print an interpreter of that version, on the path or of pyenv
+# python_of VERSION: print an interpreter of that version, on the path or of pyenv, that can be set up
+probe='
+import ensurepip, os, sysconfig, venv
+os.stat(os.path.join(sysconfig.get_path("include"), "Python.h"))
+'
 python_of() {
     local candidate
-    for candidate in "$(command -v "python$1" || true)" \
-        "${PYENV_ROOT:-$HOME/.pyenv}"/versions/"$1".*/bin/"python$1"; do
-        # A shim of pyenv is on the path whether its version is chosen or not.
-        if [[ -x $candidate ]] && "$candidate" -c 'import ensurepip, venv' 2>/dev/null; then
+    # A shim of pyenv is on the path whether its version is chosen or not.
+    for candidate in $(type -aP "python$1") "${PYENV_ROOT:-$HOME/.pyenv}"/versions/"$1".*/bin/"python$1"; do
+        if [[ -x $candidate ]] && "$candidate" -c "$probe" 2>/dev/null; then
             echo "$candidate"
             return
         fi
     done
 }
+
+# What an activated shell has of this repository, the clones shall not find.
+if [[ -n ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
+    unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH VIRTUAL_ENV
+    unset "${!ROS_@}" FASTRTPS_DEFAULT_PROFILES_FILE
+fi
 
 missing=() failed=() passed=()
 for version in "${versions[@]}"; do
