@@ -303,7 +303,8 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     assert between is not None
     assert (between.hours, between.rul_faults) == (200.0, counted_last.rul_faults)
     single = assess(prognostics.history.entries[23].estimate, HealthLimits())
-    assert between.health.faults == single.faults
+    # What the tracker holds is NaN, which does not equal itself.
+    assert repr(between.health.faults) == repr(single.faults)
     assert all(event.kind == "fault" for item in outlooks if item for event in item.events)
 
 
@@ -323,7 +324,8 @@ def test_one_count_too_high_raises_no_alarm(is_worn: bool):
     assert max(levels) <= (WARN if is_worn else OK)
     assert "went from 200 h to 50000 h" in outlooks[20].rul.reason
     single = assess(prognostics.history.entries[20].estimate, HealthLimits())
-    assert outlooks[20].health.faults == single.faults
+    # What the tracker holds is NaN, which does not equal itself.
+    assert repr(outlooks[20].health.faults) == repr(single.faults)
     assert outlooks[20].health.health_index == single.health_index > 0.7
 
 
