@@ -317,7 +317,7 @@ class Unit:
             for stamp_ns, one in assessments.items():
                 if stamp_ns <= time_ns:
                     self.history.assess(one)
-            self._received, self._by_valid = (0, 0), None
+            self._received, self._by_valid = (0, 0, False), None
             self._shown = self._shown_by_all()
             self._find_growth_anew()
 

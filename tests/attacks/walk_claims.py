@@ -113,7 +113,8 @@ class Claimed(Walk):
         self.followed_s = self.clock_s
         self.calibration = 0
         self.is_running = self.is_active = False
-        self.tested = _UNITS[0]
+        # The unit tested last, and whether nobody has read its recording since.
+        self.tested, self.unread = _UNITS[0], False
         self._come()
         self._start()
 
@@ -238,6 +239,7 @@ class Claimed(Walk):
         number, description = len(self.told[name]), actuator.finder.description
         actuator.record(Diagnosed(number, number, description, estimate), outlook, self._moment())
         self.told[name].append(estimate)
+        self.tested, self.unread = name, True
         measured_s = self.clock_s - ago_s
         if made.valid and kind not in _HIDDEN:
             self.seen_s[name] = max(self.seen_s[name], measured_s)
@@ -252,7 +254,6 @@ class Claimed(Walk):
     )
     def test(self, name: str, kinds: Sequence[str], pace: float = 1.0) -> None:
         """Tests of which the last ends now."""
-        self.tested = name
         for kind in kinds:
             self._pass(10.0)
             self._test(name, kind, pace=pace)
@@ -353,9 +354,16 @@ class Claimed(Walk):
         self._come()
         self._report()
 
-    @rule(name=st.sampled_from(_UNITS))
-    def read(self, name: str) -> None:
-        """A command reads a recording of all tests: what it says is that of the newest."""
+    @precondition(lambda self: self.unread)
+    @rule()
+    def read(self) -> None:
+        """Commands and an archive read a recording of all tests of the unit tested last."""
+        self.unread = False
+        self._read_archive(self.tested)
+        self._read_command(self.tested)
+
+    def _read_command(self, name: str) -> None:
+        """What a command says is that of the newest test."""
         tests = self.told[name]
         stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
         if unordered(stamped):
@@ -385,9 +393,7 @@ class Claimed(Walk):
         assert verdict.level == expected, "the report has another level than the command"
         assert verdict.lines[0].startswith("Well") == (expected == OK), "the report says Well"
 
-    @rule(name=st.sampled_from(_UNITS))
-    def archive(self, name: str) -> None:
-        """An archive reads the recording."""
+    def _read_archive(self, name: str) -> None:
         tests = self.told[name]
         made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
         rows = [estimate_row(one, number) | made for number, one in enumerate(tests)]
@@ -426,7 +432,7 @@ class Claimed(Walk):
 
     @invariant()
     def nobody_says_ok_who_does_not_know(self) -> None:
-        """Each sink is asked of each unit."""
+        """Each sink is asked of each unit, and all say the same."""
         levels = self._levels()
         for name in _UNITS:
             if not self._knows(name):
@@ -434,12 +440,8 @@ class Claimed(Walk):
                     sink for (unit, sink), level in levels.items() if (unit, level) == (name, OK)
                 ]
                 assert said == [], f"{name} is said to be OK by {', '.join(said)}"
-
-    @invariant()
-    def all_say_the_same(self) -> None:
-        """A unit has one level, and beside a warning no index of 1."""
-        levels = self._levels()
         for name, health in self.latched.items():
+            # Beside a warning there is no index of 1.
             assert health.level not in (WARN, ERROR) or health.health_index <= 0.99
             said = {sink: level for (unit, sink), level in levels.items() if unit == name}
             # Who shows it may let it expire a moment before its monitor does.
