@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from ema_bags.reader import Bag
-from ema_cli.processes import listener
+from ema_cli.processes import listener, supervisor
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import Supervisor
 
@@ -83,20 +83,23 @@ def child(note):
     return command
 
 
-def test_last_process_is_stopped_when_the_others_are_gone(note, child):
+def test_last_process_is_stopped_when_the_others_are_gone(note, child, monkeypatch):
+    # A busy machine ends the others late, and in any order.
+    monkeypatch.setattr(supervisor, "_HEAD_START_S", DEADLINE_S)
     told: list[str] = []
-    with Supervisor(told.append, "recorder") as processes:
+    with Supervisor(told.append, "recorder", patience_s=DEADLINE_S) as processes:
         for name, seconds in (("recorder", 0.0), ("actuator", 0.1), ("monitor", 0.4)):
             processes.start(name, child(name, seconds))
         wait_for(lambda: lines(note) == ["up"] * 3, "three children up")
-    assert lines(note)[3:] == ["actuator", "monitor", "recorder"]
+    assert sorted(lines(note)[3:5]) == ["actuator", "monitor"]
+    assert lines(note)[5:] == ["recorder"]
     assert (told, processes.failed, processes_with(note)) == ([], [], [])
 
 
 def test_last_process_waits_a_second_for_the_others_at_most(note, child):
-    with Supervisor(lambda _: None, "recorder", patience_s=10.0) as processes:
+    with Supervisor(lambda _: None, "recorder", patience_s=DEADLINE_S) as processes:
         processes.start("recorder", child("recorder"))
-        processes.start("monitor", child("monitor", 2.0))
+        processes.start("monitor", child("monitor", 5.0))
         wait_for(lambda: lines(note) == ["up"] * 2, "two children up")
     assert lines(note)[2:] == ["recorder", "monitor"]
 

@@ -23,7 +23,7 @@ from ema_ros.status import ERROR, OK, Task
 from ema_sim.actuator_node import ActuatorNode
 from ema_sim.bench import ActuatorBench
 
-from ..waiting import wait_for
+from ..waiting import DEADLINE_S, wait_for
 from .spinning import Spinning, made, wait_for_match
 
 
@@ -96,7 +96,7 @@ def test_dashboard_serves_again(graph, capfd):
     node = up(graph, DashboardNode, port=0)
     node._web._loop.call_soon_threadsafe(node._web._loop.stop)
     is_told_and_over(node, "dashboard", "it returned")
-    with urllib.request.urlopen(node.address, timeout=10.0) as answer:
+    with urllib.request.urlopen(node.address, timeout=DEADLINE_S) as answer:
         assert answer.status == 200
     assert told(capfd, "the dashboard thread has ended: it returned")
 
