@@ -16,6 +16,7 @@ from ema_core.wording import unknown_name
 from ema_monitor.joint.comparison import TORQUE
 from ema_monitor.joint.comparison import VISCOUS as VISCOUS_FRICTION
 from ema_monitor.joint.departure import HEALTHY
+from ema_monitor.joint.figures import SPEED_STEPS
 from ema_monitor.joint.record import NS_A_DAY, JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, DRY, GRAVITY, INERTIA, LOAD, VISCOUS, Shape
 from ema_monitor.joint.signals import Preparation
@@ -34,10 +35,14 @@ the load only as a share of the dry friction at the usual speed [-].
 
 Lubricants thin by 3 to 6 % for 1 K, and days differ by a few kelvin."""
 
+HIDDEN_VISCOUS: Final = 0.25
+"""Share of the friction that is taken as viscous where the motion does not show it [-]."""
+
 SHARE_OF_SHOWN: Final = 0.3
 """Least prior median of a scatter over the scatter of the healthy records [-]."""
 
 _SAME_MOTION: Final = 0.012
+_SAME_STEPS: Final = 0.05
 _FEWEST_REPEATED: Final = 3
 _MOTION_TOLERANCE: Final = 0.1
 _LATE: Final = 0.05
@@ -108,7 +113,10 @@ class Baseline:
         if len(self.records) < _FEWEST_REPEATED:
             return False
         motions = np.log([(one.usual_speed, one.travel) for one in self.records])
-        return bool(np.all(np.std(motions, axis=0, ddof=1) <= _SAME_MOTION))
+        steps = [one.figures[SPEED_STEPS] for one in self.records if SPEED_STEPS in one.figures]
+        accelerates_alike = len(steps) < _FEWEST_REPEATED or np.std(steps, ddof=1) <= _SAME_STEPS
+        is_alike = np.all(np.std(motions, axis=0, ddof=1) <= _SAME_MOTION)
+        return bool(is_alike and accelerates_alike)
 
     def distance(self, record: JointRecord) -> float:
         """Return how far the speed and travel of a record are outside of the healthy ones.
@@ -246,7 +254,10 @@ class Baseline:
         friction = abs(self.shape.friction_scale * median[DRY])
         of_speed = friction / self.preparation.usual_speed
         sigmas = np.empty(len(COEFFICIENTS))
-        sigmas[DRY] = BETWEEN_DAYS["friction"] * abs(median[DRY])
+        of_dry = BETWEEN_DAYS["friction"]
+        if not self.shape.has_viscous:  # it is in the dry friction, and thins with the lubricant
+            of_dry = math.hypot(of_dry, HIDDEN_VISCOUS * BETWEEN_DAYS["viscous_friction"])
+        sigmas[DRY] = of_dry * abs(median[DRY])
         sigmas[INERTIA] = BETWEEN_DAYS["inertia"] * abs(median[INERTIA])
         sigmas[VISCOUS] = np.hypot(
             BETWEEN_DAYS["viscous_friction"] * median[VISCOUS],

@@ -42,6 +42,12 @@ FIGURES: Final = {
 OF_EFFORT: Final = ("effort_scatter", "effort_roughness")
 """Figures that grow with the effort."""
 
+SPEED_STEPS: Final = "speed_steps"
+"""Figure of the motion in the rows whose roughness is compared: it is no finding itself.
+
+The effort of a motion that accelerates more changes more from sample to sample.
+"""
+
 _FEWEST: Final = 20
 _TINY: Final = 1e-12
 _SETTLE_SHARE: Final = 0.7
@@ -74,12 +80,13 @@ def figures_of(
             found[f"effort_scatter_{way}"] = log_rms(residuals[rows])
         if np.sum(moving) >= _FEWEST:
             found[f"effort_roughness_{way}"] = log_rms(steps_within(telemetry.current, moving))
+            found[f"{SPEED_STEPS}_{way}"] = log_rms(steps_within(speed, moving))
             if telemetry.has_command:
                 error = telemetry.command - telemetry.position
                 chosen = error[moving]
                 found[f"error_scatter_{way}"] = log_rms(chosen - np.mean(chosen))
                 found[f"error_roughness_{way}"] = log_rms(steps_within(error, moving))
-    for name in FIGURES:
+    for name in (*FIGURES, SPEED_STEPS):
         both = [found[key] for way in WAYS if (key := f"{name}_{way}") in found]
         if len(both) == len(WAYS):
             found[name] = float(np.mean(both))

@@ -8,6 +8,7 @@ import pytest
 
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.joint.figures import SPEED_STEPS
 from ema_monitor.joint.shape import DRY, VISCOUS
 
 from .baselines import HEALTHY, USUAL_SPEED, baseline_of, record_of
@@ -86,6 +87,28 @@ def test_motion_that_repeats_is_told_from_one_that_is_alike_by_chance():
         by_chance += of_motion(sweep, np.full(9, 2.0)).repeats
     assert repeated >= 95
     assert by_chance <= 10
+
+
+def test_motion_that_accelerates_otherwise_each_time_does_not_repeat():
+    """Sweeps of one speed and travel, which begin anywhere: their roughness differs by a third."""
+    base = of_motion(np.full(9, USUAL_SPEED), np.full(9, 2.0))
+    steps = np.log([1.0, 1.01, 0.99] * 3)
+    for scale, repeats in ((1.0, True), (12.0, False)):
+        records = (
+            replace(one, figures={SPEED_STEPS: scale * step})
+            for one, step in zip(base.records, steps, strict=True)
+        )
+        assert replace(base, records=tuple(records)).repeats is repeats
+
+
+def test_friction_that_holds_the_viscous_one_scatters_more_between_days():
+    """In records of one speed, what the temperature does to the lubricant is in dry friction."""
+    base = baseline_of(scatter=0.001)
+    hidden = replace(base, shape=replace(base.shape, has_viscous=False))
+    smallest = [Comparer(one).smallest_changes[FRICTION] for one in (base, hidden)]
+    assert base.prior_sigmas[DRY] == pytest.approx(0.008, rel=0.02)
+    assert hidden.prior_sigmas[DRY] == pytest.approx(math.hypot(0.008, 0.25 * 0.08), rel=0.02)
+    assert smallest[1] > 1.5 * smallest[0]
 
 
 def test_another_pace_makes_friction_uncertain_by_the_share_of_the_inertia():
