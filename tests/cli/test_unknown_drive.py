@@ -75,7 +75,7 @@ def test_friction_and_torque_per_ampere_are_estimated(ema, folder):
 
 @pytest.mark.slow
 def test_prognosis_and_report_name_what_has_changed(ema, folder):
-    for case, words in (("worn", "Coulomb friction rose"), ("weak", "Torque per ampere fell")):
+    for case, words in (("worn", "Coulomb friction rose"), ("weak", "Torque per unit of effort fell")):
         bag = folder / f"{case}.mcap"
         result = ema("prognose", bag, *options(folder), "--hours-per-cycle", "10")
         assert result.exit_code == 3

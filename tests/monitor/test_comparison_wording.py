@@ -92,7 +92,7 @@ def test_other_rivals_are_named_with_the_quantity():
 
 def test_rival_has_no_figures_in_the_table():
     told = "not judged (this motion cannot tell it apart from Coulomb friction)"
-    assert row(EFFORT_UP, "torque per ampere") == ("", "", told)
+    assert row(EFFORT_UP, "torque per unit of effort") == ("", "", told)
 
 
 def test_two_changes_with_the_same_rival_are_told_apart_from_it_once():
@@ -101,7 +101,7 @@ def test_two_changes_with_the_same_rival_are_told_apart_from_it_once():
     )
     words = summary(payload)
     assert words.index("Inertia rose 30.0 %") < words.index("Gravity rose 40.0 %")
-    told = "Inertia and gravity cannot be told apart from torque per ampere in this motion."
+    told = "Inertia and gravity cannot be told apart from torque per unit of effort in this motion."
     assert words.count(told) == words.count("told apart") == 1
 
 

@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULTS
 from ema_core.levels import WARN
 from ema_core.telemetry import Telemetry
+from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.health import HealthLimits
 from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.settings import Operation
 from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.prognosis.outlook import outlook_of_one
 from ema_monitor.windows.trigger import TriggerSettings
+
+from ..monitor.comparisons import CASES, compared
 
 H = 0.01
 UNKNOWN = ActuatorDescription(sample_period=H, drive="unknown")
@@ -36,6 +43,32 @@ def test_status_says_what_a_record_needs_after_three_short_motions():
     assert tasks[2].message.startswith("no record so far: a record needs 2 s of motion")
     assert tasks[2].level == WARN
     assert tasks[2].values["pieces too short for a record"] == 3
+
+
+@pytest.mark.parametrize(
+    ("description", "faults"),
+    [
+        (UNKNOWN, ["friction", "backlash"]),
+        (
+            ActuatorDescription(),
+            [fault.name.replace("_", " ") for fault in FAULTS if fault.limit is not None],
+        ),
+    ],
+)
+def test_status_lists_the_faults_that_the_drive_can_show(
+    description: ActuatorDescription, faults: list[str]
+):
+    """A joint has no short circuits, eccentricity or gain that a record could show."""
+    unit = actuator(description)
+    estimate = compared(CASES["friction"])
+    outlook = outlook_of_one(estimate, HealthLimits(), "")
+    unit.record(Diagnosed(0, 0, description, estimate), outlook, Moment(0, 0))
+    tasks = unit_tasks(unit, 0)
+    shown = [task.name.removeprefix("flap ") for task in tasks]
+    requirements = [item.name.replace("_", " ") for item in outlook.health.requirements]
+    assert shown == ["telemetry", "health", *requirements, *faults]
+    figures = tasks[1].values
+    assert ("gain" in figures) == ("gain" in faults)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_core.faults import BACKLASH, FAULT_BY_NAME, FRICTION, N_FAULTS, FaultVector
+from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, N_FAULTS, FaultVector
 from ema_core.linear import angle_shown
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
 from ema_monitor.identification.defects import usual_mistake
@@ -67,8 +67,6 @@ _CAUSES: Final = {
     of.LOAD: "load_torque",
 }
 """Hidden cause of each quantity that is no fault."""
-_FAULTS: Final = {of.FRICTION: FRICTION, of.PLAY: BACKLASH}
-"""Number of the fault of each quantity that is one."""
 
 
 def identify_record(
@@ -312,11 +310,11 @@ def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray
     """Return the faults that quantities stand for, their covariance, and which are healthy."""
     values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
     insignificant = np.zeros(N_FAULTS, dtype=bool)
-    for name, number in _FAULTS.items():
-        one = comparison[name]
+    for name, fault in of.FAULTS_OF_RECORDS.items():
+        one, number = comparison[name], FAULT_NAMES.index(fault)
         if not one.is_estimated:
             continue
-        slope = FAULT_BY_NAME[FaultVector._fields[number]].slope
+        slope = FAULT_BY_NAME[fault].slope
         values[number] = max(one.change, 0.0) / slope
         variances[number] = (_sigma(one) / slope) ** 2
         insignificant[number] = one not in comparison.changed or one.change <= 0.0

@@ -47,7 +47,7 @@ TRACKING: Final = "tracking_lag"
 QUANTITIES: Final[Mapping[str, Quantity]] = {
     FRICTION: Quantity("Coulomb friction"),
     VISCOUS: Quantity("viscous friction", reference="all friction at the usual speed"),
-    TORQUE: Quantity("torque per ampere"),
+    TORQUE: Quantity("torque per unit of effort"),
     INERTIA: Quantity("inertia"),
     FRICTION_OVER_INERTIA: Quantity("Coulomb friction over inertia"),
     GRAVITY: Quantity("gravity"),
@@ -56,6 +56,9 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     TRACKING: Quantity("tracking lag"),
 }
 """The quantities of a comparison, by name, in the order in which they are shown."""
+
+FAULTS_OF_RECORDS: Final[Mapping[str, str]] = {FRICTION: "friction", PLAY: "backlash"}
+"""Fault of each quantity that is one; a record of an unknown drive shows no other faults."""
 
 
 @dataclass(frozen=True)
@@ -173,22 +176,28 @@ class Comparison:
 
     def __getitem__(self, name: str) -> QuantityChange:
         """Return the change of a quantity."""
-        return next(one for one in self.quantities if one.name == name)
+        return next(quantity for quantity in self.quantities if quantity.name == name)
 
     @property
     def changed(self) -> tuple[QuantityChange, ...]:
         """The quantities that have changed."""
-        return tuple(one for one in self.quantities if one.judgement is Judgement.CHANGED)
+        return tuple(
+            quantity for quantity in self.quantities if quantity.judgement is Judgement.CHANGED
+        )
 
     @property
     def judged(self) -> tuple[QuantityChange, ...]:
         """The quantities about which the record says something."""
-        return tuple(one for one in self.quantities if one.is_judged)
+        return tuple(quantity for quantity in self.quantities if quantity.is_judged)
 
     @property
     def doubtful(self) -> tuple[QuantityChange, ...]:
         """The quantities that differ beyond usual variation, but not for certain."""
-        return tuple(one for one in self.quantities if one.is_estimated and not one.is_judged)
+        return tuple(
+            quantity
+            for quantity in self.quantities
+            if quantity.is_estimated and not quantity.is_judged
+        )
 
     @property
     def has_departed(self) -> bool:
@@ -198,8 +207,11 @@ class Comparison:
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON, NaN included."""
         content = asdict(self)
-        for one in content["quantities"]:
-            one["judgement"], one["rivals"] = str(one["judgement"]), list(one["rivals"])
+        for quantity in content["quantities"]:
+            quantity["judgement"], quantity["rivals"] = (
+                str(quantity["judgement"]),
+                list(quantity["rivals"]),
+            )
         return content | {
             "quantities": list(content["quantities"]),
             "figures": list(content["figures"]),
@@ -221,34 +233,36 @@ class Comparison:
 
         quantities = tuple(
             QuantityChange(
-                str(one["name"]),
-                Judgement(one["judgement"]),
-                number(one["change"]),
-                number(one["low"]),
-                number(one["high"]),
-                number(one["smallest_change"]),
-                str(one["unit"]),
-                str(one["reason"]),
-                tuple(map(str, one["rivals"])),
+                str(quantity["name"]),
+                Judgement(quantity["judgement"]),
+                number(quantity["change"]),
+                number(quantity["low"]),
+                number(quantity["high"]),
+                number(quantity["smallest_change"]),
+                str(quantity["unit"]),
+                str(quantity["reason"]),
+                tuple(map(str, quantity["rivals"])),
             )
-            for one in content["quantities"]
+            for quantity in content["quantities"]
         )
         figures = tuple(
-            FigureChange(str(one["name"]), number(one["ratio"]), number(one["probability"]))
-            for one in content["figures"]
+            FigureChange(
+                str(figure["name"]), number(figure["ratio"]), number(figure["probability"])
+            )
+            for figure in content["figures"]
         )
         states = content["states"]
         if states is not None:
             states = {str(name): float(share) for name, share in states.items()}
         improvements = tuple(
             Improvement(
-                str(one["name"]),
-                int(one["days"]),
-                int(one["records"]),
-                number(one["present_change"]),
-                number(one["smallest_change"]),
+                str(improvement["name"]),
+                int(improvement["days"]),
+                int(improvement["records"]),
+                number(improvement["present_change"]),
+                number(improvement["smallest_change"]),
             )
-            for one in content["improvements"]
+            for improvement in content["improvements"]
         )
         return cls(quantities, figures, number(content["probability"]), states, improvements)
 

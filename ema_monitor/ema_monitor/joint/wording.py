@@ -202,7 +202,7 @@ def _changes(comparison: Comparison) -> list[str]:
         changed.pop(FRICTION_OVER_INERTIA, None)
     sentences, described = [], set[str]()
     for item in changed.values():
-        alike = [name for name, other in changed.items() if other.rivals == item.rivals]
+        alike = [name for name, rival in changed.items() if rival.rivals == item.rivals]
         group = (*alike, *item.rivals)
         if item.rivals and _EFFORT.issuperset(group):
             sentences += [] if item.name in described else [_effort_sentence(item)]
@@ -238,7 +238,7 @@ def _doubt_sentence(item: QuantityChange) -> str:
 
 
 def _effort_sentence(item: QuantityChange) -> str:
-    """Return the change of the effort: that of friction, or the inverse of torque per ampere."""
+    """Return the change of the effort: of friction, or the inverse of torque per unit of effort."""
     figures = item.change, item.low, item.high
     if item.name == TORQUE:
         change, high, low = (1.0 / (1.0 + figure) - 1.0 for figure in figures)
@@ -373,7 +373,7 @@ class Samples(NamedTuple):
 
     Attributes
     ----------
-    count
+    total
         Number of samples.
     interpolated
         Number of lost samples that were interpolated.
@@ -383,7 +383,7 @@ class Samples(NamedTuple):
         By how much the effort is later than in the healthy records, which is corrected [s].
     """
 
-    count: int
+    total: int
     interpolated: int
     spikes: int
     effort_shift_s: float
@@ -400,12 +400,12 @@ def sample_sentences(samples: Samples) -> list[str]:
         )
     if samples.spikes:
         sentences.append(
-            f"The effort has {counted(samples.spikes, 'spike')} in {samples.count} samples, which "
+            f"The effort has {counted(samples.spikes, 'spike')} in {samples.total} samples, which "
             f"{'is' if samples.spikes == 1 else 'are'} left out: look for a disturbed sensor or bus"
         )
     if samples.interpolated:
         count = counted(samples.interpolated, "lost sample")
-        sentences.append(f"{count} of {samples.count} interpolated")
+        sentences.append(f"{count} of {samples.total} interpolated")
     return sentences
 
 

@@ -1,11 +1,14 @@
 """The status of one monitored actuator on ``/diagnostics``."""
 
+from collections.abc import Iterable
+
+from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_core.wording import beside_limit
 from ema_interfaces.msg import TelemetryStatus
 from ema_monitor.health import FaultHealth
-from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.comparison import FAULTS_OF_RECORDS, Comparison
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_ros.status import (
@@ -48,7 +51,8 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
         "remaining life 50 % [h]": life.hours_50,
         "remaining life 95 % [h]": life.hours_95,
     }
-    rated = (*health.faults, *health.requirements)
+    faults = _shown_by(unit.description, health.faults)
+    rated = (*faults, *health.requirements)
     figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
     if unit.comparison is not None:
         figures |= _figures_of(unit.comparison)
@@ -62,7 +66,7 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
     if health.reason:
         summary += f" ({health.reason})"
     items = [(item, OFF_SPEC) for item in health.requirements]
-    items += [(item, FAILURE) for item in health.faults]
+    items += [(item, FAILURE) for item in faults]
     worst = [end for item, end in items if item.level == ERROR]
     return [
         _telemetry_task(unit, waiting, dropped),
@@ -76,6 +80,15 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
         ),
         *(_item_task(unit, item, end) for item, end in items),
     ]
+
+
+def _shown_by(
+    description: ActuatorDescription | None, faults: Iterable[FaultHealth]
+) -> list[FaultHealth]:
+    """Return the faults that tests of an actuator can show."""
+    if description is None or description.drive != "unknown":
+        return list(faults)
+    return [item for item in faults if item.name in FAULTS_OF_RECORDS.values()]
 
 
 def _figures_of(comparison: Comparison) -> dict[str, float]:

@@ -7,6 +7,7 @@ from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.wording import beside_limit
 from ema_monitor.health import FaultHealth, Recurrence
+from ema_monitor.joint.comparison import QUANTITIES
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 
@@ -20,9 +21,9 @@ _NAMED_CAUSES: Final = 3
 
 
 def label_of(name: str) -> str:
-    """Return the name of a fault or required performance in words."""
-    fault = FAULT_BY_NAME.get(name)
-    return name.replace("_", " ") if fault is None else fault.label
+    """Return the name of a fault, a quantity of a joint or a required performance in words."""
+    named = FAULT_BY_NAME.get(name) or QUANTITIES.get(name)
+    return name.replace("_", " ") if named is None else named.label
 
 
 def shown_in(unit: str) -> tuple[str, float]:

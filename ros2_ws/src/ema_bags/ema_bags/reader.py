@@ -64,12 +64,12 @@ class Bag(Recording):
 
     @property
     def writers(self) -> list[str]:
-        """Programs that wrote the files, with their versions; empty where a file does not say."""
+        """Programs that wrote the files, as ``Recording.writers``."""
         return sorted({contents.library for contents in self._files.values()} - {""})
 
     @property
     def damage(self) -> str:
-        """Where the recording is damaged and what is lost; empty as long as it seems whole.
+        """Damage and losses, as ``Recording.damage``.
 
         A chunk that was damaged in an indexed file, and a malformed message, are only found when
         they are read.
@@ -111,23 +111,7 @@ class Bag(Recording):
         first: MessagePlace | None = None,
         last: MessagePlace | None = None,
     ) -> Iterator[Recorded]:
-        """Read and decode messages, in the order of their log times.
-
-        Parameters
-        ----------
-        first, last
-            Places of the first and last message wanted; None for all.
-
-        Raises
-        ------
-        ValueError
-            When a topic is not in the recording, its type differs from the installed one or has
-            no definition, or it is not CDR.
-
-        Notes
-        -----
-        A message that cannot be decoded is skipped; ``damage`` names and counts it.
-        """
+        """Read and decode messages, as ``Recording.messages``."""
         chosen = self._chosen(topics)
         decoders = {
             name: self._decoder(name, topic) for name, topic in chosen.items() if topic.count

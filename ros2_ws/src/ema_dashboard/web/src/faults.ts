@@ -20,10 +20,12 @@ const EFFORT_UNITS = ["A", "N.m", "N"];
 
 const byName = new Map(FAULTS.map((fault) => [fault.name, fault]));
 const causes: Record<string, string> = registry.causes;
+const quantities: Record<string, { label: string }> = registry.quantities;
 
 /** A name of a fault, requirement or hidden cause in words. */
 export function labelOf(name: string): string {
-  return byName.get(name)?.label ?? causes[name] ?? name.replaceAll("_", " ");
+  return byName.get(name)?.label ?? causes[name] ?? quantities[name]?.label ??
+    name.replaceAll("_", " ");
 }
 
 export function faultOf(name: string): Fault | undefined {
