@@ -32,5 +32,8 @@ def with_elasticity(
     is_linear
         Whether the joint is linear, so that no gravity follows its angle.
     """
-    before, after = (held_out_error(prepared(one), is_linear=is_linear) for one in (stiff, elastic))
+    before, after = (
+        held_out_error(prepared(preparation), is_linear=is_linear)
+        for preparation in (stiff, elastic)
+    )
     return elastic if after < _IMPROVES * before else stiff

@@ -44,7 +44,7 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
     # The effort that the same motion takes is inverse to the torque per ampere.
     columns[TORQUE] = -baseline.healthy * shape.used
     several = [(FRICTION, TORQUE), (GRAVITY, INERTIA), (GRAVITY, INERTIA, LOAD)]
-    unseen = [one for one, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
+    unseen = [name for name, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
     for name in unseen:
         del columns[name]
     if not baseline.shows_torque:

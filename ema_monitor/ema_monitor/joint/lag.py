@@ -87,18 +87,18 @@ def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
     Jerk and snap are part of the model if the preparation has them. The lag of the preparation is
     returned unless the measured lag reduces the misfit by 10 %.
     """
-    misfits = [_Misfit(one, preparation, is_steady=True) for one in blocks]
-    misfits = [one for one in misfits if one.is_enough]
-    known = preparation.lag_s
+    misfits = [_Misfit(block, preparation, is_steady=True) for block in blocks]
+    misfits = [misfit for misfit in misfits if misfit.is_enough]
+    known_lag_s = preparation.lag_s
     if not misfits:
-        return known
+        return known_lag_s
 
     def total(lag_s: float) -> float:
-        return sum(one(lag_s) for one in misfits)
+        return sum(misfit(lag_s) for misfit in misfits)
 
     least = _least(total, filter_sigma(preparation.cutoff_hz))
-    if least is None or total(least.lag_s) > _LAG_GAIN**2 * total(known):
-        return known
+    if least is None or total(least.lag_s) > _LAG_GAIN**2 * total(known_lag_s):
+        return known_lag_s
     return least.lag_s
 
 
@@ -192,11 +192,15 @@ def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -
     cutoff_hz
         Cut-off frequency of the filter [Hz].
     """
-    known = [one.lag_s - one.shift_s for one in healthy if math.isfinite(one.lag_s)]
-    if not known or not math.isfinite(lag.lag_s):
+    unshifted = [
+        healthy_lag.lag_s - healthy_lag.shift_s
+        for healthy_lag in healthy
+        if math.isfinite(healthy_lag.lag_s)
+    ]
+    if not unshifted or not math.isfinite(lag.lag_s):
         return lag.unshifted
-    centre = float(np.median(known))
-    spread = _NORMAL * float(np.median(np.abs(np.array(known) - centre)))
+    centre = float(np.median(unshifted))
+    spread = _NORMAL * float(np.median(np.abs(np.array(unshifted) - centre)))
     sigma, width = math.hypot(lag.sigma, spread), filter_sigma(cutoff_hz)
     shift = lag.lag_s - centre
     if abs(shift) < max(_SIGNIFICANT * sigma, _LEAST_SHIFT * width):

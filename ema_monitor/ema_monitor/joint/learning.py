@@ -51,31 +51,31 @@ def learn(
     if not records:
         raise ValueError("a baseline needs at least one healthy record, got none")
     _require_different(records)
-    bands = [motion_band(one) for one in records]
-    period = float(np.median([one.sample_period for one in records]))
+    bands = [motion_band(record) for record in records]
+    period = float(np.median([record.sample_period for record in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
-    records = [despiked(one, cutoff).telemetry for one in records]
-    blocks = [block_means(one, description, cutoff) for one in records]
-    usual = float(np.median([usual_speed(one, cutoff) for one in blocks]))
+    records = [despiked(record, cutoff).telemetry for record in records]
+    blocks = [block_means(record, description, cutoff) for record in records]
+    usual = float(np.median([usual_speed(block, cutoff) for block in blocks]))
     if not usual > 0.0:
         raise ValueError("no motion: the position never changes in the healthy records")
     preparation = Preparation(cutoff, known_lag(description), usual)
     some = blocks[:: max(1, len(blocks) // 4)]
     stiff, elastic = (
-        one._replace(lag_s=lag, unexpected_lag_s=lag - one.lag_s)
-        for one in (preparation, preparation._replace(is_elastic=True))
-        for lag in (common_lag(some, one),)
+        variant._replace(lag_s=lag, unexpected_lag_s=lag - variant.lag_s)
+        for variant in (preparation, preparation._replace(is_elastic=True))
+        for lag in (common_lag(some, variant),)
     )
-    lags = [effort_lag(one, preparation) for one in blocks]
-    lags = [with_shift(one, lags, cutoff) for one in lags]
-    lags = [one if one.is_certain else one.unshifted for one in lags]
-    blocks = [aligned(one, lag) for one, lag in zip(blocks, lags, strict=True)]
-    signals = [filtered(one, preparation) for one in blocks]
+    lags = [effort_lag(block, preparation) for block in blocks]
+    lags = [with_shift(lag, lags, cutoff) for lag in lags]
+    lags = [lag if lag.is_certain else lag.unshifted for lag in lags]
+    blocks = [aligned(block, lag) for block, lag in zip(blocks, lags, strict=True)]
+    signals = [filtered(block, preparation) for block in blocks]
     usable = [
         number
-        for number, one in enumerate(signals)
+        for number, rows in enumerate(signals)
         if records[number].sample_period <= preparation.highest_period
-        and not defect_of(one, preparation)
+        and not defect_of(rows, preparation)
     ]
     if not usable:
         raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
@@ -87,7 +87,7 @@ def learn(
     preparation = with_elasticity(stiff, elastic, prepared, is_linear=is_linear)
     preparation, chosen = with_ripples(preparation, prepared, is_linear=is_linear)
     shape = choose_shape(chosen, is_linear=is_linear)
-    found = [
+    readings = [
         read_record(
             records[number],
             description,
@@ -99,15 +99,15 @@ def learn(
         ).at_rate(records[number].sample_period, period)
         for number, rows in zip(usable, chosen, strict=True)
     ]
-    return Baseline(preparation, shape, tuple(found))
+    return Baseline(preparation, shape, tuple(readings))
 
 
 def _require_different(records: Sequence[Telemetry]) -> None:
     """Raise ``ValueError`` where a record is there twice: it would pass for a second record."""
-    for number, one in enumerate(records):
-        for before, other in enumerate(records[:number]):
-            is_same = one.stamp_ns == other.stamp_ns and len(one) == len(other)
-            if is_same and np.array_equal(one.current, other.current):
+    for number, record in enumerate(records):
+        for before, earlier in enumerate(records[:number]):
+            is_same = record.stamp_ns == earlier.stamp_ns and len(record) == len(earlier)
+            if is_same and np.array_equal(record.current, earlier.current):
                 raise ValueError(
                     f"healthy records {before + 1} and {number + 1} are the same: give each once"
                 )

@@ -113,20 +113,20 @@ class MoveSeries:
             self._course.append((day, 1.0))
             reason = f"reference; {missing} more needed" if missing else "reference"
             return MoveVerdict(1.0, "STALE", None, None, reason)
-        names = [name for name in logs if all(name in one.values for one in self._healthy)]
+        names = [name for name in logs if all(name in move.values for move in self._healthy)]
         if not names:
             raise ValueError("the move has none of the figures of the reference")
         healthy = {
-            name: float(np.mean([one.values[name] for one in self._healthy])) for name in names
+            name: float(np.mean([move.values[name] for move in self._healthy])) for name in names
         }
         ratio = math.exp(float(np.mean([logs[name] - healthy[name] for name in names])))
         self._course.append((day, ratio))
-        own, *tests = (
+        tested, *tests = (
             DatedFigures(day, _with_index(values, names))
             for day, values in ((move.stamp_ns // NS_A_DAY, logs), *self._healthy)
         )
         figures = {name: JudgedFigure(name, _BETWEEN_DAYS) for name in (*names, INDEX)}
-        departure = departure_of(own, tests, figures, _SIGNIFICANCE)
+        departure = departure_of(tested, tests, figures, _SIGNIFICANCE)
         if ratio >= self._limit:
             reason = f"{ratio:.2f} times healthy: the limit of {self._limit:g} is passed"
             return MoveVerdict(ratio, "ERROR", departure, None, reason)
@@ -166,8 +166,8 @@ def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> 
     line, shape = np.polyfit(days, values, 1, cov="unscaled")
     variance = float(np.sum((values - np.polyval(line, days)) ** 2)) / freedom
     shape *= max(variance, least_sigma**2)
-    known: Any = line, shape, freedom
-    draws = multivariate_t.rvs(*known, size=_DRAWS, random_state=0)
+    distribution: Any = line, shape, freedom
+    draws = multivariate_t.rvs(*distribution, size=_DRAWS, random_state=0)
     slope, level = draws[draws[:, 0] > 0.0].T
     falling = float(stdtr(freedom, -line[0] / math.sqrt(shape[0, 0])))
     return falling, np.maximum((limit - level) / slope, 0.0)

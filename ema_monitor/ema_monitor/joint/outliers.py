@@ -33,15 +33,15 @@ def outliers(baseline: Baseline) -> list[Outlier]:
     An outlier is left out before the other records are compared again: it would make the healthy
     records of its day differ, too. Records that are faulty in the same way hide each other.
     """
-    found: list[Outlier] = []
+    outliers: list[Outlier] = []
     rest, numbers = list(baseline.records), list(range(len(baseline.records)))
     while len(rest) >= FEWEST:
         compared = [_left_out(baseline, rest, number) for number in range(len(rest))]
         worst = min(range(len(rest)), key=lambda number: _probability(compared[number]))
         if _probability(compared[worst]) >= _UNLIKELY:
             break
-        found.append(Outlier(rest.pop(worst), numbers.pop(worst), compared[worst]))
-    return found
+        outliers.append(Outlier(rest.pop(worst), numbers.pop(worst), compared[worst]))
+    return outliers
 
 
 def _left_out(baseline: Baseline, records: list[JointRecord], number: int) -> Comparison:

@@ -64,7 +64,7 @@ def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, 
     measured = way
     if len(telemetry.interpolated):
         measured = np.where(telemetry.interpolated, 0.0, way)
-    found = []
+    parts = []
     for begin, end in _bounds(way):
         chosen = slice(begin, end)
         part = _figures(
@@ -74,8 +74,8 @@ def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, 
             measured[chosen],
         )
         if part:
-            found.append(part)
-    return tuple(found)
+            parts.append(part)
+    return tuple(parts)
 
 
 def mean_of(parts: tuple[dict[str, float], ...]) -> dict[str, float]:
@@ -110,24 +110,24 @@ def _bounds(way: Array) -> list[tuple[int, int]]:
 
 def _figures(position: Array, effort: Array, error: Array | None, way: Array) -> dict[str, float]:
     """Return the figures of a part; empty without steady motion in both directions."""
-    found: dict[str, float] = {}
+    figures: dict[str, float] = {}
     for name, sign in WAYS.items():
         moving = way == sign
         if np.sum(moving) < _FEWEST:
             return {}
         place = position[moving]
-        own = sign * effort[moving]
-        found[f"effort_{name}"] = float(np.mean(own))
-        found[f"effort_scatter_{name}"] = log_rms(own - np.mean(own))
-        found[f"effort_roughness_{name}"] = log_rms(steps_within(effort, moving))
+        directed = sign * effort[moving]
+        figures[f"effort_{name}"] = float(np.mean(directed))
+        figures[f"effort_scatter_{name}"] = log_rms(directed - np.mean(directed))
+        figures[f"effort_roughness_{name}"] = log_rms(steps_within(effort, moving))
         if np.ptp(place) > 2.0 * math.pi * _FEWEST_TURNS:
             for order in _RIPPLES:
-                found[f"effort_ripple_{order}_{name}"] = _log_ripple(own, place, order)
+                figures[f"effort_ripple_{order}_{name}"] = _log_ripple(directed, place, order)
         if error is not None:
             missed = error[moving]
-            found[f"error_scatter_{name}"] = log_rms(missed - np.mean(missed))
-            found[f"error_roughness_{name}"] = log_rms(steps_within(error, moving))
-    return found
+            figures[f"error_scatter_{name}"] = log_rms(missed - np.mean(missed))
+            figures[f"error_roughness_{name}"] = log_rms(steps_within(error, moving))
+    return figures
 
 
 def _log_ripple(values: Array, position: Array, order: int) -> float:

@@ -90,10 +90,10 @@ class JointRecord:
         """Day that the record is predicted for: one without a date may be of any other day."""
         return self.day or NO_DAY
 
-    def is_same(self, other: "JointRecord") -> bool:
+    def is_same(self, record: "JointRecord") -> bool:
         """Return whether both are of the same telemetry, however it was fitted."""
-        both_unknown = math.isnan(self.travel) and math.isnan(other.travel)
-        return self.stamp_ns == other.stamp_ns and (both_unknown or self.travel == other.travel)
+        both_unknown = math.isnan(self.travel) and math.isnan(record.travel)
+        return self.stamp_ns == record.stamp_ns and (both_unknown or self.travel == record.travel)
 
     def at_rate(self, sample_period: float, usual: float) -> "JointRecord":
         """Return the record without figures that its rate makes incomparable.

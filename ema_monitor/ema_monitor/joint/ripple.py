@@ -56,11 +56,11 @@ def with_ripples(
         best = wave_number, *judged(wave_number)
         if not best[1] < IMPROVES * error:
             break
-        step = _FIRST_STEP / max(float(np.ptp(one.position)) for one in signals)
+        step = _FIRST_STEP / max(float(np.ptp(record.position)) for record in signals)
         for size in (step, step / 4.0):
             near = [(wave, *judged(wave)) for wave in (best[0] - size, best[0] + size)]
             lowest = _lowest(near[0][:2], best[:2], near[1][:2])
-            best = min([best, *near, (lowest, *judged(lowest))], key=lambda one: one[1])
+            best = min([best, *near, (lowest, *judged(lowest))], key=lambda wave: wave[1])
         _, error, (preparation, signals) = best
     return preparation, signals
 
@@ -84,17 +84,17 @@ def _strongest(
     strokes are not looked for.
     """
     sigma_s = filter_sigma(preparation.cutoff_hz)
-    some = [_Half(halves(one)[0], sigma_s, is_linear=is_linear) for one in records]
-    some = [one for one in some if one.travel > 0.0]
+    some = [_Half(halves(record)[0], sigma_s, is_linear=is_linear) for record in records]
+    some = [half for half in some if half.travel > 0.0]
     if not some:
         return None
-    travel = max(one.travel for one in some)
-    lowest = _FEWEST_PERIODS / float(np.median([one.travel for one in some]))
+    travel = max(half.travel for half in some)
+    lowest = _FEWEST_PERIODS / float(np.median([half.travel for half in some]))
     highest = _PASSED * preparation.cutoff_hz / (_SLOW * preparation.usual_speed)
     bins = 1 << math.ceil(math.log2(max(2.0, _BINS_A_PERIOD * highest * travel)))
     bins = min(bins, _MOST_BINS)
     width = travel / (bins - 1)
-    power = np.sum([one.spectrum(width, bins) for one in some], axis=0)
+    power = np.sum([half.spectrum(width, bins) for half in some], axis=0)
     waves = np.arange(len(power)) / (width * _PADDING * bins)
     within = (waves >= lowest) & (waves <= highest)
     if not np.any(within):
@@ -103,7 +103,7 @@ def _strongest(
     explained = 0.0
     for reach, count in ((1.0, 8), (0.125, 4)):
         near = best + reach / travel * np.arange(-count, count + 1) / count
-        shares = [float(np.mean([one.explained(wave) for one in some])) for wave in near]
+        shares = [float(np.mean([half.explained(wave) for half in some])) for wave in near]
         best, explained = float(near[np.argmax(shares)]), max(shares)
     return best if explained > 1.0 - IMPROVES**2 and best >= lowest else None
 

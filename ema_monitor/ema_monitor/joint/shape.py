@@ -158,12 +158,12 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     effort = max(_rms(signals.effort), _rms(design @ values))
     scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     prior = Prior(values[used], _FREE * scales[used])
-    found = regress(design[:, used], signals.effort, signals.stroke, prior)
+    fit = regress(design[:, used], signals.effort, signals.stroke, prior)
     covariance = np.zeros((len(used), len(used)))
-    values[used] = found.values
-    covariance[np.ix_(used, used)] = found.covariance
+    values[used] = fit.values
+    covariance[np.ix_(used, used)] = fit.covariance
     n = len(COEFFICIENTS)
-    return RecordFit(values[:n], covariance[:n, :n], found.residuals, values[n:])
+    return RecordFit(values[:n], covariance[:n, :n], fit.residuals, values[n:])
 
 
 def _rms(column: Array) -> float:
@@ -241,9 +241,9 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
     ValueError
         When the records do not show the friction of the joint.
     """
-    centre = float(np.mean([np.mean(one.position) for one in signals]))
-    travel = float(np.median([np.ptp(one.position) for one in signals]))
-    records = [_Record(one, centre) for one in signals]
+    centre = float(np.mean([np.mean(rows.position) for rows in signals]))
+    travel = float(np.median([np.ptp(rows.position) for rows in signals]))
+    records = [_Record(rows, centre) for rows in signals]
     terms = _Terms(sine=not is_linear and travel >= GRAVITY_TRAVEL)
     best = _error(records, terms, centre)
     if terms.sine:
@@ -253,7 +253,7 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
         if error * _IMPROVES < best:
             best, terms = error, plain
     candidates = [terms._replace(stribeck=at) for at in range(len(STRIBECK_SPEEDS))]
-    errors = [_error(records, one, centre) for one in candidates]
+    errors = [_error(records, candidate, centre) for candidate in candidates]
     at = int(np.argmin(errors))
     if errors[at] < _IMPROVES * best:
         best, terms = errors[at], candidates[at]
@@ -272,11 +272,11 @@ def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
     if not shape.load_share:
         return shape
     columns = []
-    for one in records:
-        free = np.concatenate([shape.used, np.ones(one.free.shape[1], dtype=bool)])
-        design = np.column_stack([shape.design(one), one.free])
+    for record in records:
+        free = np.concatenate([shape.used, np.ones(record.free.shape[1], dtype=bool)])
+        design = np.column_stack([shape.design(record), record.free])
         values = np.zeros((len(free), 2))
-        target = np.column_stack(shape.load_friction_of_parts(one))
+        target = np.column_stack(shape.load_friction_of_parts(record))
         values[free] = np.linalg.lstsq(design[:, free], target, rcond=None)[0]
         columns.append(values[: len(COEFFICIENTS)])
     of_inertia, of_gravity = np.median(columns, axis=0).T.tolist()
@@ -285,13 +285,13 @@ def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
 
 def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     """Return the model without the coefficients that the motion of the records does not show."""
-    fits = [fit_record(shape, one) for one in records]
-    covariance = np.median([one.covariance for one in fits], axis=0)
+    fits = [fit_record(shape, record) for record in records]
+    covariance = np.median([fit.covariance for fit in fits], axis=0)
     sigmas = np.sqrt(np.diag(covariance))
-    inertia = float(np.median([one.values[INERTIA] for one in fits]))
+    inertia = float(np.median([fit.values[INERTIA] for fit in fits]))
     unexplained = [
-        float(np.std(fit.residuals) / max(np.std(one.effort), _TINY))
-        for fit, one in zip(fits, records, strict=True)
+        float(np.std(fit.residuals) / max(np.std(record.effort), _TINY))
+        for fit, record in zip(fits, records, strict=True)
     ]
     seen = replace(
         shape,
@@ -301,9 +301,9 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     if shape.has_gravity and not sigmas[GRAVITY] < _SEEN:
         seen = replace(seen, sine=0.0, cosine=0.0, has_gravity=False)
     # The friction at the speed of the motion takes the place of both.
-    dry = np.concatenate([shape.dry_friction(one) * one.direction for one in records])
-    viscous = float(np.median([one.values[VISCOUS] for one in fits]))
-    speed = float(np.mean(np.concatenate([np.abs(one.speed) for one in records])))
+    dry = np.concatenate([shape.dry_friction(record) * record.direction for record in records])
+    viscous = float(np.median([fit.values[VISCOUS] for fit in fits]))
+    speed = float(np.mean(np.concatenate([np.abs(record.speed) for record in records])))
     both = float(np.mean(dry)) + viscous * speed
     if sigmas[VISCOUS] * speed < _TOLD_APART * both:
         return seen
@@ -321,7 +321,7 @@ def _error(records: Sequence[_Record], terms: _Terms, centre: float) -> float:
     """Return the prediction error of strokes left out [A]; infinite where a term is unphysical."""
     logs = []
     for at, record in enumerate(records):
-        others = [one for number, one in enumerate(records) if number != at] or list(records)
+        others = [record for number, record in enumerate(records) if number != at] or list(records)
         shape = _fit_shape(others, terms, centre)
         if shape is None:
             return math.inf
@@ -338,17 +338,17 @@ def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shap
     None where the fit is unphysical: negative friction or a Stribeck or load term out of range.
     """
     columns = terms.columns
-    designs = [one.common[:, columns] for one in records]
+    designs = [record.common[:, columns] for record in records]
     shape = _pooled(records, terms, centre, designs)
     if terms.has_load and shape is not None:
         values = [shape.coulomb, *([shape.dip] * (terms.stribeck is not None))]
         values += [shape.sine] * terms.sine + [shape.cosine] * terms.cosine
-        of_each = [one.inertia(columns, np.array(values)) for one in records]
-        known = replace(shape, load_inertia=float(np.median(of_each)))
-        loads = [one.left(known.load_friction(one.signals)) for one in records]
+        of_each = [record.inertia(columns, np.array(values)) for record in records]
+        loaded = replace(shape, load_inertia=float(np.median(of_each)))
+        loads = [record.left(loaded.load_friction(record.signals)) for record in records]
         with_load = [np.column_stack(both) for both in zip(designs, loads, strict=True)]
         shape = _pooled(records, terms, centre, with_load)
-        return shape and replace(shape, load_inertia=known.load_inertia)
+        return shape and replace(shape, load_inertia=loaded.load_inertia)
     return shape
 
 
@@ -357,7 +357,7 @@ def _pooled(
 ) -> Shape | None:
     """Fit columns of the common terms, of each record, the load last; None if unphysical."""
     design = np.concatenate(designs)
-    target = np.concatenate([one.effort for one in records])
+    target = np.concatenate([record.effort for record in records])
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     fit = robust_fit(design, target, Prior(np.zeros(len(scales)), _OPEN * scales))
     values = fit.values.tolist()

@@ -237,10 +237,10 @@ def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
     edges = np.diff(lost.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     is_long = (ends - begins) * telemetry.sample_period > _SIGMA_CUTOFF / cutoff_hz
-    found = np.zeros(len(telemetry), dtype=bool)
+    in_long_gap = np.zeros(len(telemetry), dtype=bool)
     for begin, end in zip(begins[is_long], ends[is_long], strict=True):
-        found[begin:end] = True
-    return found
+        in_long_gap[begin:end] = True
+    return in_long_gap
 
 
 def filtered(fine: Fine, preparation: Preparation) -> Signals:

@@ -44,9 +44,9 @@ class SingleTest(NamedTuple):
     prediction: Prediction
 
     @classmethod
-    def of(cls, own: Observation, scatter: Scatter) -> Self:
+    def of(cls, observation: Observation, scatter: Scatter) -> Self:
         """Return the test of a figure with the scatter of the healthy records."""
-        return cls(own.value, scatter.predict(own.sigma**2, own.day))
+        return cls(observation.value, scatter.predict(observation.sigma**2, observation.day))
 
     @property
     def change(self) -> float:
@@ -87,9 +87,9 @@ class SingleTest(NamedTuple):
 def scatter_of(healthy: Sequence[Observation], between_days: float) -> Scatter:
     """Return the scatter of healthy records; ``between_days`` is its prior median between days."""
     return Scatter(
-        np.array([one.value for one in healthy]),
-        np.array([one.sigma**2 for one in healthy]),
-        [one.day for one in healthy],
+        np.array([observation.value for observation in healthy]),
+        np.array([observation.sigma**2 for observation in healthy]),
+        [observation.day for observation in healthy],
         BETWEEN_RECORDS * between_days,
         between_days,
     )

@@ -26,5 +26,5 @@ def smoothed(columns: Array, sigma: float) -> Array:
     rows = np.atleast_2d(columns)
     before, after = (np.repeat(ends, reach, axis=1) for ends in (rows[:, :1], rows[:, -1:]))
     padded = np.concatenate([before, rows, after], axis=1)
-    found: Array = np.array([np.convolve(row, kernel, mode="valid") for row in padded])
-    return found.reshape(columns.shape)
+    smoothed: Array = np.array([np.convolve(row, kernel, mode="valid") for row in padded])
+    return smoothed.reshape(columns.shape)

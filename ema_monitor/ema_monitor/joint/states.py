@@ -47,14 +47,16 @@ class Example(NamedTuple):
 
 def known_states(examples: Iterable[Example]) -> dict[str, list[Example]]:
     """Return the examples of each state that has enough of them."""
-    found: dict[str, list[Example]] = {}
-    for one in examples:
-        found.setdefault(one.state, []).append(one)
-    return {state: some for state, some in found.items() if len(some) >= FEWEST}
+    by_state: dict[str, list[Example]] = {}
+    for example in examples:
+        by_state.setdefault(example.state, []).append(example)
+    return {state: some for state, some in by_state.items() if len(some) >= FEWEST}
 
 
 def probabilities(
-    known: Mapping[str, Sequence[Example]], own: DatedFigures, figures: Mapping[str, JudgedFigure]
+    examples: Mapping[str, Sequence[Example]],
+    tested: DatedFigures,
+    figures: Mapping[str, JudgedFigure],
 ) -> Mapping[str, float]:
     """Return the probability of each known state, the largest first; empty if nothing is compared.
 
@@ -62,44 +64,52 @@ def probabilities(
     state was labelled does not show how often it occurs. A test that departs from each of them is
     none of these.
     """
-    stretches = [row for some in known.values() for one in some for row in one.stretches]
+    stretches = [row for some in examples.values() for example in some for row in example.stretches]
     names = [
-        name for name in figures if name in own.values and all(name in row for row in stretches)
+        name for name in figures if name in tested.values and all(name in row for row in stretches)
     ]
-    if len(known) < 2 or not names:
+    if len(examples) < 2 or not names:
         return {}
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    labels = [state for state, some in known.items() for one in some for _ in one.stretches]
+    labels = [
+        state for state, some in examples.items() for example in some for _ in example.stretches
+    ]
     discriminants = LinearDiscriminantAnalysis(
-        solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(known), 1.0 / len(known))
+        solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(examples), 1.0 / len(examples))
     )
     model = make_pipeline(StandardScaler(), discriminants)
     model.fit(_values(stretches, names), labels)
-    shares = model.predict_proba(_values([own.values], names))[0]
+    shares = model.predict_proba(_values([tested.values], names))[0]
     chosen = {name: figures[name] for name in names}
     nearest = max(
-        departure_of(own, [one.test for one in some], chosen).probability for some in known.values()
+        departure_of(tested, [example.test for example in some], chosen).probability
+        for some in examples.values()
     )
     strange = _STRANGE / (_STRANGE + nearest)
-    found = {
+    probability = {
         str(state): float(share * (1.0 - strange))
         for state, share in zip(model.classes_, shares, strict=True)
     }
-    return dict(sorted({**found, NONE_OF_THESE: strange}.items(), key=lambda one: -one[1]))
+    return dict(sorted({**probability, NONE_OF_THESE: strange}.items(), key=lambda item: -item[1]))
 
 
 def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str, float]:
     """Return the probability of each state of a record; empty without labelled states."""
     if not baseline.labelled:
         return {}
-    examples = [*(LabelledRecord(HEALTHY, one) for one in baseline.records), *baseline.labelled]
+    examples = [
+        *(LabelledRecord(HEALTHY, record) for record in baseline.records),
+        *baseline.labelled,
+    ]
     # A record without steady motion in both directions has no parts.
-    known = known_states(_example(one.state, one.record) for one in examples if one.record.parts)
-    own = DatedFigures(record.day_to_predict, mean_of(record.parts))
-    return probabilities(known, own, _OF_RECORDS)
+    by_state = known_states(
+        _example(example.state, example.record) for example in examples if example.record.parts
+    )
+    tested = DatedFigures(record.day_to_predict, mean_of(record.parts))
+    return probabilities(by_state, tested, _OF_RECORDS)
 
 
 def _example(state: str, record: JointRecord) -> Example:
@@ -107,4 +117,4 @@ def _example(state: str, record: JointRecord) -> Example:
 
 
 def _values(rows: Iterable[Mapping[str, float]], names: Sequence[str]) -> Array:
-    return np.array([[one[name] for name in names] for one in rows])
+    return np.array([[row[name] for name in names] for row in rows])
