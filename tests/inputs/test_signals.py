@@ -131,7 +131,7 @@ def test_messages_of_zeros_are_bridged_and_counted(mapped, block):
         for i in range(0, len(columns["position"]), block)
     ]
     position = np.concatenate([part["position"] for part in parts])
-    assert target.found == len(rows)
+    assert target.count == len(rows)
     # A block that ends in such a sample holds the value before: a step of the motion at most.
     step = np.max(np.abs(np.diff(columns["position"])))
     assert np.max(np.abs(position - columns["position"])) < 2.5 * step
@@ -167,7 +167,7 @@ def test_rest_at_zero_is_not_impossible(mapped):
     target = ImpossibleSamples(mapped())
     for i in range(0, 2400, 10):
         target.push({name: values[i : i + 10] for name, values in still.items()})
-    assert target.found == 0
+    assert target.count == 0
 
 
 GLITCHES = [
@@ -214,7 +214,7 @@ def test_healthy_test_cycle_has_no_impossible_sample(mapped, telemetry, columns,
         part = {name: values[i : i + block] for name, values in columns.items()}
         for name, values in target.push(part).items():
             np.testing.assert_array_equal(values, part[name])
-    assert target.found == 0
+    assert target.count == 0
 
 
 def test_jump_that_stays_is_no_single_sample(mapped, telemetry, columns):
@@ -223,7 +223,7 @@ def test_jump_that_stays_is_no_single_sample(mapped, telemetry, columns):
         target = ImpossibleSamples(mapped(), limits_of(mapped(), described(1000), 1e-3))
         for i in range(0, len(telemetry), block):
             target.push({name: values[i : i + block] for name, values in columns.items()})
-        assert target.found == 0
+        assert target.count == 0
 
 
 def test_turn_that_a_fast_motor_jumps_by_is_bridged(mapped):
@@ -233,7 +233,7 @@ def test_turn_that_a_fast_motor_jumps_by_is_bridged(mapped):
     spoiled[[700, 2100]] += 2.0 * np.pi
     target = ImpossibleSamples(mapped(command=None))
     found = target.push({"position": spoiled})["position"]
-    assert target.found == 2
+    assert target.count == 2
     assert np.max(np.abs(found - position)) < 0.01
 
 

@@ -72,12 +72,12 @@ class ArrivalClock:
 
     def _settled(self, count: int) -> NDArray[np.int64]:
         """Settle in parts, as the line follows the clock only between these."""
-        found = [np.empty(0, dtype=np.int64)]
+        parts = [np.empty(0, dtype=np.int64)]
         while count > 0:
             part = min(count, self._settle * 4)
-            found.append(self._settle_part(part))
+            parts.append(self._settle_part(part))
             count -= part
-        stamps = np.concatenate(found)
+        stamps = np.concatenate(parts)
         self.rebuilt += len(stamps)
         return stamps
 

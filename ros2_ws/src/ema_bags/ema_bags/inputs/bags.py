@@ -132,12 +132,12 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
     for part in (collector.names_topics, collector.topics):
         for item in bag.messages(part) if part else ():
             collector.add(item.topic, item.message, item.publish_time_ns, item.log_time_ns)
-    found = collector.take()
-    for name, series in found.items():
+    by_topic = collector.take()
+    for name, series in by_topic.items():
         if not len(series):
             reason = collector.reason or f"topic {name} has no message"
             raise ValueError(f"{bag.path}: {reason}")
-    return found, collector.problem()
+    return by_topic, collector.problem()
 
 
 def joints_by_travel(bag: AnyBag, topic: str) -> list[str]:

@@ -169,11 +169,11 @@ class BridgeNode(ManagedNode):
         middle = self._past[len(self._past) // 2][1]
         is_resumed = middle[source] == self._past[0][1][source]
         if bridge.refused or self._problem or (is_idle and not is_resumed):
-            other = "see mapping" if bridge.refused else "no sample is complete"
+            reason = "see mapping" if bridge.refused else "no sample is complete"
             if not bridge.refused:
                 reasons += [str(item) for item in bridge.defects if item.is_error]
             text = f"{recent[source]:.4g} Hz received, no telemetry is published"
-            return ERROR, f"{text}: {'; '.join(reasons) or other}"
+            return ERROR, f"{text}: {'; '.join(reasons) or reason}"
         if reasons:
             return WARN, "; ".join(reasons)
         if is_idle:

@@ -178,8 +178,8 @@ class Bridge:
             if len(series):
                 self._waiting[topic] += series
         if self._stream is None:
-            own = self._waiting[primary] = self._waiting[primary][-_MOST_WAITING:]
-            self._stream = self._learned(own)
+            waiting = self._waiting[primary] = self._waiting[primary][-_MOST_WAITING:]
+            self._stream = self._learned(waiting)
             if self._stream is None:
                 return []
         self._stamp(self._waiting[primary])
@@ -202,12 +202,15 @@ class Bridge:
             blocks += self._stream.blocks(run, -(-samples // count) * h)
         return blocks
 
-    def _learned(self, own: Series) -> SampleStream | None:
+    def _learned(self, primary: Series) -> SampleStream | None:
         """Find the rate, once there are samples of some time."""
-        if len(own) < LEAST_SAMPLES or 1e-9 * np.ptp(own.arrivals_ns) < self._settings.learn_s:
+        if (
+            len(primary) < LEAST_SAMPLES
+            or 1e-9 * np.ptp(primary.arrivals_ns) < self._settings.learn_s
+        ):
             return None
-        by_arrival = uses_arrival(own, self._mapping)
-        times = own.arrivals_ns if by_arrival else own.stamped()[0]
+        by_arrival = uses_arrival(primary, self._mapping)
+        times = primary.arrivals_ns if by_arrival else primary.stamped()[0]
         rate = find_rate(times, self._mapping.clock.rate_hz)
         if by_arrival:
             self._clock = ArrivalClock(rate.measured_period)
@@ -216,10 +219,10 @@ class Bridge:
         self.rate = rate
         return stream
 
-    def _stamp(self, own: Series) -> None:
+    def _stamp(self, primary: Series) -> None:
         """Give the samples that are new to the clock."""
-        fresh = own[self._stamped :]
-        self._stamped = len(own)
+        fresh = primary[self._stamped :]
+        self._stamped = len(primary)
         if self._clock is not None:
             stamps = self._clock.push(fresh.arrivals_ns)
         else:
@@ -229,20 +232,20 @@ class Bridge:
 
     def _complete(self, count: int) -> int:
         """Return how many samples have what the other topics sent before them."""
-        own = self._waiting[self._mapping.position.topic]
+        primary = self._waiting[self._mapping.position.topic]
         # A slow temperature is not waited for.
         awaited = {item.topic for _, item in self._mapping.telemetry_sources()}
         others = [
             series
             for topic, series in self._waiting.items()
-            if series is not own and topic in awaited
+            if series is not primary and topic in awaited
         ]
         if not count or not others:
             return count
-        latest = min(int(one.arrivals_ns[-1]) if len(one) else -(2**62) for one in others)
+        latest = min(int(series.arrivals_ns[-1]) if len(series) else -(2**62) for series in others)
         # A command may be sent on change only: its topic is not waited for longer than that.
-        waited = int(own.arrivals_ns[-1]) - round(self._settings.wait_s * 1e9)
-        late = np.flatnonzero(own.arrivals_ns[:count] > max(latest, waited))
+        waited = int(primary.arrivals_ns[-1]) - round(self._settings.wait_s * 1e9)
+        late = np.flatnonzero(primary.arrivals_ns[:count] > max(latest, waited))
         return int(late[0]) if len(late) else count
 
     def _forget(self, count: int) -> None:
@@ -264,7 +267,8 @@ class Bridge:
         latest = self._latest
         latest.append(part)
         while (
-            sum(len(one.stamps_ns) for one in latest) - len(latest[0].stamps_ns) > _LOOK_BACK_S / h
+            sum(len(part.stamps_ns) for part in latest) - len(latest[0].stamps_ns)
+            > _LOOK_BACK_S / h
         ):
             latest.popleft()
         self.checked += len(part.stamps_ns)
@@ -272,8 +276,8 @@ class Bridge:
         if self._unchecked * h < _CHECK_S:
             return
         self._unchecked = 0
-        times = np.concatenate([one.stamps_ns for one in latest])
-        whole = {name: np.concatenate([one.columns[name] for one in latest]) for name in COLUMNS}
+        times = np.concatenate([part.stamps_ns for part in latest])
+        whole = {name: np.concatenate([part.columns[name] for part in latest]) for name in COLUMNS}
         first, last_s = latest[0], round(_NOT_FINITE_S / h)
         assert self.rate is not None
         self.defects = [

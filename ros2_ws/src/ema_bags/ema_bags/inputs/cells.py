@@ -74,15 +74,15 @@ def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | Non
     missing = (column.isna() | texts.str.lower().isin(_MISSING)).to_numpy(bool)
     if missing.all():
         return None
-    own = _read(texts, missing, decimal)
-    if own.problem:
+    numbers = _read(texts, missing, decimal)
+    if numbers.problem:
         swapped = _read(texts, missing, "," if decimal == "." else ".")
         if not swapped.problem and swapped.decimal:
-            own = swapped
-    is_known = np.isfinite(own.values) | texts.str.contains(r"\d", regex=True).to_numpy(bool)
-    share = np.isfinite(own.values).sum() / (~missing).sum()
-    if share > _MOSTLY or (own.problem and is_known.all() and share > 0.0):
-        return own
+            numbers = swapped
+    is_known = np.isfinite(numbers.values) | texts.str.contains(r"\d", regex=True).to_numpy(bool)
+    share = np.isfinite(numbers.values).sum() / (~missing).sum()
+    if share > _MOSTLY or (numbers.problem and is_known.all() and share > 0.0):
+        return numbers
     return None
 
 

@@ -62,7 +62,7 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
     ):
         if _residual(current, terms) < _EXACT:
             text = f"the current follows {words} exactly: it is a set point, not a measurement"
-            remedy = "a change of the torque per ampere does not show in it"
+            remedy = "a change of the torque per unit of effort does not show in it"
             yield InputDefect("current_commanded", text, remedy, False)
             return
 
@@ -85,16 +85,16 @@ def _follows(
     speed: NDArray[np.float64], commanded: NDArray[np.float64], moved: NDArray[np.float64]
 ) -> bool:
     """Return whether a speed is the derivative of the command, and not that of the position."""
-    of_command, of_position = (_residual(speed, (one,)) for one in (commanded, moved))
+    of_command, of_position = (_residual(speed, (term,)) for term in (commanded, moved))
     return of_command < _EXACT and of_position > _CLEARLY * of_command
 
 
 def _residual(values: NDArray[np.float64], terms: tuple[NDArray[np.float64], ...]) -> float:
     """Return the share of values that a sum of terms does not explain [-]."""
     size = float(np.std(values))
-    sizes = [float(np.max(np.abs(one))) for one in terms]
+    sizes = [float(np.max(np.abs(term))) for term in terms]
     if size <= 0.0 or min(sizes) <= 0.0:
         return 1.0
-    rows = np.column_stack([one / scale for one, scale in zip(terms, sizes, strict=True)])
+    rows = np.column_stack([term / scale for term, scale in zip(terms, sizes, strict=True)])
     left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
     return float(np.std(left)) / size

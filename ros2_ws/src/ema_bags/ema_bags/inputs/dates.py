@@ -106,12 +106,12 @@ def _read(column: "pd.Series[Any]", pattern: re.Pattern[str]) -> WrittenTimes:
         return WrittenTimes(values, is_of_day=True, problem=_problem(texts, unread))
     days, exchanged = _days(parts)
     unread |= (days == _NO_TIME) & ~missing
-    known = ~unread & ~missing
-    values = np.where(known, days * _DAY + of_day, _NO_TIME)
+    is_read = ~unread & ~missing
+    values = np.where(is_read, days * _DAY + of_day, _NO_TIME)
     both = None
     if exchanged is not None:
-        both = np.where(known, exchanged * _DAY + of_day, _NO_TIME)
-    row = int(np.argmax(known))
+        both = np.where(is_read, exchanged * _DAY + of_day, _NO_TIME)
+    row = int(np.argmax(is_read))
     example = f"row {row + 1}: {texts.iloc[row].strip()!r}"
     return WrittenTimes(values, exchanged=both, problem=_problem(texts, unread), example=example)
 

@@ -57,25 +57,25 @@ def find_defects(
     stamps_ns
         Stamps of the samples, ``(n,)`` [ns].
     """
-    found = list(_other_drive(mapping, description))
-    found += _held(columns, stamps_ns, is_unknown=description.drive == "unknown")
-    found += _jumps(columns["position"], stamps_ns)
+    defects = list(_other_drive(mapping, description))
+    defects += _held(columns, stamps_ns, is_unknown=description.drive == "unknown")
+    defects += _jumps(columns["position"], stamps_ns)
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
-        return found
-    found += _frozen(columns, motion, is_unknown=description.drive == "unknown")
-    if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in found}:
+        return defects
+    defects += _frozen(columns, motion, is_unknown=description.drive == "unknown")
+    if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in defects}:
         # Of a position or speed that is held, the ratio is one of delays, not of gears.
-        if not any(item.name == "values_repeat" and item.is_error for item in found):
-            found += _wrong_factors(motion, mapping, description)
-        found += find_commanded(columns, description.parameters.tau)
-    if not any(item.is_error for item in found):
-        found += _wrong_current(motion, mapping, description)
+        if not any(item.name == "values_repeat" and item.is_error for item in defects):
+            defects += _wrong_factors(motion, mapping, description)
+        defects += find_commanded(columns, description.parameters.tau)
+    if not any(item.is_error for item in defects):
+        defects += _wrong_current(motion, mapping, description)
     if mapping.position.shaft == "motor":
         text = "the position is measured at the motor, before the backlash"
         remedy = "backlash cannot be seen in it; an encoder at the user shaft shows it"
-        found.append(InputDefect("position_at_motor", text, remedy, False, needs_action=False))
-    return found
+        defects.append(InputDefect("position_at_motor", text, remedy, False, needs_action=False))
+    return defects
 
 
 def stream_defects(
@@ -141,7 +141,7 @@ def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]
     is_bad = np.any(list(bad.values()), axis=0)
     if not np.any(is_bad):
         return
-    parts = [(name, int(np.count_nonzero(one))) for name, one in bad.items() if np.any(one)]
+    parts = [(name, int(np.count_nonzero(rows))) for name, rows in bad.items() if np.any(rows)]
     text = ", ".join(f"{name} is not a finite number in {count}" for name, count in parts)
     remedy = "these samples are left out"
     if is_error := bool(np.mean(is_bad) > 0.5):
@@ -278,7 +278,7 @@ def _frozen(
     moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
     for name in ("command", "position", "speed", "current"):
         values = columns[name]
-        others = [other for other, moving in moves.items() if moving and other != name]
+        others = [column for column, moving in moves.items() if moving and column != name]
         # A blocked shaft stands still in position and speed alike, and is no defect of the data.
         if name in ("position", "speed") and not moves["position" if name == "speed" else "speed"]:
             continue
@@ -369,10 +369,10 @@ def _wrong_current(
                 is_certain=motion.is_ample,
             )
         return
-    found = motion.current_against_torque(description.parameters)
-    if source is None or found is None:
+    relation = motion.current_against_torque(description.parameters)
+    if source is None or relation is None:
         return
-    slope, correlation = found
+    slope, correlation = relation
     if correlation < -_OPPOSED:
         yield InputDefect(
             "current_sign_reversed",

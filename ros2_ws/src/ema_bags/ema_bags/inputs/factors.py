@@ -104,7 +104,7 @@ def explain(
     if ratio is not None and _NEAR_RATIO[0] < ratio < _NEAR_RATIO[1]:
         # Another gear ratio is likelier than two mistakes that happen to give this factor.
         least = _WEIGHT_OF_RATIO if agrees(as_they_are | {"speed": ratio}) else np.inf
-    for combination in itertools.product(*(_options(one, p.tau) for one in sources.values())):
+    for combination in itertools.product(*(_options(source, p.tau) for source in sources.values())):
         weight = sum(item.weight for item in combination)
         if weight >= least or sum(bool(item.changes) for item in combination) > _MOST_CHANGES:
             continue
@@ -170,14 +170,14 @@ def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]
     to_other = tau if is_angle else 1.0 / tau
     if source.shaft != SHAFTS[0 if is_angle else 1]:
         to_other = 1.0 / to_other
-    other = next(item for item in SHAFTS if item != source.shaft)
+    shaft = next(item for item in SHAFTS if item != source.shaft)
     for sign, (unit, size), is_other in itertools.product((1, -1), units.items(), (False, True)):
         changes: list[tuple[str, Any]] = []
         factor = float(sign) * size / units[source.unit]
         if unit != source.unit:
             changes.append(("unit", unit))
         if is_other:
-            changes.append(("shaft", other))
+            changes.append(("shaft", shaft))
             factor *= to_other
         if sign < 0:
             changes.append(("sign", -source.sign))

@@ -55,26 +55,26 @@ class FieldPath:
         ValueError
             When there is no number at the path; the text says what is there instead.
         """
-        found: Any = message
+        value: Any = message
         outer: list[Any] = [] if names is None else [names]
         for name, selectors in self._steps:
-            if not hasattr(found, name):
+            if not hasattr(value, name):
                 raise self._error(
-                    f": {type(found).__name__} has no field {name!r}; it has "
-                    f"{', '.join(_fields_of(found)) or 'none'}"
+                    f": {type(value).__name__} has no field {name!r}; it has "
+                    f"{', '.join(_fields_of(value)) or 'none'}"
                 )
-            outer.append(found)
-            found = getattr(found, name)
+            outer.append(value)
+            value = getattr(value, name)
             for key, wanted in selectors:
                 keys = (key.strip(),) if key else ()
-                found = self._element(found, name, outer, keys, wanted.strip())
-        if self._joint and hasattr(found, "__len__") and not isinstance(found, str):
-            found = self._element(found, self._steps[-1][0], outer, _JOINT_NAMES, self._joint)
+                value = self._element(value, name, outer, keys, wanted.strip())
+        if self._joint and hasattr(value, "__len__") and not isinstance(value, str):
+            value = self._element(value, self._steps[-1][0], outer, _JOINT_NAMES, self._joint)
         try:
-            return float(found)
+            return float(value)
         except (TypeError, ValueError) as error:
             raise self._error(
-                f" gives {type(found).__name__}, expected a number: choose an element or a field "
+                f" gives {type(value).__name__}, expected a number: choose an element or a field "
                 "of it"
             ) from error
 

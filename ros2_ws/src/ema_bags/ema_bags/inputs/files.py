@@ -81,8 +81,8 @@ class InputFile:
             raise ValueError(
                 f"{self.path} is a bag, but position has no topic: expected a mapping of topics"
             )
-        found, self._problem = bag_series(self._held, mapping)
-        return found
+        series, self._problem = bag_series(self._held, mapping)
+        return series
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
         """Yield the rows of a table between which none of some columns changes, and their values.
@@ -116,7 +116,7 @@ class InputFile:
         if isinstance(held, TableColumns):
             first = guess_columns(held, clock, needs_command=needs_command)
         else:
-            topics = {name: one.type_name for name, one in held.topics.items() if one.count}
+            topics = {name: topic.type_name for name, topic in held.topics.items() if topic.count}
             states = [name for name, kind in topics.items() if kind == JOINT_STATE]
             joints = {name: joints_by_travel(held, name) for name in states}
             first = guess_topics(topics, joints, needs_command=needs_command)
@@ -128,7 +128,7 @@ class InputFile:
         """Return what the file holds, a line a column or topic."""
         if not isinstance(self._held, TableColumns):
             topics = list(self._held.topics.items())[:_MOST_LISTED]
-            return [f"topic {name}: {one.count} of {one.type_name}" for name, one in topics]
+            return [f"topic {name}: {topic.count} of {topic.type_name}" for name, topic in topics]
         lines = []
         for name, values in list(self._held.values.items())[:_MOST_LISTED]:
             finite = values[np.isfinite(values)]

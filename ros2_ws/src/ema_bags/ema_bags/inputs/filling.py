@@ -55,7 +55,7 @@ class GapFiller:
         A sample after a gap waits for the next, which shows whether the motion reverses, unless
         these are the last samples.
         """
-        known = max(len(self._stamps_ns) - 1, 0)
+        begun = max(len(self._stamps_ns) - 1, 0)
         if len(self._stamps_ns):
             stamps_ns = np.concatenate([self._stamps_ns, stamps_ns])
             values = np.concatenate([self._values, values])
@@ -64,7 +64,7 @@ class GapFiller:
         widths_ns = steps * self._period_ns
         is_short = (widths_ns > self._widest_ns) & (widths_ns <= 1e9 * PAUSE_S)
         is_short &= lost <= self._most
-        reverses = self._reversals(steps, values[:, self._columns], known)
+        reverses = self._reversals(steps, values[:, self._columns], begun)
         gaps = 1 + np.flatnonzero(is_short[1:-1] & ~reverses)
         gaps = gaps[gaps + 1 >= self._passed]
         before = np.repeat(gaps, lost[gaps])
@@ -82,14 +82,14 @@ class GapFiller:
         )
 
     def _reversals(
-        self, steps: NDArray[np.float64], motion: NDArray[np.float64], known: int
+        self, steps: NDArray[np.float64], motion: NDArray[np.float64], begun: int
     ) -> NDArray[np.bool_]:
         """Return where the motion goes both ways, for each step but the first and the last."""
         is_step = (steps > NEAR)[:, None]
         speeds = np.where(is_step, np.diff(motion, axis=0), 0.0)
         speeds /= np.where(is_step, steps[:, None], 1.0)
         # Steps of before, and the changes between them, are in the sums already.
-        new = np.arange(len(speeds)) >= known
+        new = np.arange(len(speeds)) >= begun
         travelled = self._travelled + np.cumsum(np.abs(speeds) * new[:, None], axis=0)
         changes = np.abs(np.diff(speeds, axis=0, prepend=speeds[:1]))
         changed = self._changed + np.cumsum(changes * new[:, None], axis=0)

@@ -130,8 +130,8 @@ def guess_columns(
     for quantity, without in _UNLIKE.items():
         able = [
             name
-            for name, found in kinds.items()
-            if quantity in found and not found & without and name not in taken.values()
+            for name, quantities in kinds.items()
+            if quantity in quantities and not quantities & without and name not in taken.values()
         ]
         if able:
             # Where a table has several joints, what has the words of the position is of its joint.
@@ -143,7 +143,10 @@ def guess_columns(
                 f"{quantity} {taken[quantity]!r} is a guess; others: {', '.join(map(repr, able))}"
             )
     phases = {
-        kind: name for name, found in kinds.items() for kind in found if kind.startswith("phase_")
+        kind: name
+        for name, quantities in kinds.items()
+        for kind in quantities
+        if kind.startswith("phase_")
     }
     if list(phases) == ["phase_a"] and "current" not in taken:
         taken["current"] = phases.pop("phase_a")  # in A, not of phase A: there is no other phase
@@ -287,10 +290,10 @@ def refine(
         if description.drive == "unknown":
             # Inertia and friction of such a drive are not known: only the sign can be found.
             dissipation = motion.dissipation
-            found = None if dissipation is None else (1.0, dissipation)
+            relation = None if dissipation is None else (1.0, dissipation)
         else:
-            found = motion.current_against_torque(description.parameters)
-        current = _refined(mapping.current, found, description, remarks)
+            relation = motion.current_against_torque(description.parameters)
+        current = _refined(mapping.current, relation, description, remarks)
         mapping = replace(mapping, current=current)
     return Guess(mapping, remarks)
 
@@ -313,15 +316,15 @@ def _encoding(values: NDArray[np.float64]) -> str:
 
 def _refined(
     current: CurrentSource,
-    found: tuple[float, float] | None,
+    relation: tuple[float, float] | None,
     description: ActuatorDescription,
     remarks: list[str],
 ) -> CurrentSource:
     """Return a current with the sign, and the torque's shaft, that inertia and friction need."""
-    if found is None or abs(found[1]) < 0.4:
+    if relation is None or abs(relation[1]) < 0.4:
         remarks.append("sign and unit of the current cannot be checked")
         return current
-    size, correlation = found
+    size, correlation = relation
     if correlation < 0.0:
         current = replace(current, sign=-current.sign)
         remarks.append(f"current.sign {current.sign}: it opposes the acceleration otherwise")
@@ -492,8 +495,8 @@ def _unit_of_times(values: NDArray[Any]) -> str:
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
     kinds = {"speed": SpeedSource, "current": CurrentSource, "temperature": TemperatureSource}
     kind = kinds.get(quantity, AngleSource)
-    [known] = [item.metadata["choices"] for item in fields(kind) if item.name == "unit"]
-    more: dict[str, Any] = {"unit": unit} if unit in known else {}
+    [choices] = [item.metadata["choices"] for item in fields(kind) if item.name == "unit"]
+    more: dict[str, Any] = {"unit": unit} if unit in choices else {}
     if not more:
         remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
     if quantity == "current":
@@ -540,14 +543,14 @@ def _kinds_of(name: str) -> set[str]:
     """Return what a column may be by its name: keys of a mapping, "time" or "phase_a" to "c"."""
     words = _words(_BRACKETS.sub(" ", name))
     text = " ".join(words)
-    found = {
+    roles = {
         kind for kind, pattern in _WORDS.items() if re.search(rf"(?:^| )(?:{pattern})(?: |$)", text)
     }
     if match := re.fullmatch(
         r"(?:i|current|strom|phase)(?: phase)?(?: current)? ?([abcuvw])", text
     ):
         return {f"phase_{'abcabc'['abcuvw'.index(match[1])]}"}
-    return found
+    return roles
 
 
 def _words_of(name: str) -> set[str]:

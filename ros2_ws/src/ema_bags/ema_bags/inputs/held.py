@@ -47,8 +47,8 @@ def held_samples(values: NDArray[np.float64]) -> int:
 def find_held(columns: ByName[str, NDArray[np.float64]]) -> dict[str, int]:
     """Return the samples for which each sensor column holds its values, if more than 1."""
     there = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
-    found = {name: held_samples(values) for name, values in there.items()}
-    return {name: held for name, held in found.items() if held > 1}
+    by_column = {name: held_samples(values) for name, values in there.items()}
+    return {name: held for name, held in by_column.items() if held > 1}
 
 
 def renewed_rows(columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:
@@ -64,7 +64,10 @@ def renewed_rows(columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.int64]
     changes = np.array([np.diff(values, prepend=np.nan) != 0.0 for values in there])
     changed = np.flatnonzero(np.any(changes, axis=0))
     # Columns that are renewed one after the other have no row in common.
-    if min(np.mean(np.diff(np.flatnonzero(one)) >= period - 1) for one in changes) < _TOGETHER:
+    if (
+        min(np.mean(np.diff(np.flatnonzero(change)) >= period - 1) for change in changes)
+        < _TOGETHER
+    ):
         return None
     if np.mean(np.diff(changed) >= period - 1) < _TOGETHER:
         return None

@@ -98,7 +98,7 @@ class SampleStream:
         if self.rises is not None and temperature is not None:
             self.rises.push(stamps_ns, temperature)
         raw = self._unwrapper.push(self._impossible.push(raw))
-        self.losses.impossible = self._impossible.found
+        self.losses.impossible = self._impossible.count
         self.losses.wraps = sum(self._unwrapper.wraps.values())
         steps = np.diff(stamps_ns)
         breaks = 1 + np.flatnonzero((steps < 0) | (steps > PAUSE_S * 1e9))
@@ -195,13 +195,13 @@ def import_series(
     ValueError
         When there are too few samples, or their period is out of range.
     """
-    own = by_topic[mapping.position.topic]
-    if len(own) < 2:
+    primary = by_topic[mapping.position.topic]
+    if len(primary) < 2:
         place = f"topic {mapping.position.topic}" if mapping.position.topic else "the file"
-        raise ValueError(f"{place} has {len(own)} samples: expected at least 2")
-    stamps, rebuilt = primary_stamps(own, mapping)
+        raise ValueError(f"{place} has {len(primary)} samples: expected at least 2")
+    stamps, rebuilt = primary_stamps(primary, mapping)
     rate = find_rate(stamps, mapping.clock.rate_hz)
-    if rebuilt == len(own):
+    if rebuilt == len(primary):
         # They are on a line: what it moves as it follows the clock is no jitter of the samples.
         rate = replace(rate, jitter=0.0)
     raw, notes = join_topics(by_topic, mapping, stamps), list(other_rate(rate, description))
@@ -219,11 +219,14 @@ def import_series(
             f"none of {stream.losses.samples} samples has a finite value in all of "
             f"{', '.join(stream.filled)}"
         )
-    found = find_defects(columns, stamps, mapping, stream.description)
+    defects = find_defects(columns, stamps, mapping, stream.description)
     if rows is not None:
         few = f"{1.0 / rate.period:.4g} Hz may be too few for this motion: have the source renew "
         few += "its values faster"
-        found = [replace(one, remedy=few) if one.name == "gear_ratio" else one for one in found]
+        defects = [
+            replace(defect, remedy=few) if defect.name == "gear_ratio" else defect
+            for defect in defects
+        ]
     defects = [
         *notes,
         *doubled,
@@ -234,7 +237,7 @@ def import_series(
             is_unknown=description.drive == "unknown",
         ),
         *not_finite(columns),
-        *found,
+        *defects,
         *(stream.rises.defects() if stream.rises else ()),
     ]
     first_ns = min(int(run.stamps_ns[0]) for run in runs)
@@ -244,11 +247,11 @@ def import_series(
 
 def _renewed_rate(stamps_ns: NDArray[np.int64], published: Rate, mapping: Mapping) -> Rate:
     """Return the rate of the samples at which values are renewed."""
-    found = find_rate(stamps_ns)
+    rate = find_rate(stamps_ns)
     if not mapping.clock.rate_hz:
-        return found
-    times = round(found.measured_period / published.measured_period)
-    return replace(found, period=times / mapping.clock.rate_hz)
+        return rate
+    times = round(rate.measured_period / published.measured_period)
+    return replace(rate, period=times / mapping.clock.rate_hz)
 
 
 def uses_arrival(series: Series, mapping: Mapping) -> bool:
@@ -256,10 +259,10 @@ def uses_arrival(series: Series, mapping: Mapping) -> bool:
     return mapping.clock.source in ("sent", "arrival") or not series.is_stamped
 
 
-def primary_stamps(own: Series, mapping: Mapping) -> tuple[NDArray[np.int64], int]:
+def primary_stamps(primary: Series, mapping: Mapping) -> tuple[NDArray[np.int64], int]:
     """Return the stamps of samples, and how many were rebuilt."""
-    if mapping.is_table or not uses_arrival(own, mapping):
-        return own.stamped()
-    clock = ArrivalClock(find_rate(own.arrivals_ns, mapping.clock.rate_hz).measured_period)
-    stamps = np.concatenate([clock.push(own.arrivals_ns), clock.flush()])
+    if mapping.is_table or not uses_arrival(primary, mapping):
+        return primary.stamped()
+    clock = ArrivalClock(find_rate(primary.arrivals_ns, mapping.clock.rate_hz).measured_period)
+    stamps = np.concatenate([clock.push(primary.arrivals_ns), clock.flush()])
     return stamps, clock.rebuilt

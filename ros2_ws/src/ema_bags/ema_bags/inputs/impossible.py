@@ -51,12 +51,12 @@ class ImpossibleSamples:
 
     Attributes
     ----------
-    found
+    count
         Number of such samples so far.
     """
 
     def __init__(self, mapping: Mapping, limits: ByName[str, float] = MappingProxyType({})) -> None:
-        self.found = 0
+        self.count = 0
         self._limits = limits
         source = mapping.position
         size = abs(source.scale) * UNITS[source.unit]
@@ -86,16 +86,16 @@ class ImpossibleSamples:
         bad |= self._spikes(np.where(bad, np.nan, columns["position"]))
         good = np.flatnonzero(~bad)
         self._open = count - 1 - int(good[-1]) if len(good) else self._open + count
-        self.found += count - len(good)
+        self.count += count - len(good)
         # Where no sample follows, the value before is held.
         rows = np.arange(count)
         for name in columns if len(good) < count else ():
-            known, values = good, columns[name][good]
+            kept, values = good, columns[name][good]
             if name in self._before:
-                known = np.concatenate([[-1], good])
+                kept = np.concatenate([[-1], good])
                 values = np.concatenate([[self._before[name]], values])
-            if len(known):
-                columns[name][bad] = np.interp(rows[bad], known, values)
+            if len(kept):
+                columns[name][bad] = np.interp(rows[bad], kept, values)
         if len(good):
             self._before = {name: float(values[good[-1]]) for name, values in columns.items()}
         position = columns["position"]
@@ -122,35 +122,35 @@ class ImpossibleSamples:
         """Return where a position is far off for a few samples, ``(n,)``."""
         bad = np.zeros(len(position), bool)
         rows = np.flatnonzero(np.isfinite(position))
-        known = np.concatenate([self._position, position[rows]])
-        if len(known) < _LEAST_KNOWN:
+        positions = np.concatenate([self._position, position[rows]])
+        if len(positions) < _LEAST_KNOWN:
             return bad
-        steps = np.abs(np.diff(known))
-        far = self._far(known, steps)
+        steps = np.abs(np.diff(positions))
+        far = self._far(positions, steps)
         first = len(self._position)
         held, self._held = self._held, 0
         for row in (np.flatnonzero(steps > far) + 1).tolist():
             if row < max(first, 1) or (row > first and bad[rows[row - 1 - first]]):
                 continue
             most = _MOST_IN_A_ROW - (held if row == first else 0)
-            after = np.abs(known[row + 1 : row + 1 + most] - known[row - 1])
+            after = np.abs(positions[row + 1 : row + 1 + most] - positions[row - 1])
             back = np.flatnonzero(after <= 0.5 * far)
             if len(back):
                 bad[rows[row - first : row - first + back[0] + 1]] = True
-            elif len(known) - row <= most and self._is_held(float(steps[row - 1])):
+            elif len(positions) - row <= most and self._is_held(float(steps[row - 1])):
                 bad[rows[row - first :]] = True
-                self._held = _MOST_IN_A_ROW - most + len(known) - row
+                self._held = _MOST_IN_A_ROW - most + len(positions) - row
             elif row == first:
                 # It does not come back: a jump, whose first samples were held.
-                self.found -= held
+                self.count -= held
         return bad
 
-    def _far(self, known: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
+    def _far(self, positions: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
         """Return by how much a position is off that comes back, in the unit of the source."""
         usual = _STEPS * float(np.percentile(steps, 98.0))
         if "position" in self._limits:
             return max(usual, self._limits["position"])
-        low, high = np.percentile(known, [1.0, 99.0])
+        low, high = np.percentile(positions, [1.0, 99.0])
         return max(usual, min(float(high - low), self._half_turn), self._least)
 
     def _is_held(self, step: float) -> bool:

@@ -338,7 +338,7 @@ class Mapping(Checked):
         current, speed = self.measured_current, self.speed is not None
         if current is None:
             return Acquisition("none", 0.0, speed, self.has_command)
-        unit = next((one for one in EFFORT_UNITS if current.unit.endswith(one)), EFFORT_UNITS[0])
+        unit = next((unit for unit in EFFORT_UNITS if current.unit.endswith(unit)), EFFORT_UNITS[0])
         return Acquisition(current.sampling, current.filter_time, speed, self.has_command, unit)
 
     @property

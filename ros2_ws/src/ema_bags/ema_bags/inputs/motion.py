@@ -203,7 +203,7 @@ class ThinnedMotion:
         acceleration = np.gradient(speed)[chosen]
         angle = self.position[chosen, 0]
         terms = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle), acceleration]
-        others = np.column_stack([one / max(np.max(np.abs(one)), 1e-300) for one in terms])
+        others = np.column_stack([term / max(np.max(np.abs(term)), 1e-300) for term in terms])
         both = np.column_stack([speed[chosen], self.current[chosen]])
         left = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
         sizes = np.sqrt(np.sum(left**2, axis=0))

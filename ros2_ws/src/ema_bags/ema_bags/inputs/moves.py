@@ -74,16 +74,18 @@ def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:
             raise ValueError(f"{path}: {unknown_name('column', name, columns.values)}")
     frame["unit"] = frame[mapping.unit].astype(str) if mapping.unit else ""
     test = frame[mapping.test] if mapping.test else frame["stamp"] // 86_400_000_000_000
-    found: dict[str, list[Move]] = {}
+    by_name: dict[str, list[Move]] = {}
     for (name, _), rows in frame.groupby(["unit", test], sort=True):
         figures: dict[str, float] = {}
         groups = rows.groupby(list(mapping.like)) if mapping.like else [((), rows)]
         for key, alike in groups:
-            of = ", ".join(f"{one} {value:g}" for one, value in zip(mapping.like, key, strict=True))
+            of = ", ".join(
+                f"{name} {value:g}" for name, value in zip(mapping.like, key, strict=True)
+            )
             for figure in mapping.figures:
                 label = f"{figure} ({of})" if of else figure
                 figures[label] = float(np.nanmedian(alike[figure]))
-        found.setdefault(str(name), []).append(Move(int(rows["stamp"].min()), figures))
-    for series in found.values():
+        by_name.setdefault(str(name), []).append(Move(int(rows["stamp"].min()), figures))
+    for series in by_name.values():
         series.sort(key=lambda move: move.stamp_ns)
-    return found
+    return by_name

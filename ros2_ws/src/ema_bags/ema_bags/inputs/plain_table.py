@@ -54,9 +54,9 @@ def plain_parquet(table: Any) -> dict[str, NDArray[Any]] | None:
 
     stored = table.schema.pandas_metadata or {}
     indices = stored.get("index_columns", [])
-    is_of_rows = all(isinstance(one, dict) and one.get("name") is None for one in indices)
+    is_of_rows = all(isinstance(index, dict) and index.get("name") is None for index in indices)
     types = [field.type for field in table.schema]
-    are_numbers = all(pa.types.is_integer(one) or pa.types.is_floating(one) for one in types)
+    are_numbers = all(pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in types)
     is_whole = not any(column.null_count for column in table.columns)
     has_one_heading = len(stored.get("column_indexes", [])) <= 1
     if not (table.num_rows and is_of_rows and are_numbers and is_whole and has_one_heading):

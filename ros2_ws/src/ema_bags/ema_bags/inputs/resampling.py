@@ -53,7 +53,7 @@ class Losses:
 
     def __sub__(self, earlier: "Losses") -> "Losses":
         return Losses(
-            *(one - other for one, other in zip(astuple(self), astuple(earlier), strict=True))
+            *(count - before for count, before in zip(astuple(self), astuple(earlier), strict=True))
         )
 
 
@@ -195,16 +195,16 @@ class Resampler:
         times = self._origin_ns + elapsed_ns(self._rate.period, 0, numbers)
         right = np.clip(np.searchsorted(stamps_ns, times), 0, len(stamps_ns) - 1)
         left = np.maximum(right - 1, 0)
-        known = (stamps_ns[right] - stamps_ns[left] <= self._widest_ns) | (
+        is_narrow = (stamps_ns[right] - stamps_ns[left] <= self._widest_ns) | (
             stamps_ns[right] == times
         )
-        numbers, times = numbers[known], times[known]
-        own = (stamps_ns - stamps_ns[0]).astype(float)
+        numbers, times = numbers[is_narrow], times[is_narrow]
+        offsets = (stamps_ns - stamps_ns[0]).astype(float)
         at = (times - stamps_ns[0]).astype(float)
-        resampled = np.column_stack([np.interp(at, own, column) for column in values.T])
+        resampled = np.column_stack([np.interp(at, offsets, column) for column in values.T])
         if self._nearest:
-            left, right = left[known], right[known]
-            row = np.where(at - own[left] < own[right] - at, left, right)
+            left, right = left[is_narrow], right[is_narrow]
+            row = np.where(at - offsets[left] < offsets[right] - at, left, right)
             resampled[:, self._nearest] = values[row][:, self._nearest]
         return self._runs(self._origin_index + numbers, times, resampled, stamps_ns[-1])
 

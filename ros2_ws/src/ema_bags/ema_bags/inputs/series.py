@@ -46,7 +46,10 @@ class Series:
         return Series(
             np.concatenate([self.stamps_ns, later.stamps_ns]),
             np.concatenate([self.arrivals_ns, later.arrivals_ns]),
-            {key: np.concatenate([one, later.values[key]]) for key, one in self.values.items()},
+            {
+                key: np.concatenate([values, later.values[key]])
+                for key, values in self.values.items()
+            },
         )
 
     @property
@@ -154,15 +157,17 @@ class Collector:
             self._names[topic] = message
         if topic not in self._topics:
             return True
-        own = self._topics[topic]
+        collected = self._topics[topic]
         try:
-            stamp = self._stamp(own, message)
-            row = [self._value(message, *reader) for reader in own.readers.values()]
+            stamp = self._stamp(collected, message)
+            row = [self._value(message, *reader) for reader in collected.readers.values()]
         except ValueError as error:
             self._refused += 1
             self.reason = f"{topic}: {error}"
             return False
-        own.rows.append((stamp, sent_ns if sent_ns and self._sent_first else received_ns, row))
+        collected.rows.append(
+            (stamp, sent_ns if sent_ns and self._sent_first else received_ns, row)
+        )
         return True
 
     def take(self) -> dict[str, Series]:
@@ -203,20 +208,20 @@ def join_topics(
     stamps_ns
         Stamps of the samples of the position, ``(n,)`` [ns].
     """
-    own = by_topic[mapping.position.topic][: len(stamps_ns)]
-    raw = dict(own.values)
+    primary = by_topic[mapping.position.topic][: len(stamps_ns)]
+    raw = dict(primary.values)
     for key, _, item in mapping.wanted():
         if item.topic == mapping.position.topic:
             continue
-        other = by_topic[item.topic]
+        source = by_topic[item.topic]
         # What has no stamp is compared by when it was sent: the clocks of stamps and of the
         # transport may differ, and a loop that is late sends command and position late alike.
-        times, at = other.arrivals_ns, own.arrivals_ns
-        if other.is_stamped:
-            times, at = other.stamped()[0], stamps_ns
+        times, at = source.arrivals_ns, primary.arrivals_ns
+        if source.is_stamped:
+            times, at = source.stamped()[0], stamps_ns
         order = np.argsort(times, kind="stable")
         value_at = _held if item.between == "hold" else _between
-        raw[key] = value_at(times[order], other.values[key][order], at)
+        raw[key] = value_at(times[order], source.values[key][order], at)
     return raw
 
 
@@ -236,6 +241,6 @@ def _between(
     right = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
     width = times[right] - times[right - 1]
     usual = max(float(np.median(np.diff(times))), 1.0)
-    known = (at >= times[0]) & (at <= times[-1]) & (width <= _WIDEST * usual)
-    own = (times - times[0]).astype(float)
-    return np.where(known, np.interp((at - times[0]).astype(float), own, values), np.nan)
+    is_near = (at >= times[0]) & (at <= times[-1]) & (width <= _WIDEST * usual)
+    offsets = (times - times[0]).astype(float)
+    return np.where(is_near, np.interp((at - times[0]).astype(float), offsets, values), np.nan)

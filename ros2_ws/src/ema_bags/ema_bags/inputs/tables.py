@@ -110,25 +110,25 @@ class TableColumns:
         is_date = {name: name in self.dates for _, name in terms}
         if not any(is_date.values()):
             if clock.unit in ORDERS:
-                known = ", ".join(TIMES_NS)
+                formats = ", ".join(TIMES_NS)
                 raise ValueError(
                     f"{self.path}: column {clock.source!r} holds numbers, no dates: expected "
-                    f"clock.unit {known}"
+                    f"clock.unit {formats}"
                 )
             return stamps_of(
                 self.column(clock.source), TIMES_NS[clock.unit], EPOCHS.get(clock.unit, 0)
             )
         total = np.zeros(len(self), dtype=np.int64)
-        known = np.ones(len(self), dtype=bool)
+        is_read = np.ones(len(self), dtype=bool)
         for sign, name in terms:
             stamps = self._moments(name, clock.unit)
-            known &= stamps != NO_STAMP
-            total += sign * np.where(known, stamps, 0)
+            is_read &= stamps != NO_STAMP
+            total += sign * np.where(is_read, stamps, 0)
         if all(name in self.of_day for name in is_date):
-            rows = np.flatnonzero(known)
+            rows = np.flatnonzero(is_read)
             midnights = np.diff(total[rows], prepend=total[rows][:1]) < -_DAY_NS // 2
             total[rows] += _DAY_NS * np.cumsum(midnights)
-        return np.where(known, total, NO_STAMP)
+        return np.where(is_read, total, NO_STAMP)
 
     def _moments(self, name: str, unit: str) -> NDArray[np.int64]:
         """Return the times of a term of a sum that has dates [ns]."""
@@ -239,65 +239,65 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
         read, units, written = _read_parquet(path), {}, Table()
     else:
         read, units, written = _read_csv(path, table or Table())
-    found = TableColumns(path, {}, units, (), {}, written)
+    columns = TableColumns(path, {}, units, (), {}, written)
     thousands: dict[str, tuple[str, str]] = {}
     decimals: set[str] = set()
     unclear: dict[str, str] = {}
     for name, column in read.items():
         if isinstance(column, np.ndarray):
-            found.values[name] = column
+            columns.values[name] = column
             if shows_decimals(column):
                 decimals.add(written.decimal or ".")
         elif (times := read_times(column)) is not None:
-            found = _with_times(found, name, times)
+            columns = _with_times(columns, name, times)
         elif pd.api.types.is_timedelta64_dtype(column.dtype):
-            found.values[name] = column.dt.total_seconds().to_numpy(float)
+            columns.values[name] = column.dt.total_seconds().to_numpy(float)
             units[name] = "s"
         elif pd.api.types.is_numeric_dtype(column.dtype):
             # A missing whole number has no place in an array of these.
             missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
-            found.values[name] = column.to_numpy(**missing)
-            if shows_decimals(found.values[name]):
+            columns.values[name] = column.to_numpy(**missing)
+            if shows_decimals(columns.values[name]):
                 decimals.add(written.decimal or ".")
         elif (numbers := read_numbers(column, written.decimal or ".")) is not None:
-            found.values[name] = numbers.values
+            columns.values[name] = numbers.values
             decimals |= {numbers.decimal} - {""}
             if numbers.problem:
-                found.problems[name] = numbers.problem
+                columns.problems[name] = numbers.problem
             if numbers.thousands:
                 thousands[name] = numbers.thousands, numbers.example
             if numbers.unclear:
                 unclear[name] = numbers.unclear
         else:
-            found.texts[name] = column.to_numpy(object)
+            columns.texts[name] = column.to_numpy(object)
         if unit := _UNIT_OF_NAME.search(str(name)):
             units.setdefault(name, unit[1])
     for name, (mark, example) in thousands.items():
         if mark in decimals:
-            found.problems.setdefault(name, f"{example}: {mark!r} is the decimal sign elsewhere")
-        found.notes[name] = f"{example} is read with {mark!r} between thousands"
+            columns.problems.setdefault(name, f"{example}: {mark!r} is the decimal sign elsewhere")
+        columns.notes[name] = f"{example} is read with {mark!r} between thousands"
     if not decimals and not (table and table.decimal):
         for name, example in unclear.items():
-            found.problems[name] = (
+            columns.problems[name] = (
                 f"{example} may have thousands or decimals: give table: {{decimal: '.'}} or "
                 "{decimal: ','} in the mapping"
             )
     lines = len(next(iter(read.values()), ()))
-    if not found.values or not lines:
+    if not columns.values or not lines:
         raise ValueError(f"{path} has no columns of numbers: {lines} lines were read")
-    return found
+    return columns
 
 
-def _with_times(found: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
+def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
     """Return a table with another column of times."""
-    found.values[name] = times.values
+    columns.values[name] = times.values
     if times.problem:
-        found.problems[name] = times.problem
+        columns.problems[name] = times.problem
     if times.exchanged is not None:
-        found.exchanged[name] = times.exchanged
-        found.notes[name] = f"{times.example} has day and month in an order that no row shows"
-    of_day = (*found.of_day, *[name] * times.is_of_day)
-    return replace(found, dates=(*found.dates, name), of_day=of_day)
+        columns.exchanged[name] = times.exchanged
+        columns.notes[name] = f"{times.example} has day and month in an order that no row shows"
+    of_day = (*columns.of_day, *[name] * times.is_of_day)
+    return replace(columns, dates=(*columns.dates, name), of_day=of_day)
 
 
 def table_series(columns: TableColumns, mapping: Mapping) -> Series:
@@ -319,15 +319,15 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
         stamps = _paused(stamps, stamps, bounds)
         return Series(stamps, stamps, values)
     stamps = columns.stamps(clock)
-    known = stamps != NO_STAMP
-    if np.count_nonzero(known) < 2:
+    is_stamped = stamps != NO_STAMP
+    if np.count_nonzero(is_stamped) < 2:
         raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
     # Rows take the part of arrival: one sample after the other, at the rate of the stamps around.
-    first = stamps[known][0]
+    first = stamps[is_stamped][0]
     arrivals = first + np.rint(
-        np.interp(rows, rows[known], (stamps[known] - first).astype(float))
+        np.interp(rows, rows[is_stamped], (stamps[is_stamped] - first).astype(float))
     ).astype(np.int64)
-    stamps = np.where(known, _paused(stamps, arrivals, bounds), NO_STAMP)
+    stamps = np.where(is_stamped, _paused(stamps, arrivals, bounds), NO_STAMP)
     return Series(stamps, _paused(arrivals, arrivals, bounds), values)
 
 
@@ -392,7 +392,8 @@ def _flat(names: "pd.Index[Any]") -> list[str]:
     ]
     parts = [[str(name[level]) for level in levels or [names.nlevels - 1]] for name in names]
     return [
-        " ".join(part for part in one if part and not part.startswith("Unnamed")) for one in parts
+        " ".join(part for part in levels if part and not part.startswith("Unnamed"))
+        for levels in parts
     ]
 
 

@@ -95,13 +95,13 @@ class Unwrapper:
         rows = np.flatnonzero(np.isfinite(values))
         if not len(rows):
             return values
-        known = values[rows]
-        angle.lowest = min(angle.lowest, float(known.min()))
-        angle.highest = max(angle.highest, float(known.max()))
-        angle.is_whole = angle.is_whole and not np.any(known % 1.0)
-        first = known[0] if math.isnan(angle.last) else angle.last
-        steps = np.diff(known, prepend=first)
-        turns = np.zeros(len(known))
+        readings = values[rows]
+        angle.lowest = min(angle.lowest, float(readings.min()))
+        angle.highest = max(angle.highest, float(readings.max()))
+        angle.is_whole = angle.is_whole and not np.any(readings % 1.0)
+        first = readings[0] if math.isnan(angle.last) else angle.last
+        steps = np.diff(readings, prepend=first)
+        turns = np.zeros(len(readings))
         for period in self._periods(angle):
             wraps = _wraps(steps, period, angle.steps)
             if np.any(wraps):
@@ -111,11 +111,11 @@ class Unwrapper:
                 break
         offsets = angle.offset + np.cumsum(turns)
         angle.steps = np.concatenate([angle.steps, (steps + turns)])[-_AROUND:]
-        angle.last, angle.offset = float(known[-1]), float(offsets[-1])
+        angle.last, angle.offset = float(readings[-1]), float(offsets[-1])
         if not np.any(offsets):
             return values
         continued = values.copy()
-        continued[rows] = known + offsets
+        continued[rows] = readings + offsets
         return continued
 
     def _periods(self, angle: _Angle) -> list[float]:
