@@ -12,6 +12,8 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
     """
 
     def get(name: str) -> Any:
+        if name == "__all__":  # of `from package import *`
+            return import_module(f"{package}.api").__all__
         # Names of Python's own are asked for by whoever looks at a module; they mean no use of it.
         if not name.startswith("_"):
             api = import_module(f"{package}.api")

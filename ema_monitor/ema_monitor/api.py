@@ -2,8 +2,12 @@
 
 import warnings
 from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
 
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type
 from ema_core.faults import FAULTS, FaultVector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
@@ -89,11 +93,15 @@ def find_windows(
         The actuator; the built-in one when None.
     settings
         When a window begins and how long it is.
+
+    Raises
+    ------
+    ValueError
+        When it is given anything but telemetry.
     """
     finder = WindowFinder(settings or TriggerSettings(), description or ActuatorDescription())
-    blocks = [telemetry] if isinstance(telemetry, Telemetry) else telemetry
     windows: list[Window] = []
-    for events in (*map(finder.feed, blocks), finder.finish()):
+    for events in (*map(finder.feed, _blocks(telemetry)), finder.finish()):
         for event in events:
             found = event.window if isinstance(event, Segment) else event
             if isinstance(found, Window):
@@ -102,6 +110,17 @@ def find_windows(
                 place = found.start_ns if isinstance(found, Refusal) else found.stamp_ns
                 warnings.warn(f"telemetry at {place} ns: {found.reason}", stacklevel=2)
     return windows
+
+
+def _blocks(telemetry: Telemetry | Iterable[Telemetry]) -> list[Telemetry]:
+    """Return the blocks of telemetry; ValueError for anything else."""
+    hint = "Telemetry(stamp_ns, sample_period, ...) takes columns, ema_bags.read_telemetry a bag"
+    if not isinstance(telemetry, Iterable) or isinstance(telemetry, np.ndarray | str | Path):
+        require_type("telemetry", telemetry, Telemetry, hint)
+    blocks = [telemetry] if isinstance(telemetry, Telemetry) else list(telemetry)
+    for block in blocks:
+        require_type("block of telemetry", block, Telemetry, hint)
+    return blocks
 
 
 def identify_motion(
@@ -157,10 +176,15 @@ def track(
     Raises
     ------
     ValueError
-        When there are not as many hours as estimates, or the hours descend.
+        When there are not as many hours as estimates, the hours descend, or an estimate is none.
     """
-    tracker = Tracker(limits, settings)
+    tracker, estimates, hours = Tracker(limits, settings), list(estimates), list(hours)
+    if len(estimates) != len(hours):
+        raise ValueError(
+            f"{len(estimates)} estimates and {len(hours)} hours: expected an hour for each estimate"
+        )
     for estimate, hour in zip(estimates, hours, strict=True):
+        require_type("estimate", estimate, Estimate, "identify(window) gives one")
         if estimate.valid:
             tracker.update(Measurement.of(estimate, hour))
     return tracker

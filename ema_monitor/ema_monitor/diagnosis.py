@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.joint_calibration import JointCalibration
@@ -159,8 +160,10 @@ def identify(
     Raises
     ------
     ValueError
-        As of ``measured_causes``.
+        As of ``measured_causes``, or when it is given anything but a window.
     """
+    hint = "find_windows(telemetry) gives the windows of telemetry"
+    require_type("window", window, (Window, Refusal), hint)
     if measured is not None:
         known = measured_causes(measured)
         window = window if isinstance(window, Refusal) else replace(window, measured=known)

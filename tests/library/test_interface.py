@@ -3,17 +3,20 @@
 import ast
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pandas
 import pytest
 
 import ema_bags
+import ema_core
 import ema_monitor
 import ema_sim
 from ema_core.faults import FAULTS, FaultVector
 from ema_core.wording import text_table
 from ema_monitor.plot import plot_fit
+from ema_monitor.prognosis.outlook import outlook_of_one
 
 from ..commands import SAMPLE
 
@@ -96,6 +99,49 @@ def test_picture_of_a_fit_shows_current_and_speed_measured_and_modelled(window, 
         assert np.array_equal(axes.lines[0].get_ydata(), measured)
     rest = np.asarray(current.lines[0].get_ydata()) - np.asarray(current.lines[2].get_ydata())
     assert np.array_equal(residual.lines[0].get_ydata(), rest)
+
+
+def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, estimate):
+    telemetry = window.telemetry
+    wrong: Any
+    for wrong in (np.zeros((5, 100)), "log.csv", 3.0, [np.zeros(5)]):
+        with pytest.raises(ValueError, match="expected Telemetry: "):
+            ema_monitor.find_windows(wrong)
+    for wrong in (telemetry, [window], telemetry.current):
+        with pytest.raises(ValueError, match=r"expected Window or Refusal: find_windows"):
+            ema_monitor.identify(wrong)
+    with pytest.raises(ValueError, match="0 estimates and 1 hours: expected an hour for each"):
+        ema_monitor.track([], [1.0])
+    with pytest.raises(ValueError, match="estimate is of type Window, expected Estimate"):
+        ema_monitor.track([window], [1.0])
+
+
+def test_results_are_a_line_in_a_prompt_and_a_text_in_a_notebook(window, estimate):
+    calibration = ema_monitor.Calibration.builtin()
+    outlook = outlook_of_one(estimate, ema_monitor.HealthLimits(), "no hours")
+    refused = ema_monitor.identify(window, ema_sim.ActuatorDescription(serial_number="<b>"))
+    words = {
+        "Window: 0.5 s, 5000 samples at 10000 Hz": window,
+        "Estimate: valid, friction 0.2": estimate,
+        "Estimate: refused, the calibration does not fit": refused,
+        f"Calibration: {calibration.calibration_id} of flap": calibration,
+        "Outlook: level": outlook,
+    }
+    for text, result in words.items():
+        assert repr(result).startswith(f"<{text}")
+        assert "\n" not in repr(result)
+        assert len(repr(result)) < 400
+        html = result._repr_html_()
+        assert html.startswith("<pre>")
+        assert "<b>" not in html
+
+
+@pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_bags])
+def test_interface_can_be_imported_as_a_whole_and_has_a_version(package):
+    names: dict[str, object] = {}
+    exec(f"from {package.__name__} import *", names)
+    assert names.keys() >= set(dir(package))
+    assert package.__version__ == ema_core.__version__
 
 
 @pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_bags])

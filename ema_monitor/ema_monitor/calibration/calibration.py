@@ -63,7 +63,7 @@ class HealthyReference(NamedTuple):
     scatter: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration(StoredCalibration):
     """Calibration of a monitor model for one unit and one sample period.
 

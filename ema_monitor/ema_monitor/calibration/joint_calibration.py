@@ -57,7 +57,7 @@ class OutlyingRecord(NamedTuple):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class JointCalibration(StoredCalibration):
     """Baseline of a unit, and the unit that it belongs to.
 

@@ -14,6 +14,7 @@ import yaml
 
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
+from ema_core.display import Displayed
 from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
@@ -25,7 +26,7 @@ _HEAD_BYTES: Final = 200
 _log = logging.getLogger(__name__)
 
 
-class StoredCalibration(ABC):
+class StoredCalibration(Displayed, ABC):
     """A calibration of one unit, in a YAML file that carries its identity.
 
     A kind of calibration is a frozen dataclass with the attributes below and a ``FORMAT`` of its
@@ -46,6 +47,11 @@ class StoredCalibration(ABC):
         # A label changes no estimate: it names what departs.
         text = json.dumps(self._content(with_labels=False), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+
+    @property
+    def brief(self) -> str:
+        """Identity and unit in a few words."""
+        return f"{self.calibration_id} of {self.actuator_id}"
 
     @property
     def _remark(self) -> str:

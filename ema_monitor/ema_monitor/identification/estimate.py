@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
+from ema_core.display import Displayed
 from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector, healthy_faults
 from ema_core.wording import text_table
 from ema_monitor.identification.alternatives import Alternative, alternative_of
@@ -40,8 +41,8 @@ _SHAPES: Final = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Displayed):
     """The faults identified in a window, or in several stretches of ordinary motion combined.
 
     Of stretches, what is said of the window holds for all of them together (M29).
@@ -202,6 +203,22 @@ class Estimate:
         if self.verdict != DEPARTED:
             return ""
         return self.reason if self.comparison is None else finding(self.comparison)
+
+    @property
+    def brief(self) -> str:
+        """Verdict, and the faults that differ from healthy, in a few words."""
+        if self.comparison is not None:
+            return f"{self.verdict}, {finding(self.comparison)}"
+        if not self.valid:
+            return f"{self.verdict}, {self.reason}"
+        faults = [
+            f"{fault.label} {value:.4f} ± {sigma:.2g}"
+            for fault, value, sigma, is_found in zip(
+                FAULTS, self.faults, self.sigma, self.found, strict=True
+            )
+            if is_found
+        ]
+        return f"{self.verdict}, {', '.join(faults) or 'no fault differs from healthy'}"
 
     def as_row(self) -> dict[str, Any]:
         """Return the estimate as a row of a table, a plain value a column."""

@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.levels import ERROR, STALE, WARN
+from ema_core.display import Displayed
+from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
@@ -100,8 +101,8 @@ class Removal(NamedTuple):
     hours_a_day: float = math.nan
 
 
-@dataclass(frozen=True, kw_only=True)
-class Outlook:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Outlook(Displayed):
     """Health and remaining life of an actuator.
 
     Attributes
@@ -192,6 +193,16 @@ class Outlook:
     departure: str = ""
     claim: Claim = field(default_factory=Claim)
     last_level: int = STALE
+
+    @property
+    def brief(self) -> str:
+        """Level, remaining life and service hours in a few words."""
+        life, level = self.rul, LEVEL_NAMES[self.health.level]
+        words = f"unknown ({life.reason})" if life.reason else "unknown"
+        if life.known:
+            hours = (life.hours_05, life.hours_50, life.hours_95)
+            words = f"{' / '.join(f'{quantile:.4g}' for quantile in hours)} h (5 / 50 / 95 %)"
+        return f"level {level}, remaining life {words}, {self.hours:.6g} service hours"
 
     @property
     def finding(self) -> str:

@@ -9,6 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
+from ema_core.display import Displayed
 from ema_core.telemetry import Telemetry
 
 MIN_TRAVEL: Final = 1e-3
@@ -25,8 +26,8 @@ _REST: Final = 2e-4
 _INITIAL_S: Final = 1e-3
 
 
-@dataclass(frozen=True)
-class Window:
+@dataclass(frozen=True, repr=False)
+class Window(Displayed):
     """Telemetry from the last sample at rest, which gives the initial state, to the end.
 
     A window of an unknown drive is a record: motion of seconds to minutes, with a margin of rest.
@@ -51,6 +52,15 @@ class Window:
     def without_date(self) -> "Window":
         """Return the window from stamp 0 on, as of a drive without a clock."""
         return replace(self, telemetry=replace(self.telemetry, stamp_ns=0))
+
+    @property
+    def brief(self) -> str:
+        """Length, rate and travel in a few words."""
+        seconds = len(self) * self.sample_period
+        return (
+            f"{seconds:.4g} s, {len(self)} samples at {1.0 / self.sample_period:.6g} Hz, travel "
+            f"{1e3 * self.excitation:.3g} mrad, from stamp {self.start_ns} ns"
+        )
 
     def __str__(self) -> str:
         return (

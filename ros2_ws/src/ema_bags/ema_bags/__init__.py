@@ -6,6 +6,7 @@ them. Reading needs no ROS.
 
 from typing import TYPE_CHECKING
 
+from ema_core import __version__ as __version__
 from ema_core.lazy import lazy_names
 
 if TYPE_CHECKING:
