@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.causes import Place
 from ema_core.faults import ECCENTRICITY_PHASE, SHORT_CIRCUITS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.diagnosis import identify
@@ -232,8 +233,12 @@ def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibr
     assert (objective.unit_evaluations, other.unit_evaluations) == (2 * (1 + 6), 1 + 21)
 
 
-def test_priors_of_causes_are_residuals(healthy_windows, calibration):
-    """One sigma of a cause costs what the noise of one effective residual does."""
+@pytest.mark.parametrize("sigmas", [0.5, 10.0])
+def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
+    """One sigma of a cause costs what the noise of one effective residual does.
+
+    A sensor that has failed may read anything: ten sigma of it cost 15, those of the plant 100.
+    """
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     objective = Objective(window, calibration, causes=causes)
@@ -241,11 +246,15 @@ def test_priors_of_causes_are_residuals(healthy_windows, calibration):
     point = objective.healthy.copy()
     assert np.array_equal(objective.causes(point), np.zeros(n))
     assert np.array_equal(objective.residuals(point[None])[0, -n:], np.zeros(n))
-    sigmas = np.array([one.sigma for one in causes])
-    point[-n:] += sigmas / np.array([2.0 * one.reach for one in causes])
-    assert objective.causes(point) == pytest.approx(sigmas)
-    priors = objective.residuals(point[None])[0, -n:]
-    assert priors**2 == pytest.approx(np.full(n, objective.noise))
+    away = sigmas * np.array([one.sigma for one in causes])
+    point[-n:] += away / np.array([2.0 * one.reach for one in causes])
+    reached = np.abs(objective.causes(point) - away) < 1e-9
+    assert np.all(reached | (sigmas > 1.0))
+    squares = objective.residuals(point[None])[0, -n:] ** 2 / objective.noise
+    of_sensors = np.array([one.cause.place == Place.SENSOR for one in causes])
+    assert squares[~of_sensors] == pytest.approx(sigmas**2)
+    assert np.sum(of_sensors) == 9
+    assert squares[of_sensors] == pytest.approx(5.0 * np.log1p(sigmas**2 / 5.0))
 
 
 def test_healthy_window_costs_its_effective_residuals(unseen_window, calibration):

@@ -5,12 +5,13 @@ relations: the position follows its command, the speed is the derivative of the 
 current accelerates the known inertia. No fault changes one of these by a factor.
 """
 
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.causes import CAUSE_BY_NAME
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
@@ -28,6 +29,7 @@ _LEAST_TRACKING: Final = 1.6
 _SURE: Final = 0.03
 _ROUGH: Final = 0.3
 _NEAR: Final = 0.1
+_SAME: Final = 0.02
 _ALIKE: Final = 0.7
 _ROOT: Final = 2.0**0.5
 _TURN: Final = 180.0 / np.pi
@@ -149,6 +151,16 @@ class Scale(NamedTuple):
         words = f"the {self.column} is {self.factor:.3g} times what {self.reason} asks for"
         asked = usual_mistake(self.column.partition(" ")[0], self.factor, parameters)
         return f"{words}: {asked or 'is its unit, or its scale, right?'}"
+
+
+def mistaken_scale(causes: Iterable[CauseEstimate]) -> Scale | None:
+    """Return the scale of a current whose gain among the causes is that of a usual mistake."""
+    for one in causes:
+        if one.name == "current_gain" and any(
+            abs((1.0 + one.value) / usual - 1.0) < _SAME for usual in _MISTAKES["current"]
+        ):
+            return Scale("current", 1.0 + one.value, "the drive")
+    return None
 
 
 def wrong_scale(window: Window, parameters: ActuatorParameters) -> Scale | None:

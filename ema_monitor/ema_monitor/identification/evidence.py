@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
@@ -50,6 +50,32 @@ class Explanations(NamedTuple):
         return (self.steps.T * self.weights) @ self.steps
 
 
+class _Quadratic(NamedTuple):
+    """The cost about a linearisation: gradient, ``(d,)``, and normal matrix, ``(d, d)``."""
+
+    at: Linearisation
+    gradient: Array
+    normal: Array
+    # The parts of both by priors of causes and by relations of the columns.
+    gradient_by_priors: Array
+    normal_by_priors: Array
+
+    @classmethod
+    def of(cls, at: Linearisation, objective: Objective) -> Self:
+        jacobian, residuals = at.jacobian, at.residuals
+        normal = jacobian.T @ jacobian
+        normal += ridge_of(normal) * np.eye(len(normal))
+        rows = objective.surprising_rows
+        of_priors = jacobian[rows]
+        return cls(
+            at,
+            jacobian.T @ residuals,
+            normal,
+            of_priors.T @ residuals[rows],
+            of_priors.T @ of_priors,
+        )
+
+
 class Evidence:
     """Compares sets of faults and hidden causes as explanations of a window.
 
@@ -79,7 +105,7 @@ class Evidence:
         self._remembered = remembered or (lambda points: np.zeros(points.shape[:-1]))
         self._suspects = suspects
         # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
-        self._quadratic: tuple[Linearisation, Array, Array] | None
+        self._quadratic: _Quadratic | None
         self._quadratic = None
 
     def against(self, one: Linearisation, other: Linearisation, most: float = np.inf) -> float:
@@ -106,15 +132,17 @@ class Evidence:
         """Return costs, ``(n,)``, and points, ``(n, d)``."""
         from ema_monitor.optimizers.bounded_quadratic import lowest_of_each  # with the compiler
 
-        if self._quadratic is None or self._quadratic[0] is not at:
-            normal = at.jacobian.T @ at.jacobian
-            normal += ridge_of(normal) * np.eye(len(normal))
-            self._quadratic = at, at.jacobian.T @ at.residuals, normal
-        _, gradient, normal = self._quadratic
-        starts = np.where(sets, at.point, self._objective.healthy)
+        objective = self._objective
+        if self._quadratic is None or self._quadratic.at is not at:
+            self._quadratic = _Quadratic.of(at, objective)
+        _, gradient, normal, of_priors, by_priors = self._quadratic
+        starts = np.where(sets, at.point, objective.healthy)
         points = lowest_of_each(normal, gradient, at.point, starts, sets)
         moves = points - at.point
-        costs = at.cost + np.sum((2.0 * gradient + moves @ normal) * moves, axis=1)
+        # Priors with heavy tails are far from linear.
+        gradient, normal = gradient - of_priors, normal - by_priors
+        surprised = objective.noise * (objective.surprise(points) - objective.surprise(at.point))
+        costs = at.cost + np.sum((2.0 * gradient + moves @ normal) * moves, axis=1) + surprised
         return np.maximum(costs, 1e-12 * at.cost), points
 
     def alternatives(

@@ -46,8 +46,11 @@ MOST_LOSS: Final = 1.1
 DOUBTFUL_SIGMAS: Final = 4.0
 """From this distance from what is usual on, a cause is doubted: other places are looked at, too."""
 
-DOUBTFUL_INERTIA_SIGMAS: Final = 1.0
-"""The same of the inertia: it may stand for the gain of the current sensor, far from it."""
+DOUBTFUL_MOTOR_SIGMAS: Final = 1.0
+"""The same of inertia and torque constant, which may stand for the gain of the current sensor.
+
+Beside another cause they are doubted at any distance, as are short circuits of all phases.
+"""
 
 # By how much an explanation may be worse before it is fitted.
 _ABOUT = 2.0
@@ -57,8 +60,12 @@ _SEEDED: Final = {
     "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
     "command_delay": (1.0, 2.0, 4.0),
     "current_gain": (-14.0, -10.0, -6.0, 6.0, 10.0, 14.0),
+    "current_offset": (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0),
+    "current_delay": (-30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0),
+    "speed_offset": (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0),
+    "speed_delay": (-30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0),
 }
-_MOST_SEEDS = 3
+_MOST_SEEDS = 4
 _MOST_STEPS = 8
 _STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 _CONVERGED = 2e-3
@@ -270,11 +277,15 @@ class Explainer:
         if not self._suspects:
             return False
         away = np.abs(self._objective.cause_sigmas(at.point))
-        causes = self._objective.hidden_causes
-        most = [
-            DOUBTFUL_INERTIA_SIGMAS if one.name == "inertia" else DOUBTFUL_SIGMAS for one in causes
-        ]
-        if np.any((away > most)[kept[self._causes.start :]]):
+        if np.any(away[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
+            return True
+        shown = [cause for cause in self._suspects if kept[cause]]
+        motor = [cause for cause in shown if self._prior(cause).name in _WEAKER]
+        if np.any(away[np.array(motor, dtype=int) - self._causes.start] > DOUBTFUL_MOTOR_SIGMAS):
+            return True
+        # By themselves, they fit where they are right.
+        are_all_shorted = bool(np.all(kept[SHORT_CIRCUITS]))
+        if (motor or are_all_shorted) and len(shown) + are_all_shorted > 1:
             return True
         return at.cost > self._objective.fitness.good_cost and at.cost > self._objective.fair_cost()
 

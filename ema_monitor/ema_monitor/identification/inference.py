@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.causes import CauseEstimate
+from ema_core.causes import CauseEstimate, Place
 from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, FaultVector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
@@ -52,6 +52,8 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _FAULTS = slice(0, N_FAULTS)
+# Share of the range of the search.
+_AT_BOUND = 0.999
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +214,7 @@ class Inference:
             explanation.alternatives,
             [*contradicted_by(subject, contradicted), *caveats, *map(str, causes)],
             self._calibration.windows,
+            [str(one) for one in causes if self._is_at_bound(one)],
         )
         estimate = Estimate(
             window.start_ns,
@@ -366,6 +369,12 @@ class Inference:
         if self._known is not None and cause.name == NUISANCE:
             return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
         return True
+
+    def _is_at_bound(self, cause: CauseEstimate) -> bool:
+        """Return whether the error of a sensor ends the range of the search."""
+        prior = next(one for one in self._objective.hidden_causes if one.name == cause.name)
+        away = abs(cause.value - prior.expected)
+        return prior.cause.place == Place.SENSOR and away > _AT_BOUND * prior.reach
 
     def _misfit(self, at: Linearisation) -> Misfit:
         """Return what is missed at the estimate and at the healthy point."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Final, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
 from ema_core.faults import (
@@ -48,6 +49,8 @@ _MOST_KEPT: Final = 40
 _DECIMALS: Final = 12
 # From so many sigma on the columns do not agree as when healthy.
 _ODD = 3.0
+# Largest step of the difference quotients of a sensor's error, in sigma of its prior.
+_SENSOR_DIFFERENCE = 0.2
 
 
 @dataclass(frozen=True)
@@ -217,12 +220,16 @@ class Objective:
         self.hidden_causes = causes
         self._columns = [COLUMNS.index(one.name) for one in causes]
         self._sigmas = np.array([2.0 * one.reach / one.sigma for one in causes])
-        self._priors = math.sqrt(self.noise) * self._sigmas
+        self._tails = np.array([one.tail for one in causes])
+        # The reach of a sensor's error is wide: a share of it would be more than the noise.
+        largest = np.where(np.isfinite(self._tails), _SENSOR_DIFFERENCE / self._sigmas, np.inf)
+        of_causes = np.minimum(DIFFERENCE, largest)
         self.relations = Relations()
         if {one.name for one in causes} >= set(MOVES_START):
             self.relations = Relations.of(self._window, self._calibration)
         self.healthy = self.encode(healthy_faults())
         self.first_cause = len(self.healthy) - len(causes)
+        self._differences = np.append(np.full(self.first_cause, DIFFERENCE), of_causes)
         # They are linear in a point, and are asked for at many.
         relations, reaches = self.relations, np.array([2.0 * one.reach for one in causes])
         self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
@@ -293,7 +300,7 @@ class Objective:
     @property
     def priors(self) -> int:
         """Number of residuals, the last ones, that are priors."""
-        return len(self.relations.values) + len(self._known_rows) + len(self._priors)
+        return len(self.relations.values) + len(self._known_rows) + len(self._sigmas)
 
     def surprise(self, point: Array) -> Array:
         """Return how unusual the hidden causes of points, ``(..., d)``, are, ``(...)``.
@@ -301,7 +308,18 @@ class Objective:
         It is what their priors, and the relations of the columns, have in the cost over ``noise``.
         """
         left = (point[..., self.first_cause :] - 0.5) @ self._related.T + self._unrelated
-        return np.sum(self.cause_sigmas(point) ** 2, axis=-1) + np.sum(left**2, axis=-1)
+        return np.sum(self._unusual(point) ** 2, axis=-1) + np.sum(left**2, axis=-1)
+
+    def _unusual(self, point: Array) -> Array:
+        """Return residuals of unit variance by the priors of hidden causes, ``(..., n_causes)``.
+
+        Their squares are -2 ln of the density over the highest one.
+        """
+        away, heavy = self.cause_sigmas(point), np.isfinite(self._tails)
+        if np.any(heavy):
+            tails, far = self._tails[heavy], away[..., heavy]
+            away[..., heavy] = np.copysign(np.sqrt(tails * np.log1p(far**2 / tails)), far)
+        return away
 
     def cause_sigmas(self, point: Array) -> Array:
         """Return how many sigma hidden causes are from what is expected, ``(..., n_causes)``."""
@@ -310,8 +328,15 @@ class Objective:
     @property
     def known_rows(self) -> slice:
         """Which residuals, counted from the last one, are those of what is known already."""
-        last = len(self._priors)
+        last = len(self._sigmas)
         return slice(-(len(self._known_rows) + last), -last or None)
+
+    @property
+    def surprising_rows(self) -> NDArray[np.int64]:
+        """Which residuals, counted from the last one, are those of `surprise`."""
+        last, known = len(self._sigmas), len(self._known_rows)
+        of_relations = np.arange(-self.priors, -(known + last))
+        return np.concatenate([of_relations, np.arange(-last, 0)])
 
     def causes(self, points: Array) -> Array:
         """Return the hidden causes of points, ``(..., d)``, in their units, ``(..., n_causes)``."""
@@ -388,7 +413,7 @@ class Objective:
         effects = np.pad(effects.T, ((0, self.priors), (0, 0)))
         if self.known is not None and self.known.shifts.size:
             # What is known already has been shifted by the same deviations of the unit.
-            end = len(effects) - len(self._priors)
+            end = len(effects) - len(self._sigmas)
             effects[end - N_FAULTS : end] = -self._known_rows @ self.known.shifts
         return effects
 
@@ -425,7 +450,8 @@ class Objective:
         rows = [self.fitness.residuals(self.expect(points)), unrelated]
         if self.known is not None:
             rows.append((points[:, :N_FAULTS] - self.known.point) @ self._known_rows.T)
-        return np.concatenate([*rows, self._priors * of_causes], axis=1)
+        rows.append(math.sqrt(self.noise) * self._unusual(points))
+        return np.concatenate(rows, axis=1)
 
     def linearise(self, point: Array, free: Flags | None = None) -> Linearisation:
         """Return residuals and their central differences at a point, ``(d,)``.
@@ -433,7 +459,7 @@ class Objective:
         The derivatives of components that are not ``free``, ``(d,)``, are 0.
         """
         free = np.ones(len(point), dtype=bool) if free is None else free
-        steps = DIFFERENCE * np.eye(len(point))[free]
+        steps = np.diag(self._differences)[free]
         below, above = np.maximum(point - steps, 0.0), np.minimum(point + steps, 1.0)
         rows = self.residuals(np.concatenate([point[None], below, above]))
         at_point, at_below, at_above = np.split(rows, [1, 1 + len(steps)])

@@ -12,7 +12,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.defects import drive_defect, wrong_scale
+from ema_monitor.identification.defects import drive_defect, mistaken_scale, wrong_scale
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Finding, Inference
@@ -136,10 +136,14 @@ class ModelIdentification:
     def _question_scale(self, found: Finding, window: Window, calibration: Calibration) -> Search:
         """Refuse a window that the faults do not explain, where a column is off by a factor."""
         estimate = found.estimate
+        parameters = calibration.parameters
+        if mistaken := mistaken_scale(estimate.causes):
+            refused = self._refused(mistaken.in_words(parameters)).estimate
+            return Finding(replace(refused, evaluations=estimate.evaluations))
         if not estimate.goodness_of_fit > estimate.goodness_limit:
             return found
         window = _without(window, found.contradicted)
-        scale = wrong_scale(window, calibration.parameters)
+        scale = wrong_scale(window, parameters)
         if scale is None:
             return found
         if scale.column == "current":
@@ -159,7 +163,7 @@ class ModelIdentification:
                 return found
             gains = [one.value for one in other.causes if one.name == "current_gain"]
             scale = scale._replace(factor=scale.factor * (1.0 + sum(gains)))
-        refused = self._refused(scale.in_words(calibration.parameters)).estimate
+        refused = self._refused(scale.in_words(parameters)).estimate
         return Finding(replace(refused, evaluations=estimate.evaluations))
 
     def _search_once(

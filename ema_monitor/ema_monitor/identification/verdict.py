@@ -74,6 +74,7 @@ def judged(
     alternatives: Sequence[Alternative],
     reservations: Sequence[str],
     calibration_windows: int,
+    beyond: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return ``verdict``, ``valid`` and ``reason`` of an estimate.
 
@@ -91,8 +92,11 @@ def judged(
         What else is to be said about it, without consequence.
     calibration_windows
         Number of healthy windows of the calibration.
+    beyond
+        Errors of sensors that are at the end of the range of the search, in words.
     """
-    doubts, defects = confusions(subject, alternatives), []
+    doubts = confusions(subject, alternatives)
+    defects = [f"a sensor is further off than can be corrected: {one}" for one in beyond]
     goodness, share = misfit.goodness, misfit.share
     if math.isnan(goodness):
         doubts.append(

@@ -4,6 +4,7 @@ A calibration fits the deviations of a unit on healthy windows. Some may come an
 windows: these are the hidden causes that compete with faults to explain a window.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Self
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array
-from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause
+from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause, Place
 from ema_core.faults import eccentricity_vector, with_eccentricity
 from ema_core.parameters import ActuatorParameters, PlantConstants
 
@@ -86,13 +87,16 @@ USUAL_SIGMA: Final = {
 """Usual change between two tests of causes that a healthy unit has within narrow bounds [-]."""
 
 _NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
+# Of sensors: one that has failed may read anything.
+_TAIL: Final = 5.0
 
 
 class Prior(NamedTuple):
     """A deviation as a parameter of a fit.
 
     What is ``expected`` of it, with which standard deviation ``sigma``, and the bounds ``lowest``
-    and ``reach``, in its unit.
+    and ``reach``, in its unit. With a finite ``tail``, which is as the degrees of freedom of
+    Student's distribution, a value far from the expected one is not much less likely than others.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Prior(NamedTuple):
     sigma: float
     reach: float
     lowest: float
+    tail: float = math.inf
 
     @property
     def cause(self) -> Cause:
@@ -130,17 +135,20 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
         "supply_voltage": (0.1, 0.5),
         "viscous_friction": (1.0, 10.0),
         "inertia": (USUAL_SIGMA["inertia"], 0.6),
-        "current_offset": (0.005 * I, 0.1 * I),
-        "current_gain": (USUAL_SIGMA["current_gain"], 0.3),
-        "speed_offset": (0.005 * omega, 0.1 * omega),
-        "speed_gain": (USUAL_SIGMA["speed_gain"], 0.2),
-        "current_delay": (1e-4, 3e-3),
-        "speed_delay": (1e-4, 3e-3),
+        "current_offset": (0.005 * I, 0.4 * I),
+        "current_gain": (USUAL_SIGMA["current_gain"], 0.45),
+        "speed_offset": (0.005 * omega, 0.4 * omega),
+        "speed_gain": (USUAL_SIGMA["speed_gain"], 0.3),
+        "current_delay": (1e-4, 4e-3),
+        "speed_delay": (1e-4, 4e-3),
         "command_delay": (5e-4, 5e-3),
         "position_offset": (2e-4 * stroke, 8e-3 * stroke),
-        "position_gain": (USUAL_SIGMA["position_gain"], 0.2),
+        "position_gain": (USUAL_SIGMA["position_gain"], 0.3),
     }
-    return tuple(_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
+    expected = (_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
+    return tuple(
+        one._replace(tail=_TAIL) if one.cause.place == Place.SENSOR else one for one in expected
+    )
 
 
 def unit_priors(

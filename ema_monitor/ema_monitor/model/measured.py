@@ -1,5 +1,6 @@
 """Hidden causes that are measured: what is known of them in a window, and with which sigma."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Final
 
@@ -82,7 +83,9 @@ def expected_causes(parameters: ActuatorParameters, window: Window) -> tuple[Pri
 
 def _around(measured: CauseEstimate, usual: Prior) -> Prior:
     lowest = max(measured.value - usual.reach, usual.cause.lowest)
-    return usual._replace(expected=measured.value, sigma=measured.sigma, lowest=lowest)
+    return usual._replace(
+        expected=measured.value, sigma=measured.sigma, lowest=lowest, tail=math.inf
+    )
 
 
 def _pair(name: str, item: tuple[float, float]) -> tuple[float, float]:
