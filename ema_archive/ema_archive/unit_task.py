@@ -18,7 +18,7 @@ from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
 from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR, OK, STALE
-from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED
+from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, SKIPPED
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
@@ -103,7 +103,7 @@ def made_by(settings: ArchiveSettings, calibration_id: str) -> str:
 
 
 def follow_unit(task: UnitTask) -> UnitResult:
-    """Return health and life of a unit after each test, as ``ema prognose`` gives them.
+    """Return health and life of a unit after each test, as ``ema predict`` gives them.
 
     Where tests are added at the end, those before are not repeated.
     """
@@ -210,9 +210,15 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
         if _telling(row) > _telling(other):
             found[row["end_ns"]] = row
     reasons = unordered(
-        StampedTest(row["start_ns"], row["end_ns"], row["bag"], [str(row[name]) for name in _SAME])
+        StampedTest(
+            row["start_ns"],
+            row["end_ns"],
+            row["bag"],
+            [str(row[name]) for name in _SAME],
+            not (row["valid"] or row["verdict"] == FAILED),
+        )
         for row in sorted(rows, key=lambda row: (row["bag"], row["number"]))
-        if row["valid"] or row["verdict"] == FAILED
+        if row["verdict"] != SKIPPED
     )
     refused = [
         {"bag": row["bag"], "number": row["number"]}

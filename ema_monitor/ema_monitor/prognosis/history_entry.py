@@ -311,12 +311,16 @@ def read_assessment(text: str) -> Assessment:
 
 
 class StampedTest(NamedTuple):
-    """Stamps of the first and last sample of a test [ns], its bag, and what its copies share."""
+    """Stamps of the first and last sample of a test [ns], its bag, and what its copies share.
+
+    A refused test may overlap others: recordings that were cut have parts of a test.
+    """
 
     start_ns: int
     end_ns: int
     bag: str
     content: Any
+    is_refused: bool = False
 
 
 def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
@@ -328,7 +332,8 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
     tests = list(tests)
     reasons = _stepped_back(tests)
     begun: list[StampedTest] = []
-    for other in sorted(tests, key=lambda test: (test.start_ns, test.end_ns, test.bag)):
+    whole = (test for test in tests if not test.is_refused)
+    for other in sorted(whole, key=lambda test: (test.start_ns, test.end_ns, test.bag)):
         begun = [one for one in begun if one.end_ns > other.start_ns]
         for one in begun:
             if other.content != one.content:

@@ -1,0 +1,37 @@
+"""An archive says nothing of a unit whose newest test its stamps do not show."""
+
+from dataclasses import replace
+
+import pyarrow as pa
+import pytest
+
+from ema_archive.settings import ArchiveSettings
+from ema_archive.tables import PARTITIONED, estimate_row
+from ema_archive.unit_task import UnitEntry, UnitTask, follow_unit
+from ema_core.levels import OK, STALE
+from ema_monitor.identification.estimate import DEPARTED, REFUSED, SKIPPED
+
+from ..prognosis.made_tests import UNIT, made_test
+
+S = 10**9
+
+
+@pytest.mark.parametrize(
+    ("verdict", "level"), [(REFUSED, STALE), (DEPARTED, STALE), (SKIPPED, OK), ("again", OK)]
+)
+def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: str, level: int):
+    """The bag has it behind the healthy test, and its stamp is before that."""
+    good = made_test(0, friction=0.02)
+    unused = replace(made_test(0, valid=False), verdict=REFUSED if verdict == "again" else verdict)
+    back_ns = 0 if verdict == "again" else 600 * S
+    unused = replace(unused, start_ns=unused.start_ns - back_ns, end_ns=unused.end_ns - back_ns)
+    made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
+    rows = [estimate_row(one, number) | made for number, one in enumerate([good, unused])]
+    names = ("estimates", "usage", "health")
+    tables = [
+        pa.Table.from_pylist(rows * (name == "estimates"), PARTITIONED[name]) for name in names
+    ]
+    result = follow_unit(
+        UnitTask(UnitEntry("flap", *UNIT, "", ""), ArchiveSettings(), *tables, None)
+    )
+    assert result.summary["units"][0]["level"] == level
