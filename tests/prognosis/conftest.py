@@ -1,6 +1,5 @@
 """Where histories are, and requirements that several files ask and none changes."""
 
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,11 +13,11 @@ from ema_monitor.prognosis.requirements.requirements import Requirements
 @pytest.fixture(autouse=True)
 def _histories_are_closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Close the histories that a test leaves open: Python 3.13 warns of such databases."""
-    made: weakref.WeakSet[History] = weakref.WeakSet()
+    made: list[History] = []
     initialise = History.__init__
 
     def note(self: History, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
-        made.add(self)
+        made.append(self)
         initialise(self, actuator_id, serial_number, path)
 
     monkeypatch.setattr(History, "__init__", note)
