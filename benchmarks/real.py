@@ -8,7 +8,7 @@ loads, healthy and with twelve seeded faults), `aircraft_ema*.parquet` (project 
 tests over six months, to the jam) and, if at hand, `emps_normal.parquet` and `emps_pulses.parquet`
 (a benchmark of system identification). Each trial of the ball screw is a table on a day of its own,
 tests a month after the healthy trials. `ema import`, `calibrate`, `estimate`, `label` and
-`prognose` get whole trials; `ema moves` gets the table of the aircraft. A healthy trial is never
+`predict` get whole trials; `ema moves` gets the table of the aircraft. A healthy trial is never
 judged by itself, and a labelled trial never by its label. It takes 3 minutes on two idle cores.
 """
 
@@ -220,7 +220,7 @@ def reported(folder: Path, load: int) -> list[Figures]:
     for state in (HEALTHY, *REPORTED):
         bag = folder / Trial(state, load, 1).bag
         test = estimated(bag, calibration)
-        code, printed, errors, _ = run("prognose", bag, "--calibration", calibration, "--json")
+        code, printed, errors, _ = run("predict", bag, "--calibration", calibration, "--json")
         if not printed:
             raise RuntimeError(f"{bag}: {errors}")
         level = LEVEL_NAMES[json.loads(printed)["level"]]

@@ -28,11 +28,19 @@ REQUEST: Final = re.compile(
 )
 # A command in the list that ends the help of a group.
 COMMAND: Final = re.compile(r"^  ([a-z][a-z-]*)", re.MULTILINE)
+SECTION: Final = re.compile(r"^([A-Z]\w*):\n((?:  .*\n)+)", re.MULTILINE)
 HELP, DEFINITIONS = "<!-- help of all commands -->", "<!-- definitions of all messages -->"
 
 
 def _section(title: str, text: str) -> str:
     return f"## `{title}`\n\n```text\n{text.strip()}\n```\n\n"
+
+
+def _commands(text: str) -> Iterator[str]:
+    """Yield the commands in a help, which lists them below headings."""
+    for heading, lines in SECTION.findall(text):
+        if heading != "Options":
+            yield from COMMAND.findall(lines)
 
 
 def _help(command: str) -> Iterator[str]:
@@ -42,7 +50,7 @@ def _help(command: str) -> Iterator[str]:
         shell, cwd=ROOT, capture_output=True, text=True, check=True, encoding="utf-8"
     ).stdout
     yield _section(command, text)
-    for name in COMMAND.findall(text.partition("\nCommands:\n")[2]):
+    for name in _commands(text):
         yield from _help(f"{command} {name}")
 
 

@@ -246,7 +246,7 @@ compile_kernels() {
     folder=$(mktemp -d)
     python -c 'from ema_monitor.model.monitor_model import compile_kernels; compile_kernels()'
     ema simulate --cycles 2 -o "$folder/two.mcap"
-    ema prognose "$folder/two.mcap" --hours-per-cycle 10
+    ema predict "$folder/two.mcap" --hours-per-cycle 10
     rm -r "$folder"
 }
 

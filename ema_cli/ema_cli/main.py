@@ -25,9 +25,9 @@ _COMMANDS: Final = {
     "design": "Find the shortest test command that reaches wanted standard deviations within "
     "limits.",
     "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
-    "prognose": "Predict how many flight hours a unit has left, from the tests in each "
+    "predict": "Predict how many flight hours a unit has left, from the tests in each "
     "BAG or folder of bags.",
-    "learn": "Learn how the units of a fleet grow, from the HISTORY of each.",
+    "learn-fleet": "Learn how the units of a fleet grow, from the HISTORY of each.",
     "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
     "GA, PSO, DE and GWO.",
     "report": "Write what the tests in bags, or folders of bags, say of a unit.",
@@ -46,7 +46,18 @@ _COMMANDS: Final = {
 }
 """Commands and their first sentences, so that help imports none of them."""
 
-_OTHER_NAMES: Final = {"predict": "prognose", "learn-fleet": "learn"}
+_GROUPS: Final = {
+    "Simulate": ("simulate", "lives", "certify", "design"),
+    "Import": ("new-actuator", "import", "info", "recover"),
+    "Calibrate": ("calibrate", "label"),
+    "Diagnose": ("estimate", "moves", "verify", "plot"),
+    "Predict": ("predict", "learn-fleet", "report"),
+    "Live": ("up", "watch", "record", "play", "demo"),
+    "Archive": ("archive",),
+    "Study": ("thesis", "compare"),
+    "Shell": ("completion", "man"),
+}
+"""Commands in the groups in which the help lists them."""
 
 _EXAMPLES: Final = {
     "simulate": "--fault friction=0.25 -o dry.mcap",
@@ -61,8 +72,8 @@ _EXAMPLES: Final = {
     "certify": "--command swing",
     "design": "--travel 0.01 --sigma friction=0.01 -o test.yaml",
     "compare": "dry.mcap",
-    "prognose": "unit --hours-per-cycle 10",
-    "learn": "unit_1 unit_2 -o fleet.npz",
+    "predict": "unit --hours-per-cycle 10",
+    "learn-fleet": "unit_1 unit_2 -o fleet.npz",
     "thesis": "--quick -o study",
     "report": "unit --hours-per-cycle 10 -o unit.html",
     "archive": "run fleet",
@@ -86,10 +97,9 @@ class _CommandsOnDemand(click.Group):
         return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*_COMMANDS, *_OTHER_NAMES]
+        return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        cmd_name = _OTHER_NAMES.get(cmd_name, cmd_name)
         if cmd_name not in _COMMANDS:
             from ema_core.wording import unknown_name
 
@@ -97,9 +107,7 @@ class _CommandsOnDemand(click.Group):
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name.replace("-", "_")
         with quiet_imports():
             command = getattr(import_module(f"ema_cli.commands.{name}"), name)
-        others = [f"Or: ema {new}. " for new, old in _OTHER_NAMES.items() if old == cmd_name]
-        example = f"Example: ema {cmd_name} {_EXAMPLES.get(cmd_name, '')}"
-        command.epilog = "".join([*others, example])
+        command.epilog = f"Example: ema {cmd_name} {_EXAMPLES.get(cmd_name, '')}"
         return command
 
     def invoke(self, ctx: click.Context) -> object:
@@ -118,8 +126,10 @@ class _CommandsOnDemand(click.Group):
             raise click.NoSuchOption(error.option_name, words, ctx=error.ctx) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+        width = max(map(len, _COMMANDS))
+        for group, names in _GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl([(name.ljust(width), _COMMANDS[name]) for name in names])
 
 
 @click.group(
@@ -135,6 +145,6 @@ def main() -> None:
     """Simulate electromechanical actuators, and find the faults in their telemetry.
 
     Exit codes: 0 done, 1 the input cannot be used, 2 wrong usage or a wrong value, 3 some windows
-    have no valid estimate (prognose: none has), or a test cannot reach what is wanted (certify,
+    have no valid estimate (predict: none has), or a test cannot reach what is wanted (certify,
     design).
     """

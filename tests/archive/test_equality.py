@@ -55,7 +55,7 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
 def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
     for number, (_, unit, summary) in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
-        told = json.loads(ema("prognose", folder, "-p", "warm_start=false", "--json").stdout)
+        told = json.loads(ema("predict", folder, "-p", "warm_start=false", "--json").stdout)
         rows = read_unit(whole, "health", unit).to_pylist()
         tests = [test for test in told["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2

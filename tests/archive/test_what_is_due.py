@@ -110,7 +110,7 @@ def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_co
     assert ema("archive", "run", archive, *HERE).exit_code == 0
     _, [(level, tested)] = answer(archive, "select health, tested from worst_first")
     assert (level, f"{tested:%Y-%m-%d}") == ("ERROR", "2026-03-01")
-    assert ema("prognose", bags, "--hours-per-cycle", 10).exit_code == 0
+    assert ema("predict", bags, "--hours-per-cycle", 10).exit_code == 0
 
 
 @pytest.mark.slow

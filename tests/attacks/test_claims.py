@@ -67,7 +67,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_failure_after_good_tests_leads(opened: Path):
-    told = ema("prognose", opened, "--json", "--hours-per-cycle", "10")
+    told = ema("predict", opened, "--json", "--hours-per-cycle", "10")
     assert told.exit_code == 3
     health = json.loads(told.stdout)
     assert (health["level"], health["health_index"], health["rul"]["known"]) == (ERROR, 0.0, False)

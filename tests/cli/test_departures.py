@@ -71,7 +71,7 @@ def test_estimate_departs_where_no_fault_explains_what_changed(
     assert "roughness of the current in the" in text_of(result)
     assert "no fault explains it" in text_of(result)
     assert first(ema, noisy, calibrated)["verdict"] == "departed"
-    for again in (("prognose", "--hours-per-cycle", "1"), ("report", "-o", tmp_path / "unit.html")):
+    for again in (("predict", "--hours-per-cycle", "1"), ("report", "-o", tmp_path / "unit.html")):
         result = ema(again[0], noisy, *command, *again[1:])
         assert result.exit_code == 3, result.output
         assert "WARN" in text_of(result) or "Changed: departed" in text_of(result)

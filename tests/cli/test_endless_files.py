@@ -72,7 +72,7 @@ def test_table_is_a_regular_file(endless, name):
         ["estimate", SAMPLE, "--calibration", "a.yaml"],
         ["moves", "a.csv", "--mapping", "a.yaml", "--limit", "1.5"],
         ["report", "a.mcap", "-o", "b.html"],
-        ["prognose", "a.mcap"],
+        ["predict", "a.mcap"],
         ["plot", "a.mcap", "-o", "b.png"],
         ["verify", "a.mcap"],
     ],

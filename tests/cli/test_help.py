@@ -6,7 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from ema_cli.main import _COMMANDS, main
+from ema_cli.main import _COMMANDS, _GROUPS, main
 
 
 def test_list_says_of_each_command_what_its_own_help_begins_with():
@@ -38,16 +38,23 @@ def test_example_of_a_command_is_one_that_it_takes(name, tmp_path, monkeypatch):
     main.get_command(click.Context(main), name).make_context(name, words[1:])
 
 
-@pytest.mark.parametrize(("other", "name"), [("predict", "prognose"), ("learn-fleet", "learn")])
-def test_command_has_another_name(other, name):
-    said = CliRunner().invoke(main, [other, "--help"]).stdout
-    assert said.startswith(f"Usage: main {other} [OPTIONS]")
-    assert f"Or: ema {other}. Example: ema {name} " in said
+def test_help_lists_each_command_in_one_group():
+    assert sorted(name for names in _GROUPS.values() for name in names) == sorted(_COMMANDS)
+    text = CliRunner().invoke(main, ["--help"], terminal_width=100).stdout
+    places = [text.index(f"\n{group}:\n") for group in _GROUPS]
+    assert places == sorted(places)
+    for name in _COMMANDS:
+        assert f"\n  {name} " in text
+
+
+@pytest.mark.parametrize("name", ["prognose", "learn"])
+def test_command_has_one_name(name):
+    result = CliRunner().invoke(main, [name, "--help"])
+    assert result.exit_code == 2
+    assert f"command {name!r}" in result.output
 
 
 def test_manual_page_has_the_help_of_each_command():
     page = CliRunner().invoke(main, ["man"]).stdout
     for name in [*_COMMANDS, "archive run"]:
         assert f".SH EMA {name.upper()}\n" in page
-    assert "predict" in page
-    assert ".SH EMA PREDICT\n" not in page

@@ -84,16 +84,16 @@ def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, two_lives):
     names = list(pd.read_csv(folder / "lives.csv")["serial_number"])
     assert names == ["SIM-0001-5-0000", "SIM-0001-5-0001"]
     life = folder / "life_0001"
-    result = ema("prognose", life)
+    result = ema("predict", life)
     assert f"flap ({names[1]})" in result.stdout
     assert str(life / CALIBRATION_FILE) in result.stdout
     # Half of the windows are disturbed; no other is refused.
     assert "serial number" not in result.stderr
-    both = ema("prognose", folder / "life_0000", folder / "life_0001")
+    both = ema("predict", folder / "life_0000", folder / "life_0001")
     assert both.exit_code == 1
     for part in (*names, "a prognosis is of one unit"):
         assert part in both.stderr
-    above = ema("prognose", folder)
+    above = ema("predict", folder)
     assert above.exit_code == 1
     assert f"{folder / 'life_0000'}, {folder / 'life_0001'}: give one of these" in above.stderr
 

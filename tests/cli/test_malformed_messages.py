@@ -58,7 +58,7 @@ def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("estimate",),
         ("plot", "-o", "out.png"),
         ("compare", "--algorithms", "least_squares"),
-        ("prognose", "--hours-per-cycle", "10"),
+        ("predict", "--hours-per-cycle", "10"),
         ("report", "-o", "out.html"),
         ("calibrate", "--accept-defects", "--accepted-by", "Ada", "-o", "out.yaml"),
     ],

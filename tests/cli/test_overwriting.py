@@ -59,7 +59,7 @@ def test_command_never_replaces_what_it_reads(ema, folder: Path, monkeypatch, wo
         (("report", SAMPLE), "a.html"),
         (("calibrate", "BAG"), "a.txt"),
         (("plot", SAMPLE), "a.png"),
-        (("prognose", SAMPLE, "--hours-per-cycle", "10"), "a.png"),
+        (("predict", SAMPLE, "--hours-per-cycle", "10"), "a.png"),
     ],
 )
 def test_another_file_is_replaced_only_by_force(

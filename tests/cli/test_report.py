@@ -47,7 +47,7 @@ def of_life(ema, life_folder, tmp_path_factory) -> Page:
 
 @pytest.fixture(scope="module")
 def told(ema, life_folder) -> dict[str, Any]:
-    return json.loads(ema("prognose", life_folder, "--json").stdout)
+    return json.loads(ema("predict", life_folder, "--json").stdout)
 
 
 def estimated(ema, bag: Path) -> list[list[float]]:
@@ -185,7 +185,7 @@ def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(
     costs = ("--cost", "removal=2000,failure=50000,lead_time=5", "-p", "costs.unit=EUR")
     page = tmp_path / "r.html"
     assert ema("report", life_folder, *costs, "-o", page).exit_code == 0
-    advice = json.loads(ema("prognose", life_folder, *costs, "--json").stdout)["advice"]
+    advice = json.loads(ema("predict", life_folder, *costs, "--json").stdout)["advice"]
     [first, *_] = Page(page).said["li"][4:]
     assert advice["action"] in ("continue", "remove")
     assert f"{advice['hours']:,.0f} service hours (in {advice['from_now']:,.0f} h)" in first

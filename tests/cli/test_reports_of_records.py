@@ -1,4 +1,4 @@
-"""``ema report`` and ``ema prognose`` of records that are compared with a baseline."""
+"""``ema report`` and ``ema predict`` of records that are compared with a baseline."""
 
 import json
 import re
@@ -129,22 +129,22 @@ def test_every_case_has_a_page(report, name: str):
 
 def test_prognosis_tracks_friction_like_a_fault(run: Run):
     of = [comparison(changed(FRICTION, 0.03 * n)) if n > 1 else HEALTHY for n in range(14)]
-    result = run("prognose", of)
+    result = run("predict", of)
     assert "record that ended at 2023-11-14" in result.stdout
     assert "unchanged (changes above 10 % would show)" in result.stdout
     [row] = [one for one in result.stdout.splitlines() if one.split()[:1] == ["friction"]]
     assert " / " in row
     assert "short circuit A" not in result.stdout
-    told = json.loads(run("prognose", of, "--json").stdout)
+    told = json.loads(run("predict", of, "--json").stdout)
     assert told["rul"]["known"]
     quantity = told["tests"][-1]["comparison"]["quantities"][0]
     assert quantity["change"] == pytest.approx(0.39)
 
 
 def test_prognosis_has_no_index_where_the_level_is_open(run: Run):
-    result = run("prognose", [HEALTHY, NO_FRICTION])
+    result = run("predict", [HEALTHY, NO_FRICTION])
     assert result.exit_code == 3
     assert "health index unknown, level STALE (last OK)" in result.stdout
     assert (
-        json.loads(run("prognose", [HEALTHY, NO_FRICTION], "--json").stdout)["health_index"] is None
+        json.loads(run("predict", [HEALTHY, NO_FRICTION], "--json").stdout)["health_index"] is None
     )

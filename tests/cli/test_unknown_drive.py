@@ -75,9 +75,12 @@ def test_friction_and_torque_per_ampere_are_estimated(ema, folder):
 
 @pytest.mark.slow
 def test_prognosis_and_report_name_what_has_changed(ema, folder):
-    for case, words in (("worn", "Coulomb friction rose"), ("weak", "Torque per unit of effort fell")):
+    for case, words in (
+        ("worn", "Coulomb friction rose"),
+        ("weak", "Torque per unit of effort fell"),
+    ):
         bag = folder / f"{case}.mcap"
-        result = ema("prognose", bag, *options(folder), "--hours-per-cycle", "10")
+        result = ema("predict", bag, *options(folder), "--hours-per-cycle", "10")
         assert result.exit_code == 3
         assert words in result.stdout
         result = ema("report", bag, *options(folder), "-o", folder / f"{case}.html")
@@ -85,7 +88,7 @@ def test_prognosis_and_report_name_what_has_changed(ema, folder):
         assert "Well" not in result.stdout
         assert words in (folder / f"{case}.html").read_text()
     healthy = folder / "healthy.mcap"
-    result = ema("prognose", healthy, *options(folder), "--hours-per-cycle", "10")
+    result = ema("predict", healthy, *options(folder), "--hours-per-cycle", "10")
     assert result.exit_code == 0
     assert "level OK" in result.stdout
     result = ema("report", healthy, *options(folder), "-o", folder / "healthy.html")

@@ -151,10 +151,10 @@ def test_command_prints_lives_under_scenarios(course: Course, tmp_path: Path):
     assert (str(shown["idle"]).count(" / "), shown["hot"]) == (2, "")
     file = tmp_path / "scenarios.yaml"
     file.write_text("scenarios: [{name: as flown}, {name: idle, travel_per_hour: 1}]")
-    result = ema("prognose", SAMPLE, "--scenarios", file, "--hours-per-cycle", "10")
+    result = ema("predict", SAMPLE, "--scenarios", file, "--hours-per-cycle", "10")
     assert result.exit_code == 0, result.stderr
     assert all(text in result.stdout for text in ("idle", "as flown", "RUL [days]"))
     file.write_text("scenarios: [{name: idle, travel_per_hour: far}]")
-    refused = ema("prognose", SAMPLE, "--scenarios", file)
+    refused = ema("predict", SAMPLE, "--scenarios", file)
     assert refused.exit_code == 1
     assert "travel_per_hour = 'far'" in refused.stderr

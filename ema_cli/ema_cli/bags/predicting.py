@@ -81,7 +81,7 @@ class Predicting(Identifying):
             "--fleet",
             "fleet_file",
             type=click.Path(path_type=Path, exists=True),
-            help="How other units grew, a file of `ema learn`.",
+            help="How other units grew, a file of `ema learn-fleet`.",
         ),
         click.option(
             "--scenarios",

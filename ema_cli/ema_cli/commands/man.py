@@ -24,9 +24,8 @@ def _helps(command: click.Command, context: click.Context) -> Iterator[tuple[str
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
             below = command.get_command(context, name)
-            if below is None or below.name != name:
-                continue  # another name of a command
-            yield from _helps(below, click.Context(below, context, name))
+            if below is not None:
+                yield from _helps(below, click.Context(below, context, name))
 
 
 def _escaped(text: str) -> str:

@@ -31,7 +31,7 @@ def report(
 ) -> None:
     """Write what the tests in bags, or folders of bags, say of a unit.
 
-    All tests are of one unit, as for `ema prognose`. Notes and changes of the baseline come from
+    All tests are of one unit, as for `ema predict`. Notes and changes of the baseline come from
     its history ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there.
     The page needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
 

@@ -1,4 +1,4 @@
-"""``ema learn``: how the units of a fleet grow, from their histories."""
+"""``ema learn-fleet``: how the units of a fleet grow, from their histories."""
 
 from pathlib import Path
 
@@ -29,14 +29,14 @@ from ema_monitor.prognosis.sentences import label_of
 @output_option(f"File to write; its name ends in {SUFFIX}")
 @click.option("--name", default="", help='What the fleet is called, as in "A320 flaps".')
 @LIMIT_OPTION
-def learn(
+def learn_fleet(
     histories: tuple[Path, ...], output: Path, name: str, limits: dict[str, float], overwrite: bool
 ) -> None:
     """Learn how the units of a fleet grow, from the HISTORY of each.
 
     HISTORY is a file ACTUATOR+SERIAL.sqlite of a monitor, a folder of them, or what this command
     wrote at another site: it holds no test and no serial number, and a unit that is in two of them
-    counts once. `ema prognose --fleet` and the monitor's parameter fleet_file use the result.
+    counts once. `ema predict --fleet` and the monitor's parameter fleet_file use the result.
     """
     require_free(output, histories, overwrite=overwrite, endings=[SUFFIX])
     chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")

@@ -1,4 +1,4 @@
-"""What ``ema learn`` makes of histories, and who uses it."""
+"""What ``ema learn-fleet`` makes of histories, and who uses it."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fleet(ema, site: Path) -> Path:
     path = site / "fleet.npz"
-    result = ema("learn", site, "-o", path, "--name", "line A")
+    result = ema("learn-fleet", site, "-o", path, "--name", "line A")
     assert result.exit_code == 0, result.output
     assert f"{path}: 3 units, 2 of them with a fault that grows" in result.stdout
     assert "friction" in result.stdout
@@ -40,8 +40,8 @@ def fleet(ema, site: Path) -> Path:
 
 def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, fleet, tmp_path):
     one = tmp_path / "one.npz"
-    assert ema("learn", history_path(site, "flap", "1"), "-o", one).exit_code == 0
-    both, together = tmp_path / "both.npz", ("learn", one, history_path(site, "flap", "2"))
+    assert ema("learn-fleet", history_path(site, "flap", "1"), "-o", one).exit_code == 0
+    both, together = tmp_path / "both.npz", ("learn-fleet", one, history_path(site, "flap", "2"))
     assert ema(*together, "-o", both).exit_code == 0
     known = [set(Fleet.read(file).units) for file in (one, both, fleet)]
     assert [len(units) for units in known] == [1, 2, 3]
@@ -57,10 +57,10 @@ def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
         (fleet, "a.json", "expected a name that ends in .npz"),
         (__file__, "a.npz", "expected a history named ACTUATOR+SERIAL.sqlite"),
     ):
-        result = ema("learn", source, "-o", tmp_path / output)
+        result = ema("learn-fleet", source, "-o", tmp_path / output)
         assert (result.exit_code > 0, reason in result.stderr) == (True, True), result.stderr
         assert not (tmp_path / output).exists()
-    result = ema("learn", fleet, "-o", tmp_path / "a.npz", "--limit", "friction=0.3")
+    result = ema("learn-fleet", fleet, "-o", tmp_path / "a.npz", "--limit", "friction=0.3")
     assert (result.exit_code, "about other limits" in result.stderr) == (1, True)
 
 
@@ -91,7 +91,7 @@ def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
 
 
 def test_a_prognosis_of_bags_says_whose_growth_it_assumes(ema, fleet: Path):
-    result = ema("prognose", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
+    result = ema("predict", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
     assert result.exit_code == 0, result.output
     assumed = "assumption: future use as in the past; growth is likely as of 2 others (line A)"
     assert assumed in result.stdout

@@ -1,4 +1,4 @@
-"""``ema prognose``: how long a unit will last, from the bags of its tests."""
+"""``ema predict``: how long a unit will last, from the bags of its tests."""
 
 import json
 import math
@@ -35,7 +35,7 @@ from ema_monitor.reports import health_report, scenario_report
 @settings_options(Predicting)
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @picture_option()
-def prognose(
+def predict(
     bags: tuple[Path, ...], given: Predicting, as_json: bool, output: Path | None, overwrite: bool
 ) -> None:
     """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
@@ -47,7 +47,9 @@ def prognose(
     record does not determine the level.
     """
     if given.archive is not None:
-        raise click.BadParameter(f"--fleet {given.archive} is a folder: give a file of `ema learn`")
+        raise click.BadParameter(
+            f"--fleet {given.archive} is a folder: give a file of `ema learn-fleet`"
+        )
     if output is not None:
         require_free(output, bags, overwrite=overwrite, endings=PICTURES)
     course = diagnose_unit(bags, given)

@@ -21,7 +21,7 @@ from ema_cli.bags.unit_course import (
     read_unit,
     true_remaining_life,
 )
-from ema_cli.commands import prognose as command
+from ema_cli.commands import predict as command
 from ema_cli.figures.prognosis import draw_course
 from ema_cli.show.prognosis_table import as_values, summary
 from ema_cli.simulated_lives import LifeTest, simulated_tests, write_test
@@ -47,7 +47,7 @@ NS_PER_HOUR = 3_600_000_000_000
 @pytest.fixture(scope="module")
 def told(ema, life_folder, tmp_path_factory):
     picture = tmp_path_factory.mktemp("told") / "told.png"
-    result = ema("prognose", life_folder, "--json", "-o", picture)
+    result = ema("predict", life_folder, "--json", "-o", picture)
     assert (result.exit_code, result.stderr) == (0, "")
     assert picture.stat().st_size > 20_000
     return json.loads(result.stdout)
@@ -205,10 +205,10 @@ def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
 
 
 def test_prognosis_at_an_earlier_hour_leaves_out_later_tests(ema, life_folder, told):
-    earlier = json.loads(ema("prognose", life_folder, "--at", "75", "--json").stdout)
+    earlier = json.loads(ema("predict", life_folder, "--at", "75", "--json").stdout)
     assert earlier["flight_hours"] == 70.0
     assert earlier["tests"] == told["tests"][:7]
-    refused = ema("prognose", life_folder, "--at", "5")
+    refused = ema("predict", life_folder, "--at", "5")
     assert (refused.exit_code, "--at 5" in refused.stderr) == (1, True)
 
 
@@ -216,7 +216,7 @@ def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, writ
     written("one.mcap")
     Calibration.builtin().save(tmp_path / CALIBRATION_FILE)
     written("two.mcap", 2.0, window="gap")
-    result = ema("prognose", tmp_path)
+    result = ema("predict", tmp_path)
     assert "no valid estimate" in result.stderr
     assert "1 valid of 2 tests" in result.stdout
     assert "level STALE (last OK)" in result.stdout
@@ -225,7 +225,7 @@ def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, writ
 
 
 def test_table_tells_each_fault_and_requirement_and_both_ends_of_life(ema, life_folder):
-    result = ema("prognose", life_folder, "--duty", "2")
+    result = ema("predict", life_folder, "--duty", "2")
     assert result.exit_code == 0
     for words in (
         "friction", "backlash", "bandwidth", "torque margin", "by faults", "by requirements",
@@ -270,11 +270,11 @@ def written(tmp_path) -> Callable[..., Path]:
 
 
 def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written):
-    result = ema("prognose", written("one.mcap"), "--limit", "friction=0.4")
+    result = ema("predict", written("one.mcap"), "--limit", "friction=0.4")
     assert result.exit_code == 0
     # One test may be an outlier.
     assert result.stdout.count("fewer than two tests that agree so far") == 1
-    silent = ema("prognose", written("uncounted.mcap", counted=False))
+    silent = ema("predict", written("uncounted.mcap", counted=False))
     assert silent.exit_code == 0
     assert "--hours-per-cycle" in silent.stderr
     assert silent.stdout.count("no count on topic usage was read before the test") == 1
@@ -282,7 +282,7 @@ def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written)
 
 def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
     one, other = written("one.mcap"), written("other.mcap", 2.0, actuator_id="rudder")
-    result = ema("prognose", one, other)
+    result = ema("predict", one, other)
     assert result.exit_code == 1
     error = result.stderr.strip().splitlines()[-1]
     for part in (str(one), str(other), "'rudder'", "--actuator-id"):
@@ -298,7 +298,7 @@ def test_two_bags_whose_windows_overlap_are_refused(ema, tmp_path):
     paths = [tmp_path / "swing.mcap", tmp_path / "chirp.mcap"]
     ema("simulate", "--command", "swing", "-o", paths[0])
     ema("simulate", "-o", paths[1])
-    result = ema("prognose", *paths)
+    result = ema("predict", *paths)
     assert (result.exit_code, "which came first" in result.stderr) == (1, True)
     # The same bag twice is one.
     assert len(read_unit([paths[1]] * 2, Source()).windows) == 1
@@ -330,7 +330,7 @@ def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_p
             bag.write_block(block)
         late = test.start_ns + 60_000_000_000
         writer.write("/ema/usage", usage_at_cycle(description, late, 40.0, 7), late)
-    result = ema("prognose", path)
+    result = ema("predict", path)
     assert (result.exit_code, result.stderr) == (0, "")
     assert "flight hours unknown" in result.stdout
     assert "read before the test" in result.stdout
@@ -339,7 +339,7 @@ def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_p
 def test_simulated_bag_tells_its_service_hours(ema, tmp_path):
     bag = tmp_path / "three.mcap"
     assert ema("simulate", "--cycles", "3", "-o", bag).exit_code == 0
-    told = json.loads(ema("prognose", bag, "--json").stdout)
+    told = json.loads(ema("predict", bag, "--json").stdout)
     assert [test["flight_hours"] for test in told["tests"]] == [0.0, 10.0, 20.0]
     assert told["cycles"] == 3
 
@@ -369,26 +369,26 @@ def test_folder_without_a_bag_tells_which_of_its_folders_hold_some(tmp_path):
 
 def test_calibration_beside_the_bags_is_that_of_the_unit(ema, written, tmp_path):
     bag = written("one.mcap", serial_number="0002")
-    refused = ema("prognose", bag)
+    refused = ema("predict", bag)
     assert refused.exit_code == 3
     assert "serial number '0002'" in refused.stderr
     path = tmp_path / CALIBRATION_FILE
     replace(Calibration.builtin(), serial_number="0002").save(path)
     for argument in (bag, tmp_path):
-        told = ema("prognose", argument)
+        told = ema("predict", argument)
         assert (told.exit_code, told.stderr) == (0, "")
         assert str(path) in told.stdout
     for same in ("estimate", "compare"):
         told = ema(same, bag)
         assert (told.exit_code, str(path) in told.stdout) == (0, True), told.output
     copy = shutil.copy(bag, tmp_path / "copy.mcap")
-    told = ema("prognose", bag, copy)
+    told = ema("predict", bag, copy)
     assert told.exit_code == 0
     assert told.stderr == f"{copy}: passed over, it is a copy of {bag}\n"
     # What is named on the command line holds before it.
     named = tmp_path / "named.yaml"
     Calibration.builtin().save(named)
-    assert ema("prognose", bag, "--calibration", named).exit_code == 3
+    assert ema("predict", bag, "--calibration", named).exit_code == 3
 
 
 def test_two_calibrations_beside_the_bags_are_no_choice(ema, written, tmp_path):
@@ -397,11 +397,11 @@ def test_two_calibrations_beside_the_bags_are_no_choice(ema, written, tmp_path):
         (tmp_path / name).mkdir()
         Calibration.builtin().save(tmp_path / name / CALIBRATION_FILE)
         bags.append(written(f"{name}/test.mcap", hours))
-    result = ema("prognose", *bags)
+    result = ema("predict", *bags)
     assert result.exit_code == 1
     assert "choose one with --calibration" in result.stderr
     chosen = tmp_path / "a" / CALIBRATION_FILE
-    assert ema("prognose", *bags, "--calibration", chosen).exit_code == 0
+    assert ema("predict", *bags, "--calibration", chosen).exit_code == 0
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])
@@ -412,7 +412,7 @@ def test_figures_are_printed_even_if_the_picture_cannot_be_written(
         raise OSError("no space left on device")
 
     monkeypatch.setattr(command, "draw_course", fail)
-    result = ema("prognose", written("one.mcap"), "-o", tmp_path / "life.png", *form)
+    result = ema("predict", written("one.mcap"), "-o", tmp_path / "life.png", *form)
     assert result.exit_code == 1
     assert "no space left on device" in result.stderr
     assert "health_index" in result.stdout if form else "health index" in result.stdout
