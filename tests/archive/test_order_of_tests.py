@@ -27,11 +27,8 @@ def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: 
     unused = replace(unused, start_ns=unused.start_ns - back_ns, end_ns=unused.end_ns - back_ns)
     made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
     rows = [estimate_row(one, number) | made for number, one in enumerate([good, unused])]
-    names = ("estimates", "usage", "health")
-    tables = [
-        pa.Table.from_pylist(rows * (name == "estimates"), PARTITIONED[name]) for name in names
-    ]
-    result = follow_unit(
-        UnitTask(UnitEntry("flap", *UNIT, "", ""), ArchiveSettings(), *tables, None)
-    )
+    estimates = pa.Table.from_pylist(rows, PARTITIONED["estimates"])
+    usage, health = (PARTITIONED[name].empty_table() for name in ("usage", "health"))
+    entry = UnitEntry("flap", *UNIT, "", "")
+    result = follow_unit(UnitTask(entry, ArchiveSettings(), estimates, usage, health, None))
     assert result.summary["units"][0]["level"] == level
