@@ -176,6 +176,12 @@ def test_level_of_a_history_needs_a_clock_that_was_followed(
     assert bench.test() == "OK"
 
 
+def test_test_that_is_ahead_of_simulated_time_is_ok(bench: Bench):
+    """A playback sends telemetry before the time of its stamps."""
+    bench.clock = ReceiverClock(lambda: bench.clock_ns, is_simulated=True)
+    assert bench.test(bench.clock_ns + 5 * S, pace=0.0) == "OK"
+
+
 def test_fault_of_a_history_is_shown_though_the_clock_was_not_followed(tmp_path: Path):
     bench = Bench(folder=tmp_path)
     assert bench.test(friction=0.8) == "ERROR"

@@ -241,7 +241,7 @@ class Actuator:
 
     def _doubt_of(self, claim: Claim, now: Moment) -> str:
         """Return why it is not known when the newest test was measured; empty if it is known."""
-        if not claim.good_for_s or claim.is_live:
+        if not claim.good_for_s or claim.is_live or not now.is_real:
             return ""
         if not (claim.received_ns or now.is_continued):
             return "the monitor was started after the newest test: the next test gives the level"

@@ -44,12 +44,15 @@ class Moment(NamedTuple):
         Latest time that the clock had shown when it stepped back [ns]; 0 if it never did.
     is_continued
         Whether a step while the node did not run is noticed as well.
+    is_real
+        Whether it is no simulated time, which a playback sets and which may lag behind stamps.
     """
 
     clock_ns: int
     steady_ns: int
     passed_ns: int = 0
     is_continued: bool = False
+    is_real: bool = True
 
 
 class ReceiverClock:
@@ -132,6 +135,7 @@ class ReceiverClock:
         back_ns = max(before_ns - clock_ns, 0)
         self._simulated = clock_ns, offset_ns + back_ns
         steady_ns = clock_ns + self._simulated[1] if clock_ns or self._simulated[1] else 0
-        return Moment(clock_ns, steady_ns), back_ns if back_ns >= _LEAST_STEP_NS else 0
+        moment = Moment(clock_ns, steady_ns, is_real=False)
+        return moment, back_ns if back_ns >= _LEAST_STEP_NS else 0
 
     _simulated: tuple[int, int] = 0, 0
