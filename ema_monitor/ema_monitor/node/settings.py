@@ -33,7 +33,8 @@ class Files(Checked):
         f"folder for the tests of each unit; {IN_MEMORY!r}, and in simulated time: none is kept",
     )
     fleet_file: str = text(
-        "", "how other units of the model grew, a file that `ema learn-fleet` wrote; empty: not known"
+        "",
+        "how other units of the model grew, a file that `ema learn-fleet` wrote; empty: not known",
     )
 
 
