@@ -35,9 +35,6 @@ the load only as a share of the dry friction at the usual speed [-].
 
 Lubricants thin by 3 to 6 % for 1 K, and days differ by a few kelvin."""
 
-HIDDEN_VISCOUS: Final = 0.25
-"""Share of the friction that is taken as viscous where the motion does not show it [-]."""
-
 SHARE_OF_SHOWN: Final = 0.3
 """Least prior median of a scatter over the scatter of the healthy records [-]."""
 
@@ -254,10 +251,7 @@ class Baseline:
         friction = abs(self.shape.friction_scale * median[DRY])
         of_speed = friction / self.preparation.usual_speed
         sigmas = np.empty(len(COEFFICIENTS))
-        of_dry = BETWEEN_DAYS["friction"]
-        if not self.shape.has_viscous:  # it is in the dry friction, and thins with the lubricant
-            of_dry = math.hypot(of_dry, HIDDEN_VISCOUS * BETWEEN_DAYS["viscous_friction"])
-        sigmas[DRY] = of_dry * abs(median[DRY])
+        sigmas[DRY] = BETWEEN_DAYS["friction"] * abs(median[DRY])
         sigmas[INERTIA] = BETWEEN_DAYS["inertia"] * abs(median[INERTIA])
         sigmas[VISCOUS] = np.hypot(
             BETWEEN_DAYS["viscous_friction"] * median[VISCOUS],

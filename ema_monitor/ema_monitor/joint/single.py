@@ -12,11 +12,7 @@ BETWEEN_RECORDS: Final = 0.6
 """Prior medians of standard deviations between records of a day, over those between days [-]."""
 
 SIGNIFICANCE: Final = 7e-4
-"""Probability below which a healthy record differs in one quantity or figure.
-
-A record has about ten of them: fewer than one healthy record in a thousand differs in any, as
-``benchmarks/joints.py --healthy-trials`` counts.
-"""
+"""Probability below which a healthy record differs in one quantity."""
 
 DOUBT: Final = 3e-3
 """Probability below which a record is not called healthy: three standard deviations of a normal.

@@ -101,16 +101,6 @@ def test_motion_that_accelerates_otherwise_each_time_does_not_repeat():
         assert replace(base, records=tuple(records)).repeats is repeats
 
 
-def test_friction_that_holds_the_viscous_one_scatters_more_between_days():
-    """In records of one speed, what the temperature does to the lubricant is in dry friction."""
-    base = baseline_of(scatter=0.001)
-    hidden = replace(base, shape=replace(base.shape, has_viscous=False))
-    smallest = [Comparer(one).smallest_changes[FRICTION] for one in (base, hidden)]
-    assert base.prior_sigmas[DRY] == pytest.approx(0.008, rel=0.02)
-    assert hidden.prior_sigmas[DRY] == pytest.approx(math.hypot(0.008, 0.25 * 0.08), rel=0.02)
-    assert smallest[1] > 1.5 * smallest[0]
-
-
 def test_another_pace_makes_friction_uncertain_by_the_share_of_the_inertia():
     """Speed and travel are within the healthy ones, their ratio is not."""
     speeds, travels = USUAL_SPEED * np.array([0.8, 1.0, 1.2] * 3), np.array([1.6, 2.0, 2.4] * 3)
