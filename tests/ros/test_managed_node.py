@@ -87,9 +87,14 @@ def test_refusal_leaves_the_state_and_is_told_until_it_works(
     node, told = graph.add(Recorded({step: error}, context=graph.context)), graph.statuses()
     assert not node.bring_up()
     assert node.state == state
-    status = wait_for(lambda: told.get("/ema/recorded: lifecycle"), "the status")
-    assert status.level[0] == ERROR
-    assert all(part in status.message for part in (state, f"cannot {step}", "no such file"))
+
+    def reported_refusal() -> Any:
+        """Return the refusal: the states before it may be shown first."""
+        status = told.get("/ema/recorded: lifecycle")
+        words = state, f"cannot {step}", "no such file"
+        return status if status and all(part in status.message for part in words) else None
+
+    assert wait_for(reported_refusal, "the refusal in the status").level[0] == ERROR
     node.refuse.clear()
     assert node.trigger_configure() == SUCCESS if state == "unconfigured" else True
     assert node.trigger_activate() == SUCCESS

@@ -87,7 +87,8 @@ def test_simulation_begins_a_new_cycle(graph, monkeypatch, capfd):
     fail()
     node = up(graph, ActuatorNode, **{"command.shape": "step", "command.duration": 0.02})
     is_told_and_over(node, "simulation", "made up")
-    assert task(node, "simulation").message == "running"
+    # A busy machine may not keep up.
+    assert task(node, "simulation").message.startswith(("running", "cannot keep up"))
     assert node.exit_code == 0
     assert told(capfd, "the simulation thread has ended: ZeroDivisionError('made up')")
 
