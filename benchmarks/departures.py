@@ -17,8 +17,8 @@ from script import Figures, Workers, command
 from targets import Row, at_least, at_most, grid
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.joint.departure import SIGNIFICANCE
 from ema_monitor.joint.record import NS_A_DAY
+from ema_monitor.joint.single import SIGNIFICANCE
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 

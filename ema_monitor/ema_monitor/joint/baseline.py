@@ -39,7 +39,7 @@ SHARE_OF_SHOWN: Final = 0.3
 """Least prior median of a scatter over the scatter of the healthy records [-]."""
 
 _SAME_MOTION: Final = 0.012
-_SAME_STEPS: Final = 0.05
+_SAME_STEPS: Final = 0.09
 _FEWEST_REPEATED: Final = 3
 _MOTION_TOLERANCE: Final = 0.1
 _LATE: Final = 0.05

@@ -13,16 +13,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_monitor.joint.scatter import Scatter
-from ema_monitor.joint.single import POWER, Observation, SingleTest, scatter_of
+from ema_monitor.joint.single import POWER, SIGNIFICANCE, Observation, SingleTest, scatter_of
 
 HEALTHY: Final = "healthy"
 """State of the tests and records of a baseline."""
 
 NONE_OF_THESE: Final = "none of these"
 """State of a test or record that looks like no labelled one."""
-
-SIGNIFICANCE: Final = 1e-3
-"""Probability of a healthy test, over all of its figures, below which a test departs."""
 
 FEWEST: Final = 3
 """Tests or records below which a state is not judged and not named."""

@@ -11,8 +11,8 @@ from ema_monitor.joint.scatter import Prediction, Scatter
 BETWEEN_RECORDS: Final = 0.6
 """Prior medians of standard deviations between records of a day, over those between days [-]."""
 
-SIGNIFICANCE: Final = 7e-4
-"""Probability below which a healthy record differs in one quantity."""
+SIGNIFICANCE: Final = 1e-3
+"""Probability below which a healthy record differs in one quantity or figure."""
 
 DOUBT: Final = 3e-3
 """Probability below which a record is not called healthy: three standard deviations of a normal.

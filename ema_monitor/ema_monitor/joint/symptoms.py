@@ -15,11 +15,6 @@ from ema_monitor.joint.scatter import Scatter
 from ema_monitor.joint.shape import DRY
 from ema_monitor.joint.single import Observation, SingleTest, is_known, scatter_of
 
-_SIGNIFICANCE: Final = 1e-3
-"""Probability below which a healthy record differs in one model-free figure.
-
-There are four of them, and none of 3,000 healthy records of ``benchmarks/joints.py`` departs in one.
-"""
 _PLAY_BETWEEN: Final = 0.05
 _LAG_BETWEEN: Final = 0.03
 _LAG_FLOOR: Final = 0.01
@@ -156,7 +151,7 @@ class SymptomComparer:
             if name in OF_EFFORT:
                 test = test.less(min(grown, max(test.change, 0.0)))
             least = min(least, test.probability)
-            if test.probability < _SIGNIFICANCE:
+            if test.is_significant:
                 found.append(FigureChange(name, math.exp(test.change), test.probability))
         return Symptoms(tuple(sorted(found, key=lambda one: one.probability)), least)
 
