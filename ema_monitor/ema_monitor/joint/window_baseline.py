@@ -51,8 +51,13 @@ class WindowBaseline:
     @classmethod
     def of(cls, windows: Iterable[Telemetry]) -> Self:
         """Return the baseline of the healthy windows that have a stroke in each direction."""
-        found = ((one.stamp_ns, figures) for one in windows for figures in figures_of(one))
-        return cls(tuple(KnownWindow(HEALTHY, *one) for one in found))
+        return cls(
+            tuple(
+                KnownWindow(HEALTHY, window.stamp_ns, figures)
+                for window in windows
+                for figures in figures_of(window)
+            )
+        )
 
     def with_test(self, state: str, stamp_ns: int, windows: Sequence[WindowFigures]) -> Self:
         """Return the baseline with the windows of a test in a state; it replaces earlier labels.
@@ -66,17 +71,21 @@ class WindowBaseline:
         if not windows:
             raise ValueError("it has no stretch in each direction with a measured current")
         self._require_comparable(windows)
-        if any(one.figures in windows for one in self.healthy):
+        if any(window.figures in windows for window in self.healthy):
             raise ValueError("it is one of the healthy tests of the calibration")
-        kept = [one for one in self.windows if not one.test or one.figures not in windows]
-        number = 1 + max((one.test for one in self.windows), default=0)
-        return type(self)((*kept, *(KnownWindow(state, stamp_ns, one, number) for one in windows)))
+        kept = [
+            window for window in self.windows if not window.test or window.figures not in windows
+        ]
+        number = 1 + max((window.test for window in self.windows), default=0)
+        return type(self)(
+            (*kept, *(KnownWindow(state, stamp_ns, window, number) for window in windows))
+        )
 
     def _require_comparable(self, windows: Sequence[WindowFigures]) -> None:
-        for one in windows:
-            if not (healthy := self._like(one.motion)):
-                raise ValueError(f"no healthy window has its motion, {one.motion}")
-            away = _distance(healthy, _load(one.values))
+        for window in windows:
+            if not (healthy := self._like(window.motion)):
+                raise ValueError(f"no healthy window has its motion, {window.motion}")
+            away = _distance(healthy, _load(window.values))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
                     f"its load is {away:.2g} A away from the healthy windows: `ema "
@@ -85,36 +94,38 @@ class WindowBaseline:
 
     def with_labels_of(self, other: Self) -> Self:
         """Return the baseline with the labelled tests of another whose motion it has."""
-        mine = [one.figures for one in self.healthy]
-        labelled = [one for one in other.windows if one.test and one.figures not in mine]
-        kept = (one for one in labelled if self._like(one.figures.motion))
+        mine = [window.figures for window in self.healthy]
+        labelled = [
+            window for window in other.windows if window.test and window.figures not in mine
+        ]
+        kept = (window for window in labelled if self._like(window.figures.motion))
         return type(self)((*self.healthy, *kept))
 
     def without(self, state: str) -> Self:
         """Return the baseline without a labelled state; ValueError if it is not labelled."""
-        kept = tuple(one for one in self.windows if not one.test or one.state != state)
+        kept = tuple(window for window in self.windows if not window.test or window.state != state)
         if len(kept) == len(self.windows):
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
         return type(self)(kept)
 
     def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
-        windows = (one for one in self.windows if bool(one.test) == labelled)
-        return [one for one in windows if one.figures.motion.is_like(motion)]
+        windows = (window for window in self.windows if bool(window.test) == labelled)
+        return [window for window in windows if window.figures.motion.is_like(motion)]
 
     @cached_property
     def _repeats_motions(self) -> bool:
         """Whether half of the healthy windows repeat a motion; by chance, only a few are alike."""
-        alike = [len(self._like(one.figures.motion)) >= FEWEST for one in self.healthy]
+        alike = [len(self._like(window.figures.motion)) >= FEWEST for window in self.healthy]
         return sum(alike) >= _REPEATED * len(alike)
 
     @property
     def healthy(self) -> tuple[KnownWindow, ...]:
         """The healthy windows."""
-        return tuple(one for one in self.windows if not one.test)
+        return tuple(window for window in self.windows if not window.test)
 
     def states(self) -> dict[str, int]:
         """Return the number of tests of each state."""
-        return Counter(one.state for one in _tests(self.windows, 1))
+        return Counter(window.state for window in _tests(self.windows, 1))
 
     def departure(self, stamp_ns: int, windows: Sequence[WindowFigures]) -> Departure | None:
         """Return how unlikely a test is for the healthy unit.
@@ -127,41 +138,47 @@ class WindowBaseline:
         """
         if not self._repeats_motions:
             return None
-        found: list[Departure | str] = []
-        for own in _by_motion(windows):
-            healthy = self._like(own[0].motion)
+        judgements: list[Departure | str] = []
+        for alike in _by_motion(windows):
+            motion = alike[0].motion
+            healthy = self._like(motion)
             if len(healthy) < FEWEST:
-                found.append(f"no healthy window has the motion, {own[0].motion}")
+                judgements.append(f"no healthy window has the motion, {motion}")
                 continue
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
             under: dict[int, list[WindowFigures]] = {}
-            for one in own:
-                under.setdefault(_nearest(loads, _load(one.values)), []).append(one)
+            for window in alike:
+                under.setdefault(_nearest(loads, _load(window.values)), []).append(window)
             # A labelled test is not judged by itself.
             labelled = [
-                one
-                for one in self._like(own[0].motion, labelled=True)
-                if one.figures not in windows
+                window
+                for window in self._like(motion, labelled=True)
+                if window.figures not in windows
             ]
-            for near, some in under.items():
+            for near, loaded in under.items():
                 beside = [
-                    one for one in labelled if _nearest(loads, _load(one.figures.values)) == near
+                    window
+                    for window in labelled
+                    if _nearest(loads, _load(window.figures.values)) == near
                 ]
-                found.append(_judged(stamp_ns, some, loads[near], beside, _running(healthy)))
+                judgements.append(_judged(stamp_ns, loaded, loads[near], beside, _running(healthy)))
         has_labels = len(self.healthy) < len(self.windows)
-        judged = [one for one in found if isinstance(one, Departure)]
-        if not judged:
-            reasons = [f"no state is named: {one}" for one in found if has_labels]
+        departures = [item for item in judgements if isinstance(item, Departure)]
+        if not departures:
+            reasons = [f"no state is named: {reason}" for reason in judgements if has_labels]
             return Departure(1.0, unnamed=reasons[0]) if reasons else None
-        worst = min(judged, key=lambda one: one.probability)
+        worst = min(departures, key=lambda departure: departure.probability)
         if has_labels and not (worst.states or worst.unnamed):
             words = f"no labelled state has {FEWEST} tests of this motion and load"
             worst = replace(worst, unnamed=f"no state is named: {words}")
-        return replace(worst, probability=min(1.0, len(judged) * worst.probability))
+        return replace(worst, probability=min(1.0, len(departures) * worst.probability))
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values: names, and a row for each window; NaN for a missing figure."""
-        rows = [[one.state, one.test, one.stamp_ns, *row_of(one.figures)] for one in self.windows]
+        rows = [
+            [window.state, window.test, window.stamp_ns, *row_of(window.figures)]
+            for window in self.windows
+        ]
         return {"figures": list(WINDOW_FIGURES), "windows": rows}
 
     @classmethod
@@ -186,48 +203,48 @@ def _judged(
     """Return how unlikely windows are beside healthy ones like them, or why that is unknown."""
     if len(healthy) < FEWEST:
         return f"the load has fewer than {FEWEST} healthy windows"
-    own = DatedFigures(stamp_ns // NS_A_DAY, mean_of(windows))
-    load = _load(own.values)
+    tested = DatedFigures(stamp_ns // NS_A_DAY, mean_of(windows))
+    load = _load(tested.values)
     size = min(len(windows), len(healthy) // FEWEST)
     tests = list(_tests(healthy, size))
-    found = departure_of(own, [one.test for one in tests], WINDOW_FIGURES)
-    is_of_levels = all(not one.figure.is_logarithm for one in found.changes)
+    departure = departure_of(tested, [example.test for example in tests], WINDOW_FIGURES)
+    is_of_levels = all(not change.figure.is_logarithm for change in departure.changes)
     enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
-    found = replace(found, load_explains=_distance(healthy, load) > enough)
+    departure = replace(departure, load_explains=_distance(healthy, load) > enough)
     known = known_states([*tests, *_tests(labelled, size)])
     if len(known) < 2:
-        return found
+        return departure
     if (away := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
         words = f"the load is new, {away:.2g} A from the known windows"
-        return replace(found, unnamed=f"no state is named: {words}")
-    return replace(found, states=probabilities(known, own, WINDOW_FIGURES))
+        return replace(departure, unnamed=f"no state is named: {words}")
+    return replace(departure, states=probabilities(known, tested, WINDOW_FIGURES))
 
 
 def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[Example]:
     """Yield tests: so many healthy windows in a row, and all windows of each labelled test."""
-    healthy = [one for one in windows if not one.test]
+    healthy = [window for window in windows if not window.test]
     rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
-    others = groupby((one for one in windows if one.test), key=lambda one: one.test)
-    for row in (*rows, *(list(some) for _, some in others)):
-        figures = [one.figures for one in row]
+    labelled = groupby((window for window in windows if window.test), key=lambda row: row.test)
+    for row in (*rows, *(list(test) for _, test in labelled)):
+        figures = [window.figures for window in row]
         test = DatedFigures(row[0].stamp_ns // NS_A_DAY, mean_of(figures))
-        yield Example(row[0].state, test, [one.values for one in figures])
+        yield Example(row[0].state, test, [window.values for window in figures])
 
 
 def _by_motion(windows: Iterable[WindowFigures]) -> list[list[WindowFigures]]:
     """Return windows in groups of like motion."""
-    found: list[list[WindowFigures]] = []
-    for one in windows:
-        alike = next((some for some in found if some[0].motion.is_like(one.motion)), None)
+    groups: list[list[WindowFigures]] = []
+    for window in windows:
+        alike = next((group for group in groups if group[0].motion.is_like(window.motion)), None)
         if alike is None:
-            found.append(alike := [])
-        alike.append(one)
-    return found
+            groups.append(alike := [])
+        alike.append(window)
+    return groups
 
 
 def _running(windows: Sequence[KnownWindow]) -> float:
     """Return the larger mean current of both directions [A]."""
-    figures = mean_of([one.figures for one in windows])
+    figures = mean_of([window.figures for window in windows])
     return max(abs(figures[name]) for name in _BOTH_WAYS)
 
 
@@ -246,8 +263,8 @@ def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindo
 
 
 def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
-    return int(np.argmin([_distance(one, load) for one in groups]))
+    return int(np.argmin([_distance(group, load) for group in groups]))
 
 
 def _distance(group: Sequence[KnownWindow], load: float) -> float:
-    return min(abs(_load(one.figures.values) - load) for one in group)
+    return min(abs(_load(window.figures.values) - load) for window in group)
