@@ -81,17 +81,17 @@ class Baseline:
     @cached_property
     def days(self) -> tuple[int, ...]:
         """Day of each record."""
-        return tuple(one.day for one in self.records)
+        return tuple(record.day for record in self.records)
 
     @cached_property
     def values(self) -> Array:
         """Coefficients of the records, ``(n, 5)``."""
-        return np.array([one.values for one in self.records])
+        return np.array([record.values for record in self.records])
 
     @cached_property
     def covariances(self) -> Array:
         """Covariances of their errors, ``(n, 5, 5)``."""
-        return np.array([one.covariance for one in self.records])
+        return np.array([record.covariance for record in self.records])
 
     @cached_property
     def healthy(self) -> Array:
@@ -109,10 +109,11 @@ class Baseline:
         """Whether the healthy records repeat one motion."""
         if len(self.records) < _FEWEST_REPEATED:
             return False
-        motions = np.log([(one.usual_speed, one.travel) for one in self.records])
-        steps = [one.figures[SPEED_STEPS] for one in self.records if SPEED_STEPS in one.figures]
+        steps = [
+            record.figures[SPEED_STEPS] for record in self.records if SPEED_STEPS in record.figures
+        ]
         accelerates_alike = len(steps) < _FEWEST_REPEATED or np.std(steps, ddof=1) <= _SAME_STEPS
-        is_alike = np.all(np.std(motions, axis=0, ddof=1) <= _SAME_MOTION)
+        is_alike = np.all(np.std(self._motions, axis=0, ddof=1) <= _SAME_MOTION)
         return bool(is_alike and accelerates_alike)
 
     def distance(self, record: JointRecord) -> float:
@@ -120,8 +121,12 @@ class Baseline:
 
         It is the logarithm of their ratio to the nearest healthy record, the larger of both.
         """
-        motions = np.log([(one.usual_speed, one.travel) for one in self.records])
-        return _outside(motions, np.log([record.usual_speed, record.travel]))
+        return _outside(self._motions, np.log([record.usual_speed, record.travel]))
+
+    @property
+    def _motions(self) -> Array:
+        """Logarithms of speed and travel of the records, ``(n, 2)``."""
+        return np.log([(record.usual_speed, record.travel) for record in self.records])
 
     def motion_errors(self, record: JointRecord) -> Array:
         """Return by how much the coefficients of a healthy record may differ with its motion.
@@ -130,7 +135,7 @@ class Baseline:
         little looks like friction, and more so at another pace, which is the speed over the travel.
         """
         errors = _MOTION_TOLERANCE * self.distance(record) * self.scales
-        paces = np.log([one.usual_speed / one.travel for one in self.records])
+        paces = self._motions @ [1.0, -1.0]
         pace = _outside(paces[:, None], np.log([record.usual_speed / record.travel]))
         if pace > 0.0 and self.shape.has_inertia:
             mean = math.exp(float(np.mean(paces)))
@@ -170,21 +175,21 @@ class Baseline:
         ValueError
             When the record is one of the healthy records.
         """
-        if any(one.is_same(record) for one in self.records):
+        if any(healthy.is_same(record) for healthy in self.records):
             raise ValueError("it is one of the healthy records of the calibration")
-        kept = (one for one in self.labelled if not one.record.is_same(record))
+        kept = (label for label in self.labelled if not label.record.is_same(record))
         return self.with_labels((*kept, LabelledRecord(state, record)))
 
     def without(self, state: str) -> "Baseline":
         """Return the baseline without a labelled state; ValueError if it is not labelled."""
-        kept = [one for one in self.labelled if one.state != state]
+        kept = [label for label in self.labelled if label.state != state]
         if len(kept) == len(self.labelled):
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
         return self.with_labels(kept)
 
     def states(self) -> dict[str, int]:
         """Return the number of records of each state."""
-        return Counter([HEALTHY] * len(self.records) + [one.state for one in self.labelled])
+        return Counter([HEALTHY] * len(self.records) + [label.state for label in self.labelled])
 
     def extended(self, records: int, days: int) -> "Baseline":
         """Return the baseline with further records that scatter as those so far.
@@ -228,9 +233,9 @@ class Baseline:
     @property
     def hidden_in_friction(self) -> tuple[str, ...]:
         """Quantities that look like Coulomb friction in the motion of the healthy records."""
-        found = [] if self.shape.has_viscous else [VISCOUS_FRICTION]
+        unseen = [] if self.shape.has_viscous else [VISCOUS_FRICTION]
         # With friction and load alone the torque per ampere has no witness.
-        return (*found, *([] if self.shows_torque else [TORQUE]))
+        return (*unseen, *([] if self.shows_torque else [TORQUE]))
 
     @property
     def shows_torque(self) -> bool:

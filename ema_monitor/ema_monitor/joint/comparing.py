@@ -102,8 +102,10 @@ class Comparer:
 
     def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
         """Return what has changed in a record, and which healthy records would show more."""
-        found = _Test(self, record).result()
-        return replace(found, improvements=self.improvements) if with_improvements else found
+        comparison = _Test(self, record).result()
+        if with_improvements:
+            comparison = replace(comparison, improvements=self.improvements)
+        return comparison
 
     def unexplained(self, record: JointRecord) -> float:
         """Return how much of a record the best explanation leaves, "no change" included.
@@ -132,13 +134,14 @@ class Comparer:
         """
         baseline = self.baseline
         days = np.array(baseline.days)
-        values, own = baseline.values, np.diagonal(baseline.covariances, axis1=1, axis2=2)
+        values = baseline.values
+        variances = np.diagonal(baseline.covariances, axis1=1, axis2=2)
         centred = np.array(values)
         for day in set(baseline.days):
             centred[days == day] -= values[days == day].mean(axis=0)
         freedom = len(days) - len(set(baseline.days))
         observed = np.sum(centred**2, axis=0)
-        expected = np.mean(own, axis=0) + _TINY**2
+        expected = np.mean(variances, axis=0) + _TINY**2
         share = (_NOISE_FREEDOM * expected + observed) / ((_NOISE_FREEDOM + freedom) * expected)
         return np.sqrt(np.minimum(share, 1.0))
 
@@ -149,7 +152,7 @@ class Comparer:
     @cached_property
     def errors(self) -> Array:
         """Covariances of the errors of the healthy records, ``(n, 5, 5)``."""
-        return np.array([self.error(one) for one in self.baseline.covariances])
+        return np.array([self.error(covariance) for covariance in self.baseline.covariances])
 
     @cached_property
     def spread(self) -> Array:
@@ -163,7 +166,7 @@ class Comparer:
     @cached_property
     def _sigmas(self) -> Array:
         """Standard deviations between records, ``(5,)``."""
-        return np.sqrt([self.scatter(one).variance for one in np.eye(len(COEFFICIENTS))])
+        return np.sqrt([self.scatter(unit).variance for unit in np.eye(len(COEFFICIENTS))])
 
     @cached_property
     def correlations(self) -> Array:
@@ -216,7 +219,7 @@ class Comparer:
     def _over_temperatures(self) -> "Comparer":
         if self._temperatures is None:
             return self
-        records = tuple(replace(one, temperature=math.nan) for one in self.baseline.records)
+        records = tuple(replace(record, temperature=math.nan) for record in self.baseline.records)
         return replace(self, baseline=replace(self.baseline, records=records))
 
     def expected(self, record: JointRecord) -> Array:
@@ -237,12 +240,12 @@ class Comparer:
 
     @cached_property
     def _mean_temperature(self) -> float:
-        return float(np.mean([one.temperature for one in self.baseline.records]))
+        return float(np.mean([record.temperature for record in self.baseline.records]))
 
     @cached_property
     def _temperatures(self) -> Array | None:
         """Temperatures of the records as a covariate, ``(n,)``; None where they say too little."""
-        measured = np.array([one.temperature for one in self.baseline.records])
+        measured = np.array([record.temperature for record in self.baseline.records])
         if len(measured) < _FEWEST_FOR_TEMPERATURE or not np.all(np.isfinite(measured)):
             return None
         if np.ptp(measured) < _TEMPERATURE_RANGE:
@@ -252,14 +255,14 @@ class Comparer:
     @cached_property
     def smallest_changes(self) -> Mapping[str, float]:
         """Smallest change of each quantity that a record of another day would show."""
-        return {one.name: one.smallest_change for one in _Test(self, self._typical).alone()}
+        return _Test(self, self._typical).smallest_changes()
 
     @cached_property
     def smallest_changes_of_a_day(self) -> Mapping[str, float]:
         """Smallest changes on a day that has healthy records."""
         stamp_ns = self.baseline.records[-1].stamp_ns
         record = replace(self._typical, stamp_ns=stamp_ns)
-        return {one.name: one.smallest_change for one in _Test(self, record).alone()}
+        return _Test(self, record).smallest_changes()
 
     @property
     def _typical(self) -> JointRecord:
@@ -278,15 +281,15 @@ class Comparer:
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
         """Further healthy records that would lower the smallest change of friction."""
-        now, found = self.smallest_changes[FRICTION], []
+        now, improvements = self.smallest_changes[FRICTION], []
         for days in (0, _MORE_DAYS):
             extended = Comparer(
                 self.baseline.extended(_MORE_RECORDS, days), known_correlations=self.correlations
             )
             lower = extended.smallest_changes[FRICTION]
             if lower < _WORTH_IT * now:
-                found.append(Improvement(FRICTION, days, _MORE_RECORDS, now, lower))
-        return tuple(sorted(found, key=lambda one: one.smallest_change)[:1])
+                improvements.append(Improvement(FRICTION, days, _MORE_RECORDS, now, lower))
+        return tuple(sorted(improvements, key=lambda more: more.smallest_change)[:1])
 
 
 class _Test:
@@ -303,8 +306,7 @@ class _Test:
 
     def result(self) -> Comparison:
         """Return the comparison."""
-        singles = [one for one in self._comparer.hypotheses if len(one.quantities) == 1]
-        tests = {one.quantities[0]: self._along(self._weights(one)) for one in singles}
+        tests = self._single_tests()
         symptoms = self._comparer.symptoms
         play = symptoms.play(self._record)
         named: tuple[str, ...] = ()
@@ -339,13 +341,18 @@ class _Test:
         friction = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
-    def alone(self) -> list[QuantityChange]:
-        """Return the changes of the quantities of the coefficients, with none of them named."""
-        singles = [one for one in self._comparer.hypotheses if len(one.quantities) == 1]
-        return [
-            self._judged(one.quantities[0], self._along(self._weights(one)), (), ())
-            for one in singles
-        ]
+    def smallest_changes(self) -> dict[str, float]:
+        """Return the smallest change of each quantity of the coefficients that would show."""
+        tests = self._single_tests().items()
+        return {name: self._judged(name, test, (), ()).smallest_change for name, test in tests}
+
+    def _single_tests(self) -> dict[str, SingleTest]:
+        """Return the test of each quantity of the coefficients."""
+        return {
+            hypothesis.quantities[0]: self._along(self._weights(hypothesis))
+            for hypothesis in self._comparer.hypotheses
+            if len(hypothesis.quantities) == 1
+        }
 
     def _weights(self, hypothesis: Hypothesis) -> Array:
         """Return the weights that estimate a change of one quantity best, ``(5,)``."""
@@ -379,10 +386,12 @@ class _Test:
         """Squared distance that each hypothesis leaves of the departure, and its parameters."""
         inverse = _precision(self._tolerant)
         costs = []
-        for one in self._comparer.hypotheses:
-            parameters = _best_weights(one.columns, self._tolerant) @ self._departure
-            left = self._departure - one.columns @ parameters
-            costs.append(float(left @ inverse @ left) + _FOR_A_PARAMETER * one.columns.shape[1])
+        for hypothesis in self._comparer.hypotheses:
+            columns = hypothesis.columns
+            left = self._departure - columns @ _best_weights(columns, self._tolerant) @ (
+                self._departure
+            )
+            costs.append(float(left @ inverse @ left) + _FOR_A_PARAMETER * columns.shape[1])
         return costs
 
     def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -409,7 +418,8 @@ class _Test:
 
     def _number_of(self, name: str) -> int:
         """Return the number of the hypothesis that one quantity alone has changed."""
-        return [one.quantities for one in self._comparer.hypotheses].index((name,))
+        quantities = [hypothesis.quantities for hypothesis in self._comparer.hypotheses]
+        return quantities.index((name,))
 
     def _judged(
         self, name: str, test: SingleTest, named: tuple[str, ...], rivals: tuple[str, ...]
@@ -418,10 +428,8 @@ class _Test:
         smallest, is_doubtful = test.smallest_change, test.is_doubtful
         if named:
             columns = [
-                one.columns[:, 0]
+                self._comparer.hypotheses[self._number_of(key)].columns[:, 0]
                 for key in dict.fromkeys((name, *named))
-                for one in self._comparer.hypotheses
-                if one.quantities == (key,)
             ]
             test = self._along(_best_weights(np.column_stack(columns), self._tolerant)[0])
             # Beside a change that is named, the others are less certain.
@@ -433,7 +441,7 @@ class _Test:
         unit = "-"
         if name == LOAD:
             unit, scale = self._comparer.effort_unit, self._comparer.effort_scale
-            change, low, high, smallest = (scale * one for one in (change, low, high, smallest))
+            change, low, high, smallest = (scale * value for value in (change, low, high, smallest))
         if name == TORQUE:  # the columns are linear in the effort, the quantity is its inverse
             change, low, high = _inverse(change, low, high)
         judgement, reason, others = Judgement.UNCHANGED, "", ()
@@ -441,7 +449,7 @@ class _Test:
             judgement, others = Judgement.CHANGED, rivals
         elif name in rivals:
             judgement, others = Judgement.NOT_JUDGED, named
-            labels = " and ".join(QUANTITIES[one].label for one in named)
+            labels = " and ".join(QUANTITIES[rival].label for rival in named)
             reason = f"this motion cannot tell it apart from {labels}"
         elif test.is_significant:
             judgement, reason = Judgement.NOT_JUDGED, _TOGETHER
@@ -479,9 +487,9 @@ def _growth(quantities: Mapping[str, QuantityChange]) -> float:
     """Return the logarithm of how much the effort has grown by changes that are named."""
     logs = [0.0]
     for name, sign in ((FRICTION, 1.0), (TORQUE, -1.0)):
-        one = quantities.get(name)
-        if one is not None and one.judgement is Judgement.CHANGED:
-            logs.append(sign * math.log(max(1.0 + one.change, _LEAST_RATIO)))
+        quantity = quantities.get(name)
+        if quantity is not None and quantity.judgement is Judgement.CHANGED:
+            logs.append(sign * math.log(max(1.0 + quantity.change, _LEAST_RATIO)))
     return max(logs)
 
 

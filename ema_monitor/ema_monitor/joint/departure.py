@@ -181,7 +181,7 @@ class Departure:
 
 
 def departure_of(
-    own: DatedFigures,
+    tested: DatedFigures,
     healthy: Sequence[DatedFigures],
     figures: Mapping[str, JudgedFigure],
     significance: float = SIGNIFICANCE,
@@ -190,7 +190,7 @@ def departure_of(
 
     Parameters
     ----------
-    own, healthy
+    tested, healthy
         The test, and the healthy tests of the unit.
     figures
         Figures to compare, by name; those that one of the tests lacks do not count.
@@ -206,22 +206,22 @@ def departure_of(
         raise ValueError(
             f"{len(healthy)} healthy tests: expected {FEWEST} or more, to see their scatter"
         )
-    names = [name for name in figures if all(name in one.values for one in (own, *healthy))]
+    names = [name for name in figures if all(name in test.values for test in (tested, *healthy))]
     if not names:
         raise ValueError("the test and the healthy tests have no figure in common")
     chosen = {name: figures[name] for name in names}
     # Bonferroni: for each figure.
     limit = significance / len(names)
-    found = _changes(own, healthy, chosen, limit)
-    departure = _departure(found, significance)
-    days = {one.day for one in healthy}
-    if departure.is_significant or own.day in days:
+    changes = _changes(tested, healthy, chosen, limit)
+    departure = _departure(changes, significance)
+    days = {test.day for test in healthy}
+    if departure.is_significant or tested.day in days:
         return departure
-    nearest = min(days, key=lambda day: abs(day - own.day))
-    first = _changes(own._replace(day=nearest), healthy, chosen, limit)[0]
+    nearest = min(days, key=lambda day: abs(day - tested.day))
+    first = _changes(tested._replace(day=nearest), healthy, chosen, limit)[0]
     if first.probability >= limit:
         return departure
-    on_its_day = next(one for one in found if one.name == first.name)
+    on_its_day = next(change for change in changes if change.name == first.name)
     return replace(
         departure,
         remark=f"{first.figure.label} differs by {first.change_text}; on a day without healthy "
@@ -231,27 +231,27 @@ def departure_of(
 
 def _departure(changes: Sequence[Change], significance: float) -> Departure:
     count = len(changes)
-    significant = tuple(one for one in changes if count * one.probability < significance)
+    significant = tuple(change for change in changes if count * change.probability < significance)
     probability = min(1.0, count * changes[0].probability)
     return Departure(probability, significant, significance=significance)
 
 
 def _changes(
-    own: DatedFigures,
+    tested: DatedFigures,
     healthy: Sequence[DatedFigures],
     figures: Mapping[str, JudgedFigure],
     limit: float,
 ) -> list[Change]:
     """Return the change of each figure, the least probable first."""
     return sorted(
-        (_change(name, own, healthy, figures, limit) for name in figures),
-        key=lambda one: one.probability,
+        (_change(name, tested, healthy, figures, limit) for name in figures),
+        key=lambda change: change.probability,
     )
 
 
 def _change(
     name: str,
-    own: DatedFigures,
+    tested: DatedFigures,
     healthy: Sequence[DatedFigures],
     figures: Mapping[str, JudgedFigure],
     limit: float,
@@ -260,9 +260,9 @@ def _change(
     figure = figures[name]
     unit = 1.0 if figure.is_logarithm else _largest_level(healthy, figures)
     error = figure.error * unit
-    observed = tuple(Observation(one.values[name], error, one.day) for one in healthy)
+    observed = tuple(Observation(test.values[name], error, test.day) for test in healthy)
     scatter = _scatter(observed, figure.between_days * unit)
-    test = SingleTest.of(Observation(own.values[name], error, own.day), scatter)
+    test = SingleTest.of(Observation(tested.values[name], error, tested.day), scatter)
     return Change(name, figure, test, test.probability, limit)
 
 
@@ -270,13 +270,13 @@ def _change(
 def _scatter(healthy: tuple[Observation, ...], between_days: float) -> Scatter:
     """Return the scatter of a figure; every test of a unit is compared with the same few."""
     # The prior reaches only some times its median, and must cover the scatter of the healthy tests.
-    shown = float(np.std([one.value for one in healthy], ddof=1))
+    shown = float(np.std([observation.value for observation in healthy], ddof=1))
     return scatter_of(healthy, max(between_days, shown, _TINY))
 
 
 def _largest_level(healthy: Sequence[DatedFigures], figures: Mapping[str, JudgedFigure]) -> float:
     levels = (name for name, figure in figures.items() if not figure.is_logarithm)
-    return max(abs(float(np.mean([one.values[name] for one in healthy]))) for name in levels)
+    return max(abs(float(np.mean([test.values[name] for test in healthy]))) for name in levels)
 
 
 def _share(probability: float) -> str:

@@ -68,7 +68,7 @@ def figures_of(
     preparation
         How the record was prepared.
     """
-    found: dict[str, float] = {}
+    figures: dict[str, float] = {}
     speed = np.gradient(smoothed(telemetry.position, 2.0), telemetry.sample_period)
     fast = _SETTLE_SHARE * preparation.usual_speed
     for way, sign in WAYS.items():
@@ -77,20 +77,20 @@ def figures_of(
         if len(telemetry.interpolated):
             moving &= ~telemetry.interpolated
         if np.sum(rows) >= _FEWEST:
-            found[f"effort_scatter_{way}"] = log_rms(residuals[rows])
+            figures[f"effort_scatter_{way}"] = log_rms(residuals[rows])
         if np.sum(moving) >= _FEWEST:
-            found[f"effort_roughness_{way}"] = log_rms(steps_within(telemetry.current, moving))
-            found[f"{SPEED_STEPS}_{way}"] = log_rms(steps_within(speed, moving))
+            figures[f"effort_roughness_{way}"] = log_rms(steps_within(telemetry.current, moving))
+            figures[f"{SPEED_STEPS}_{way}"] = log_rms(steps_within(speed, moving))
             if telemetry.has_command:
                 error = telemetry.command - telemetry.position
                 chosen = error[moving]
-                found[f"error_scatter_{way}"] = log_rms(chosen - np.mean(chosen))
-                found[f"error_roughness_{way}"] = log_rms(steps_within(error, moving))
+                figures[f"error_scatter_{way}"] = log_rms(chosen - np.mean(chosen))
+                figures[f"error_roughness_{way}"] = log_rms(steps_within(error, moving))
     for name in (*FIGURES, SPEED_STEPS):
-        both = [found[key] for way in WAYS if (key := f"{name}_{way}") in found]
+        both = [figures[key] for way in WAYS if (key := f"{name}_{way}") in figures]
         if len(both) == len(WAYS):
-            found[name] = float(np.mean(both))
-    return found
+            figures[name] = float(np.mean(both))
+    return figures
 
 
 def tracking_lag(fine: Fine) -> tuple[float, float]:

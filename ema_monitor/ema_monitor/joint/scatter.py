@@ -202,7 +202,7 @@ class Scatter:
         variances = of_mean + spread + self._record + variance + _TINY
         counts = np.maximum(self._weights, self._likelihoods) > _NEGLIGIBLE
         weights, likelihoods = (
-            one[counts] / np.sum(one[counts]) for one in (self._weights, self._likelihoods)
+            shares[counts] / np.sum(shares[counts]) for shares in (self._weights, self._likelihoods)
         )
         return Prediction(weights, means[counts], variances[counts], likelihoods)
 

@@ -72,8 +72,8 @@ class SymptomComparer:
             reason = "too few reversals, or no measured speed"
         if reason or isinstance(healthy, str):
             return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason))
-        own = Observation(record.lost_motion, record.lost_motion_sigma, record.day_to_predict)
-        test = SingleTest.of(own, healthy.scatter)
+        observed = Observation(record.lost_motion, record.lost_motion_sigma, record.day_to_predict)
+        test = SingleTest.of(observed, healthy.scatter)
         if test.change < 0.0 and test.is_significant:
             closed = "a load closes the play"
             return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=closed))
@@ -119,7 +119,7 @@ class SymptomComparer:
             return "the position command does not move enough"
         if not is_known(record.lag_s):
             return "there is no position command"
-        if any(math.isinf(one.lag_sigma) for one in self.baseline.records):
+        if any(math.isinf(healthy.lag_sigma) for healthy in self.baseline.records):
             return "the position command of the healthy records does not move enough"
         return "the healthy records have no position command"
 
@@ -140,50 +140,51 @@ class SymptomComparer:
         distance = self.baseline.distance(record)
         if distance > _LIKE_MOTION:
             return Symptoms((), 1.0)
-        found: list[FigureChange] = []
+        changes: list[FigureChange] = []
         least = 1.0
         for name, scatter in self._figures.items():
             if name not in record.figures:
                 continue
             error = math.hypot(_error(name, record), _of_motion(name) * distance)
-            own = Observation(record.figures[name], error, record.day_to_predict)
-            test = SingleTest.of(own, scatter)
+            observed = Observation(record.figures[name], error, record.day_to_predict)
+            test = SingleTest.of(observed, scatter)
             if name in OF_EFFORT:
                 test = test.less(min(grown, max(test.change, 0.0)))
             least = min(least, test.probability)
             if test.is_significant:
-                found.append(FigureChange(name, math.exp(test.change), test.probability))
-        return Symptoms(tuple(sorted(found, key=lambda one: one.probability)), least)
+                changes.append(FigureChange(name, math.exp(test.change), test.probability))
+        return Symptoms(tuple(sorted(changes, key=lambda change: change.probability)), least)
 
     @cached_property
     def _play(self) -> _Healthy | str:
         """Lost motion of the healthy records [rad], or why play is not judged."""
-        found = [
-            Observation(one.lost_motion, one.lost_motion_sigma, one.day)
-            for one in self.baseline.records
-            if is_known(one.lost_motion, one.lost_motion_sigma)
+        observed = [
+            Observation(record.lost_motion, record.lost_motion_sigma, record.day)
+            for record in self.baseline.records
+            if is_known(record.lost_motion, record.lost_motion_sigma)
         ]
-        if not found:
+        if not observed:
             return _NO_MOTOR_SIDE
-        values = np.array([one.value for one in found])
+        values = np.array([observation.value for observation in observed])
         mean = float(np.mean(values))
-        if mean < _VISIBLE * (np.std(values) + np.mean([one.sigma for one in found])):
+        error = np.mean([observation.sigma for observation in observed])
+        if mean < _VISIBLE * (np.std(values) + error):
             return _NO_PLAY
-        return _Healthy(mean, scatter_of(found, _PLAY_BETWEEN * mean))
+        return _Healthy(mean, scatter_of(observed, _PLAY_BETWEEN * mean))
 
     @cached_property
     def _tracking(self) -> _Healthy | None:
         """Tracking lag of the healthy records [s]; None without a command."""
-        found = [
-            Observation(one.lag_s, one.lag_sigma, one.day)
-            for one in self.baseline.records
-            if is_known(one.lag_s, one.lag_sigma)
+        observed = [
+            Observation(record.lag_s, record.lag_sigma, record.day)
+            for record in self.baseline.records
+            if is_known(record.lag_s, record.lag_sigma)
         ]
-        if not found:
+        if not observed:
             return None
-        mean = abs(float(np.mean([one.value for one in found])))
+        mean = abs(float(np.mean([observation.value for observation in observed])))
         between = _LAG_BETWEEN * math.hypot(mean, self._lag_floor)
-        return _Healthy(max(mean, self._lag_floor), scatter_of(found, between))
+        return _Healthy(max(mean, self._lag_floor), scatter_of(observed, between))
 
     @property
     def _lag_floor(self) -> float:
@@ -193,19 +194,19 @@ class SymptomComparer:
     @cached_property
     def _figures(self) -> dict[str, Scatter]:
         """Scatter of the healthy records by figure."""
-        found = {}
+        scatters = {}
         for name, figure in FIGURES.items():
             between = figure.repeated if self.baseline.repeats else figure.varied
             healthy = [
-                Observation(one.figures[name], _error(name, one), one.day)
-                for one in self.baseline.records
-                if name in one.figures
+                Observation(record.figures[name], _error(name, record), record.day)
+                for record in self.baseline.records
+                if name in record.figures
             ]
             if healthy and between is not None:
                 # The scatters considered end at some times the prior median.
-                shown = float(np.std([one.value for one in healthy]))
-                found[name] = scatter_of(healthy, max(between, SHARE_OF_SHOWN * shown))
-        return found
+                shown = float(np.std([observation.value for observation in healthy]))
+                scatters[name] = scatter_of(healthy, max(between, SHARE_OF_SHOWN * shown))
+        return scatters
 
 
 def _of_motion(name: str) -> float:
