@@ -20,7 +20,7 @@ MOST_SHIFT_S: Final = 6e-3
 
 _LEAST_SAMPLES: Final = 2
 
-# Share of the travel: far more than rounding, far less than what a sample moves.
+# Share of the travel: far more than rounding, far less than the motion in a sample.
 _SAME: Final = 1e-6
 
 

@@ -99,8 +99,8 @@ class Calibration(StoredCalibration):
     windows
         Number of windows averaged.
     travel_ratio
-        Travel of the user shaft over that of the motor and the gear, by the sensors of position and
-        speed when healthy [-]; NaN when that is unknown.
+        User-shaft travel divided by motor travel through the gear, by the sensors of position and
+        speed when healthy [-]; NaN when unknown.
     law_offset
         By how much the position is too high for the control law when healthy [rad]; NaN when that
         is unknown.
@@ -226,7 +226,7 @@ class Calibration(StoredCalibration):
         return MonitorModel(self.parameters, self.form, self.dt, self.unit, self.acquisition)
 
     def of_any_motion(self) -> "Calibration":
-        """Return what holds under any command: all but the correction under the calibrated one."""
+        """Return the part valid under any command: all but the calibrated command's correction."""
         nothing = np.zeros(0)
         return replace(self, command=self.command[:1], correction=nothing, speed_correction=nothing)
 
@@ -253,12 +253,12 @@ class Calibration(StoredCalibration):
         )
 
     def expect(self, response: Response, window: Window) -> Response:
-        """Return what to expect to be measured in a window where the model gives a response."""
+        """Return the expected measurements of a window, from the model's response."""
         current, speed = self.reference(window).corrections
         return Response(response.current + current, response.speed + speed)
 
     def reference(self, window: Window) -> HealthyReference:
-        """Return what is known of a healthy window beyond the model.
+        """Return the healthy reference of a window beyond the model.
 
         Laying the commands over each other takes a few milliseconds where they are noisy.
         """

@@ -60,15 +60,15 @@ def calibrate_model(
     windows
         Windows of one or several commands, at least one; ten or more of the first one average out
         the PWM's ripple. They are used one at a time, several times over, so that they may be read
-        when needed. What was measured beside them is taken for known, within its sigma.
+        when needed. Causes measured with them are assumed known, within their sigma.
     description
         The unit that the windows were taken from; the built-in actuator when None.
     form
-        Form of the monitor model, that of the drive when None. No deviations are fitted for the
+        Form of the monitor model, the drive's form when None. No deviations are fitted for the
         "source" form: the thesis's calibration, which goes with it, is the correction alone.
     structural
-        Whether to fit what the unit deviates from nominal, where the form has it; else the
-        correction is all.
+        Whether to fit the unit's deviations from nominal, if the form has them; otherwise only the
+        correction is fitted.
 
     Raises
     ------
@@ -139,9 +139,9 @@ def calibrate_model(
 
 
 def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dict[str, float]:
-    """Return what the columns say of each other, but for what was measured, by its name.
+    """Return the relations between columns by name, except measured ones.
 
-    It is the mean over the windows that tell; NaN without any.
+    Each is the mean over the windows in which it can be measured; NaN without any.
     """
     found: dict[str, list[float]] = {"travel_ratio": [], "law_offset": []}
     slopes = law_slopes(parameters)
@@ -170,7 +170,7 @@ class _Group(Sequence[Window]):
 def _missed(
     windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
 ) -> Iterator[Array]:
-    """Yield what a healthy model misses of current and speed, ``(2, n)`` [A, rad/s] a window.
+    """Yield the healthy model's residuals of current and speed, ``(2, n)`` [A, rad/s] a window.
 
     All windows are laid over the first. What is missed is multiplied by ``weights``, ``(n,)``.
     """
@@ -185,12 +185,12 @@ def _missed(
 def _mean_missed(
     windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
 ) -> Array:
-    """Return the mean over windows of what a healthy model misses, ``(2, n)``."""
+    """Return the mean residuals of the healthy model over windows, ``(2, n)``."""
     return reduce(np.add, _missed(windows, model, weights)) / len(windows)
 
 
 def _weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
-    """Return what a sample counts in the fit of a unit, ``(n,)`` for each command.
+    """Return the weights of samples in the fit of a unit, ``(n,)`` for each command.
 
     Ordinary motion is slow or stands still for much of its time, where the model of the mean
     current is at its worst: as soon as a window dwells, samples count as they do in an estimate
@@ -202,7 +202,7 @@ def _weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
 
 
 def _healthy_response(window: Window, model: MonitorModel) -> Response:
-    """Return the response of the healthy actuator under what was measured beside the window."""
+    """Return the response of the healthy actuator under the window's measured causes."""
     deviations, position = read(measured_columns(window.measured)[None], window)
     return model.respond(
         window, healthy_faults(), _play(window), deviations=deviations, position=position
@@ -210,9 +210,10 @@ def _healthy_response(window: Window, model: MonitorModel) -> Response:
 
 
 def _examples_that_matter(window: Window, model: MonitorModel) -> str:
-    """Say which parameters have the built-in example's value and matter in a window.
+    """Return which parameters have the built-in example's value and matter in a window.
 
-    Nothing is said of the example itself. What changes the response by a tenth matters.
+    Nothing is reported for the example itself. A parameter matters if it changes the response by a
+    tenth.
     """
     example, own = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
     left = [name for name, value in example.items() if own[name] == value and value]
@@ -266,13 +267,13 @@ class _UnitProblem:
         return values
 
     def covariance(self, known: Array) -> Array:
-        """Return that of all deviations, ``(25, 25)``, from that of ``x``, ``(d, d)``."""
+        """Return the covariance of all deviations, ``(25, 25)``, from ``x``'s, ``(d, d)``."""
         covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
         covariance[np.ix_(self._columns, self._columns)] = known
         return covariance
 
     def missed(self, x: Array) -> Array:
-        """Return what the model misses, ``(r,)`` [A]."""
+        """Return the residuals of the model, ``(r,)`` [A]."""
         model = self._model(x)
         return np.concatenate(
             [
@@ -290,7 +291,7 @@ class _UnitProblem:
         return self._differences(x, [sides] * len(self._groups)) / (up + down)
 
     def effects_of_measured(self, x: Array) -> Array:
-        """Return what one sigma of each measured cause changes the response by, ``(r, k)`` [A].
+        """Return the effect of one sigma of each measured cause on the response, ``(r, k)`` [A].
 
         A sensor is as wrong in all windows as in one.
         """
@@ -354,12 +355,12 @@ class _UnitProblem:
 
 
 def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:
-    """Fit what a unit deviates from nominal to healthy windows.
+    """Fit the deviations of a unit from nominal to healthy windows.
 
-    Gauss-Newton on current and speed in their band, with priors: they only matter for what the
-    windows do not determine. It begins with lift, friction and inertia; of the other deviations
-    each is fitted only when it explains most of what is left, one after the other: what the model
-    misses for other reasons would be taken for them.
+    Gauss-Newton on current and speed in their band, with priors, which only matter for deviations
+    that the windows do not determine. It begins with lift, friction and inertia. Each further
+    deviation is fitted only if it explains most of the remaining residuals, one after the other:
+    otherwise it would absorb residuals with other reasons.
     """
     problem = _UnitProblem(groups, nominal)
     priors, sigma = problem.priors, problem.sigma
@@ -369,7 +370,7 @@ def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> Unit
     active = np.array([one.name in _ALWAYS_FITTED for one in priors])
     while True:
         slopes = problem.slopes(x)
-        # The residual that is left, at least a hundredth of an ampere, sets what a value weighs.
+        # The remaining residual, at least a hundredth of an ampere, sets the weight of a value.
         noise = math.sqrt(BAND_CORRELATION) * max(rms(left), _LEAST_NOISE)
         away = x - problem.expected
         cost = left @ left / noise**2 + away @ prior @ away
@@ -494,7 +495,7 @@ def _column_defect(window: Window, expected: Response) -> str:
 
 
 def _difference(row: Array, model: Array, factors: dict[float, str]) -> str:
-    """Return how a row differs from what it should be about; empty when it does not."""
+    """Return how a row differs from its expectation; empty when it does not."""
     size = float(np.linalg.norm(row) * np.linalg.norm(model))
     correlation = float(row @ model) / size if size > 0.0 else 0.0
     if abs(correlation) < _LOWEST_CORRELATION:

@@ -29,11 +29,11 @@ from ema_monitor.windows.window import Window
 _USED: Final = ("tau", "k_t", "lead")
 _N: Final = len(COEFFICIENTS)
 _UNITS: Final = {"A": ("rad", "A.s^2/rad"), "N.m": ("rad", "kg.m^2"), "N": ("m", "kg")}
-"""By unit of the effort: that of the motion, and that of the inertia."""
+"""By unit of the effort: the units of the motion and of the inertia."""
 
 
 class OutlyingRecord(NamedTuple):
-    """A healthy record that differs from the others: its stamp [ns], in what, and its place.
+    """A healthy record that differs from the others: its stamp [ns], the difference, its place.
 
     ``number`` is the place among the healthy records of the baseline, from 0.
     """
@@ -169,7 +169,7 @@ class JointCalibration(StoredCalibration):
         return f"friction of a record ± {100.0 * sigma:.2g} %"
 
     def of_any_motion(self) -> Self:
-        """Return what holds under any command, which is all."""
+        """Return the part valid under any command, which is the whole calibration."""
         return self
 
     def shape_mismatch(self, window: Window) -> str:

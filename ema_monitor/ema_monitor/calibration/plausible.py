@@ -32,7 +32,7 @@ FAULTY: Final = (
 
 
 def implausible(calibration: Calibration, window: Window) -> str:
-    """Return in what a calibration is implausible for its description; "" if it is plausible.
+    """Return why a calibration is implausible for its description; "" if it is plausible.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
 MOST_BYTES: Final = 5_000_000
-"""Size of a calibration that is read: ten times that of the largest."""
+"""Largest file that is read as a calibration [bytes]: ten times the largest calibration."""
 
 _HEAD_BYTES: Final = 200
 _log = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ class StoredCalibration(Displayed, ABC):
     @cached_property
     def calibration_id(self) -> str:
         """Identity of the content: the same figures give the same name."""
-        # A label changes no estimate: it names what departs.
+        # A label changes no estimate: it names the departure.
         text = json.dumps(self._content(with_labels=False), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
@@ -72,7 +72,7 @@ class StoredCalibration(Displayed, ABC):
         """Return why this calibration does not fit a described actuator; empty when it does."""
 
     def _mismatches(self, description: ActuatorDescription, used: Iterable[str]) -> list[str]:
-        """Return in what serial number and the parameters that are used differ."""
+        """Return the differences in the serial number and the parameters that are used."""
         reasons = []
         if description.serial_number != self.serial_number:
             reasons.append(
@@ -99,7 +99,7 @@ class StoredCalibration(Displayed, ABC):
 
     @classmethod
     def of_content(cls, path: Path, content: Any) -> Self:
-        """Return the calibration that a file holds; log where that is not what was written to it.
+        """Return the calibration in a file; log if its content differs from what was written.
 
         Raises
         ------

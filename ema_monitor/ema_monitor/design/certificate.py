@@ -90,7 +90,7 @@ class Certificate:
         return words
 
     def record(self) -> dict[str, Any]:
-        """Return all fields as plain values; what is not a number is None."""
+        """Return all fields as plain values; NaN becomes None."""
         rows = {
             name: [one._asdict() for one in getattr(self, name)] for name in ("faults", "causes")
         }
@@ -161,7 +161,7 @@ def certify(
     *,
     rehearsed: Rehearsed | None = None,
 ) -> Certificate:
-    """Return what a test will show, from windows of actuators with known faults.
+    """Return the expected performance of a test, from windows of actuators with known faults.
 
     Parameters
     ----------

@@ -22,10 +22,10 @@ MOST_ROUNDS: Final = 5
 """How often a command is designed, rehearsed and corrected at most."""
 
 FINEST: Final = 2e-3
-"""Smallest standard deviation that is wanted where it is to be that of the chirp: 0.2 % of the
-range, below which errors do not matter [-]."""
+"""Smallest wanted standard deviation if the chirp's accuracy is the target: 0.2 % of the range,
+below which errors do not matter [-]."""
 
-# A calibration that is made anew changes what is not known of the unit by some per cent.
+# A repeated calibration changes the unit's uncertainty by a few per cent.
 _SAME: Final = 1.1
 _MARGIN: Final = 0.98
 _WORTHWHILE: Final = 0.95
@@ -43,7 +43,7 @@ _LEAST_CORRECTED: Final = 0.3
 _NOT_SHOWN: Final = 10.0
 # A whole number of half periods moves the frequency.
 _TOLERANCE: Final = 1.1
-# Above what any duration or ratio of standard deviations costs.
+# Above the cost of any duration or ratio of standard deviations.
 _BEYOND_LIMITS: Final = 10.0
 
 
@@ -58,7 +58,7 @@ class Design:
     wanted
         Largest standard deviations by fault [-].
     limits, demands
-        What the command may demand, and what it does demand of the model.
+        Permitted demands, and the demands of the command by the model.
     rehearsed
         Its rehearsal, by which it is judged.
     reference_s
@@ -77,7 +77,7 @@ class Design:
 
     @property
     def sigma(self) -> dict[str, float]:
-        """Rehearsed standard deviations by fault, not below what the rehearsed errors need.
+        """Rehearsed standard deviations by fault, consistent with the rehearsed errors.
 
         NaN where a fault is not shown.
         """
@@ -93,7 +93,7 @@ class Design:
     def worst(self) -> tuple[str, float]:
         """The fault whose standard deviation is farthest above the wanted one, and the ratio.
 
-        Of a fault that is not shown, it is that of the prediction, ten times at least.
+        For a fault that is not shown, the predicted one is used, ten times at least.
         """
         ratios = {
             name: self.sigma[name] / limit
@@ -112,7 +112,7 @@ class Design:
 
     @property
     def verdict(self) -> str:
-        """Whether the wishes are met, and what stands against it, in words."""
+        """Whether the requested accuracy is reached, and what prevents it, in words."""
         if self.reached:
             return "all wanted standard deviations are reached"
         name, _ = self.worst
@@ -136,7 +136,7 @@ def design_command(
     """Return the shortest test with which wanted standard deviations are reached.
 
     Swings are searched by differential evolution on the model's information; the best is rehearsed,
-    and the prediction corrected by what the rehearsal gives, until both agree.
+    and the prediction corrected by the rehearsal's result, until both agree.
 
     Parameters
     ----------
@@ -147,10 +147,10 @@ def design_command(
     limits
         What the command may demand.
     wanted
-        Largest standard deviations by fault; when None, those of the thesis's chirp, rehearsed on
+        Largest standard deviations by fault; when None, as for the thesis's chirp, rehearsed on
         this actuator with these sensors, to a tenth and no finer than ``FINEST``.
     on_progress
-        Called with what is being done.
+        Called with a description of each step.
 
     Returns
     -------
@@ -212,7 +212,7 @@ def design_command(
 
 
 class _Search:
-    """Searches the swing for which the model predicts what is wanted.
+    """Searches the swing for which the model predicts the wanted accuracy.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class _Search:
         predicted = self._information.sigma(self._information.windows(command))
         given = {one.name: one.sigma for one in rehearsed.faults}
         errors = np.array([given[name] for name in wanted]) ** 2 - predicted[self._numbers] ** 2
-        # A fault that was not shown tells nothing of the correction.
+        # A fault that was not shown carries no information about the correction.
         self._corrections = np.nan_to_num(errors, nan=0.0)
         self._wanted = _MARGIN * np.array(list(wanted.values()))
 
@@ -283,11 +283,11 @@ class _Search:
         )
 
     def is_feasible(self, point: Array) -> bool:
-        """Return whether the model predicts that a point reaches what is wanted."""
+        """Return whether the model predicts that a point reaches the wanted accuracy."""
         return self._cost(point) <= 1.0
 
     def words(self, point: Array, cost: float) -> str:
-        """Return what has been found, in words."""
+        """Return the state of the search, in words."""
         if cost <= 1.0:
             return f"{self.command(point).duration:.3f} s"
         if cost < _BEYOND_LIMITS:

@@ -1,4 +1,4 @@
-"""What a command tells of the faults, by the model alone (M31)."""
+"""Information of a command about the faults, from the model alone (M31)."""
 
 from dataclasses import replace
 from typing import Final
@@ -33,7 +33,7 @@ class Information:
     Parameters
     ----------
     calibration
-        Of the unit, under any command; its scatter is that of healthy windows.
+        Calibration of the unit, under any command; its scatter comes from healthy windows.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -41,7 +41,7 @@ class Information:
         self._states = [combined_faults(number) for number in range(N_COMBINED)]
 
     def windows(self, command: Command) -> list[Window]:
-        """Return what the model expects of a command: the healthy actuator, then the faulty."""
+        """Return the modelled windows of a command: the healthy actuator, then the faulty."""
         h = self._calibration.sample_period
         samples = np.concatenate([[0.0], command.sample(h)])
         still = np.zeros_like(samples)
@@ -65,7 +65,7 @@ class Information:
         ]
 
     def demands(self, windows: list[Window]) -> Demands:
-        """Return what a command demands, from its `windows`."""
+        """Return the demands of a command, from its `windows`."""
         first = windows[0]
         current = max(float(np.max(np.abs(window.current))) for window in windows)
         return Demands(

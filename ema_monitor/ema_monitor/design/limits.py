@@ -1,4 +1,4 @@
-"""What a test demands of an actuator, and what it may demand."""
+"""Demands of a test on an actuator, and their limits."""
 
 from dataclasses import asdict, dataclass
 from typing import Final, Self
@@ -54,7 +54,7 @@ class MotionLimits(Demands):
     Raises
     ------
     ValueError
-        When one is not above 0, or travel or duration are below those of any test.
+        When a limit is not above 0, or travel or duration are too small for any test.
     """
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class MotionLimits(Demands):
         Raises
         ------
         ValueError
-            When one is impossible, or beyond what the actuator can do.
+            When a limit is impossible, or beyond the actuator's capability.
         """
         own = {
             "travel": parameters.theta_stop,

@@ -1,4 +1,4 @@
-"""A test rehearsed: windows of actuators with known faults, and what is made of them (M30)."""
+"""Rehearsal of a test: windows of actuators with known faults, and their estimates (M30)."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -87,7 +87,7 @@ def combined_faults(number: int) -> Array:
     """Return one of ``N_COMBINED`` actuators with several faults at once.
 
     They are a quarter to six tenths of their limits each. One phase is shorted: short circuits of
-    all phases cannot be told from a weak magnet. The gain of every other one is too low.
+    all phases cannot be distinguished from a weak magnet. The gain of every second one is too low.
     """
     rng = np.random.default_rng([_SEED, number])
     k = healthy_faults()
@@ -146,7 +146,7 @@ class FaultProspect(NamedTuple):
     smallest
         Distance from healthy beyond which a test shows it [-].
     not_told_from
-        Parts of explanations that a test does not tell it from, by name.
+        Parts of explanations that a test does not distinguish from it, by name.
     """
 
     name: str
@@ -230,7 +230,7 @@ def rehearse(
     description: ActuatorDescription,
     calibration: Calibration | None = None,
 ) -> Rehearsed:
-    """Rehearse a test; parameters and errors are those of `certify`."""
+    """Rehearse a test; parameters and errors are as in `certify`."""
     healthy = record(command, healthy_faults(), _HEALTHY, {})
     known = calibration or calibrate_model(healthy, description)
 
@@ -251,7 +251,7 @@ def rehearse(
 
 
 def confused_with(estimate: Estimate, name: str) -> set[Part]:
-    """Return the parts that an estimate does not tell from those with a fault or a cause."""
+    """Return the parts that an estimate cannot distinguish from a fault or a cause."""
     pairs = [pair for part, stand_in in estimate.alternatives for pair in _both(part, stand_in)]
     return {stand_in for part, stand_in in pairs if name in part}
 
@@ -261,7 +261,7 @@ def _both(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[Part, Pa
 
 
 def fewest(parts: Iterable[Part]) -> tuple[Part, ...]:
-    """Return parts without those of several names that are all among the others alone."""
+    """Return parts without the combinations whose names all occur as single parts."""
     alone = {part[0] for part in parts if len(part) == 1}
     return tuple(sorted(part for part in parts if len(part) == 1 or not alone.issuperset(part)))
 

@@ -1,4 +1,4 @@
-"""In what a unit, or one window of it, deviates from the nominal model and is none of the faults.
+"""Deviations of a unit, or of a single window, from the nominal model that are not faults.
 
 A calibration fits the deviations of a unit on healthy windows. Some may come and go between two
 windows: these are the hidden causes that compete with faults to explain a window.
@@ -20,11 +20,11 @@ from ema_core.parameters import ActuatorParameters, PlantConstants
 class Deviations(NamedTuple):
     """Deviations by name; each is 0 for the nominal model.
 
-    The first seven, and the last six, are hidden causes (`ema_core.causes`). ``lift`` is that of
-    the idle phase [A] and ``loop_delay`` that of the current loop [s] (M12); ``stribeck_speed``
-    [rad/s] is that of the friction (M12a); ``friction``, ``backlash``, ``loop_gain`` and
-    ``speed_loop`` are relative to the dry friction, the play, ``G_prop`` and ``GAP``; ``turns`` are
-    those of the phases; the eccentricity is a vector.
+    The first seven, and the last six, are hidden causes (`ema_core.causes`). ``lift`` is the lift
+    of the idle phase [A] and ``loop_delay`` the delay of the current loop [s] (M12);
+    ``stribeck_speed`` [rad/s] belongs to the friction (M12a); ``friction``, ``backlash``,
+    ``loop_gain`` and ``speed_loop`` are relative to the dry friction, the play, ``G_prop`` and
+    ``GAP``, and ``turns`` to the phases' turns; the eccentricity is a vector.
     """
 
     load_torque: float = 0.0
@@ -62,16 +62,16 @@ class Deviations(NamedTuple):
 NAMES: Final = Deviations._fields
 N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
-"""How many deviations, the last ones, are those of sensors: they do not change the motion."""
+"""Number of sensor deviations, which come last: they do not change the motion."""
 
 SENSOR_ERRORS: Final = ("offset", "gain", "delay")
 """What the sensor of a column may have, after the name of the column."""
 
 READINGS: Final = ("command_delay", "position_offset", "position_gain")
-"""Hidden causes of the columns that tell the model what moves the actuator, and where it begins."""
+"""Hidden causes of the model's input columns: the command and the initial position."""
 
 COLUMNS: Final = (*NAMES, *READINGS)
-"""What a window may deviate in: what a unit may, and the readings."""
+"""Deviations of a window: the deviations of a unit, and the readings."""
 
 HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:], *READINGS)
 """Deviations that may come and go between two windows."""
@@ -113,14 +113,14 @@ class Prior(NamedTuple):
 
 
 def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
-    """Return all hidden causes that the model knows, with what may be expected of them.
+    """Return all hidden causes that the model knows, with their priors.
 
     Load and current scale with the limits of the actuator. A load that follows the position is
     judged by the torque that it reaches in the travel of the command [rad].
 
     Notes
     -----
-    The priors are what occurs on healthy units between two tests: loads up to a third of the
+    The priors cover healthy units between two tests: loads up to a third of the
     torque limit, magnets and inertia within some 5 %, a winding 100 K warmer, a viscous friction
     that doubles in the cold, sensors within their data sheets; a command that is published a cycle
     of its bus late, some 0.5 ms; a position within 0.02 % of the full stroke.
@@ -154,7 +154,7 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
 def unit_priors(
     parameters: ActuatorParameters, travel: float, form: str = "fast"
 ) -> tuple[Prior, ...]:
-    """Return the deviations that a calibration fits, with what may be expected of a unit.
+    """Return the deviations that a calibration fits, with their priors.
 
     Only the fast form of the model has idle phases, whose ripple is the lift.
 
@@ -242,9 +242,9 @@ def with_own_eccentricity(faults: Array, deviations: Array) -> Array:
 
 
 def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
-    """Return what sensors that deviate make of current and speed, ``(m, n)`` each.
+    """Return current and speed as deviating sensors show them, ``(m, n)`` each.
 
-    The deviations are those of sensors, ``(m, 6)``; ``h`` is the sample period [s].
+    ``deviations`` are the sensor deviations, ``(m, 6)``; ``h`` is the sample period [s].
     """
     offsets, gains, delays = deviations[:, 0:4:2], deviations[:, 1:4:2], deviations[:, 4:]
     result = []

@@ -1,7 +1,7 @@
 """The forms of the monitor's drive: from reference current to current and torque.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
-are those of ``docs/model.md``.
+refer to ``docs/model.md``.
 """
 
 import math
@@ -38,12 +38,12 @@ Pairs = tuple[PerLane, PerLane, PerLane]
 
 
 class FastDrive(NamedTuple):
-    """Constants of the fast form; tuples hold those of the driven pairs BC, AB and AC.
+    """Constants of the fast form; tuples hold the values of the driven pairs BC, AB and AC.
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A]; ``slew`` is
     dt / L [s/H], ``waves`` the number of periods of the eccentricity per turn of the shaft,
-    ``lift`` that of the idle phase (M12) [A], ``ripples`` the inverse of the half-band, 1 / h_b
-    [1/A], and ``delay`` that of the current loop in steps (M12).
+    ``lift`` the lift of the idle phase (M12) [A], ``ripples`` the inverse of the half-band, 1 / h_b
+    [1/A], and ``delay`` the delay of the current loop in steps (M12).
     """
 
     V_max: float
@@ -62,7 +62,7 @@ class FastDrive(NamedTuple):
 
 
 class SourceDrive(NamedTuple):
-    """Constants of the source form; ``f`` holds those of the driven pairs BC, AB and AC.
+    """Constants of the source form; ``f`` holds the values of the driven pairs BC, AB and AC.
 
     The eccentricity is ``1 + e_cos cos(theta_e) + (e_sin + e_saw sawtooth) sin(theta_e)``, with
     ``waves`` periods per turn of the shaft; ``slew`` is dt / L [s/H].
@@ -87,7 +87,7 @@ def fast_constants(
 ) -> FastDrive:
     """Return the constants of the fast form for a step ``dt`` [s].
 
-    ``lift`` [A] is that of the healthy motor, ``loop_delay`` [s] that of its current loop (M12).
+    ``lift`` [A] is the healthy motor's, ``loop_delay`` [s] the delay of its current loop (M12).
     """
     N = np.stack([motor.N_a, motor.N_b, motor.N_c])
     k, angle = 0.5 * motor.k_e * N, np.add.outer(_PHASE_ANGLES, motor.phi)
@@ -132,7 +132,7 @@ def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
 
 
 def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Array) -> Array:
-    """Return what a lift of 1 A of the idle phase adds to the current, ``(3, n)`` [-].
+    """Return the current added per ampere of the idle phase's lift, ``(3, n)`` [-].
 
     The rows are for the time while the pairs BC, AB and AC are driven; ``position`` is the angle of
     the user shaft, ``(n,)`` [rad].
@@ -145,9 +145,9 @@ def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Arr
 class DrivenPair(NamedTuple):
     """Constants of the fast form's driven pair, which hold for angles of the motor [rad].
 
-    They hold from ``lowest`` up to ``highest``. ``decay`` is ``slew R`` [-], ``rise`` what the
-    supply lets the current rise by in a step [A], ``band`` half the width of what the current then
-    keeps within [A]; the others are as in `FastDrive`.
+    They hold from ``lowest`` up to ``highest``. ``decay`` is ``slew R`` [-], ``rise`` the largest
+    rise of the current in a step that the supply permits [A], ``band`` half the width of the band
+    in which the current then stays [A]; the others are as in `FastDrive`.
     """
 
     lowest: Any
@@ -175,7 +175,7 @@ def pair_position(half_turns):
 
 @kernel()
 def of_pair(position, constants):
-    """Return the constant of the driven pair, from those of BC, AB and AC."""
+    """Return the constant of the driven pair, from the constants of BC, AB and AC."""
     bc, ab, ac = constants
     return select(position < 1.0 / 3.0, bc, select(position < 2.0 / 3.0, ab, ac))
 
@@ -218,9 +218,9 @@ def pair_after(drive: FastDrive, pair, theta_m):
 def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step.
 
-    The current follows its reference at a rate limited by V_max, less what it falls by within the
-    delay of its loop. Resistance, inductance and torque constant are those of the driven pair
-    (M10); ``cos`` and ``sin`` are those of theta_m.
+    The current follows its reference at a rate limited by V_max, less its fall within the delay of
+    its loop. Resistance, inductance and torque constant belong to the driven pair (M10); ``cos``
+    and ``sin`` are of the angle theta_m.
     """
     K = pair.K + pair.K_cos * cos + pair.K_sin * sin
     fall = pair.decay * I + K * (pair.slew * omega)
@@ -232,9 +232,9 @@ def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
 def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step, as in the thesis.
 
-    The full voltage has the sign of the current error. The eccentricity is that of eq. 4.24 and
-    4.25 of the thesis, which does not describe the reference actuator (M11); ``cos`` and ``sin``
-    are those of theta_e.
+    The full voltage has the sign of the current error. The eccentricity follows eq. 4.24 and 4.25
+    of the thesis, which do not describe the reference actuator (M11); ``cos`` and ``sin`` are of
+    the angle theta_e.
     """
     f = of_pair(position, drive.f)
     sawtooth = 2.0 * (3.0 * position - math.floor(3.0 * position))
@@ -247,7 +247,7 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
 @kernel()
 def lifted_current(drive: FastDrive, pair: DrivenPair, I):
-    """Return the equivalent current: that of the pair plus the idle phase's ripple (M12) [A]."""
+    """Return the equivalent current: pair current plus the idle phase's ripple (M12) [A]."""
     return I + pair.lift * clip(drive.ripples * I, 1.0)
 
 

@@ -1,6 +1,6 @@
 """The monitor's drive with a sinusoidal motor under field-oriented control: its axis q.
 
-The kernels accept lanes of `ema_core.simd` as well as single floats; the number (M35) is that of an
+The kernels accept lanes of `ema_core.simd` as well as single floats; the number (M35) refers to an
 equation in ``docs/model.md``.
 """
 
@@ -29,10 +29,10 @@ class FieldOrientedDrive(NamedTuple):
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A], each of them
     `Harmonics` of the electrical angle, as is the resistance ``R`` [ohm]. ``V_max`` is the largest
-    amplitude of the phase voltages [V] and ``halved`` half of its inverse; ``slew`` [s/H] is what
-    a volt changes the current by in a step of a controlled current. ``K_p`` [ohm], its inverse
-    ``A_p`` [S], ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are those of the
-    current loop. ``poles`` are the pole pairs, a whole number, and ``waves`` the periods of the
+    amplitude of the phase voltages [V] and ``halved`` half of its inverse; ``slew`` [s/H] is the
+    change of a controlled current per volt in a step. ``K_p`` [ohm], its inverse ``A_p`` [S],
+    ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are constants of the current
+    loop. ``poles`` are the pole pairs, a whole number, and ``waves`` the periods of the
     eccentricity per turn of the shaft.
     """
 
@@ -93,7 +93,7 @@ def field_oriented_constants(
 
 
 def _harmonics(phases: list[tuple[Any, float]]) -> Harmonics:
-    """Return the sum over phases of what each has times ``sin(theta_e - angle)**2``."""
+    """Return the sum over phases of the phase's value times ``sin(theta_e - angle)**2``."""
     return (
         sum(one for one, _ in phases) / 2.0,
         -sum(one * math.cos(2.0 * angle) for one, angle in phases) / 2.0,
@@ -133,14 +133,14 @@ def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
 def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I_ref, omega):
     """Return current and its loop's memory [A, V], torque and torque ripple [N.m] after one step.
 
-    ``currents`` are current and memory before it, ``cos`` and ``sin`` those of theta_m. The ripple
-    is that of the PWM, which is averaged (M35).
+    ``currents`` are current and memory before it, ``cos`` and ``sin`` are of the angle theta_m. The
+    PWM is averaged and has no ripple (M35).
     """
     I, z = currents
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
     v_d = drive.poles * omega * (drive.L * I)
-    # Of the amplitude, what the axis d leaves, by the first terms of its root.
+    # The amplitude that axis d leaves to axis q, by the first terms of the root.
     most = max(drive.V_max - drive.halved * (v_d * v_d), 0.0)
     wanted = drive.K_p * (I_ref - I) + z + drive.k * omega
     voltage = min(max(wanted, -most), most)

@@ -1,6 +1,6 @@
 """Kernels of the monitor model: one equivalent phase, computed for many fault vectors at once.
 
-Each fault vector occupies a lane of `ema_core.simd`; the equation numbers are those of
+Each fault vector occupies a lane of `ema_core.simd`; the equation numbers refer to
 ``docs/model.md``.
 """
 
@@ -36,9 +36,9 @@ _RIPPLE_SPEED_SQUARE: Final = 0.1**2
 class ShaftConstants(NamedTuple):
     """What acts on the motor shaft besides the nominal mechanics.
 
-    ``torque`` [N.m] and ``stiffness`` per user angle [N.m/rad] are those of a load;
-    ``stribeck_speed`` [rad/s] is the speed at which a quarter of what the static friction exceeds
-    the dynamic one by is left.
+    ``torque`` [N.m] and ``stiffness`` per user angle [N.m/rad] describe a load;
+    ``stribeck_speed`` [rad/s] is the speed at which the excess of static over dynamic friction has
+    fallen to a quarter.
     """
 
     torque: Any
@@ -90,7 +90,7 @@ def advance(
 ):
     """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
 
-    ``stage`` is that of the commutation at the angle of the motor: the driven pair, or its place.
+    ``stage`` is the stage of the commutation at the motor angle: the driven pair, or its index.
     ``opposing`` is the torque of the load against positive motion and ``friction`` the dry friction
     in motion [N.m]. ``speed_loop`` is None where all gains of the speed loop are 0 but the
     proportional one: it needs no memory.
@@ -144,9 +144,9 @@ def run_lanes(
     the initial positions: ``play``, of the motor within the backlash in half-widths, and
     ``position_0`` [rad], of the user shaft. ``command`` is ``(n + 1,)``, its first value that at
     the start. The initial state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A].
-    ``speed_loop`` is as of `advance`, ``sampling`` makes the samples of the current. With
+    ``speed_loop`` is as in `advance`, ``sampling`` makes the samples of the current. With
     ``of_shaft``, the speed is the mean one of the fast shaft behind the play over a sample, else
-    that of the motor at its end.
+    the motor speed at its end.
     """
     (of_current, of_speed), (current, speed) = corrections, response
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)

@@ -1,4 +1,4 @@
-"""Hidden causes that are measured: what is known of them in a window, and with which sigma."""
+"""Measured hidden causes: their values in a window, with standard deviations."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -61,15 +61,15 @@ def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
     Raises
     ------
     ValueError
-        When a text is not of that form, and as of `checked_causes`.
+        When a text does not have that form, and as in `checked_causes`.
     """
     return checked_causes([_parsed(text) for text in texts])
 
 
 def expected_causes(parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
-    """Return all hidden causes that may show in a window, with what may be expected of them.
+    """Return all hidden causes that may show in a window, with their priors.
 
-    A measurement takes the place of what occurs on a healthy unit: it is expected, with its sigma.
+    A measurement replaces the prior of a healthy unit by the measured value and its sigma.
     The sensor of a column that is not measured can have no error.
     """
     by_name = {one.name: one for one in window.measured}
@@ -125,7 +125,7 @@ def _checked(one: CauseEstimate) -> CauseEstimate:
 
 
 def measured_columns(measured: Iterable[CauseEstimate]) -> Array:
-    """Return what was measured in the order of `COLUMNS`, ``(28,)``; 0 for all others."""
+    """Return the measured causes in the order of `COLUMNS`, ``(28,)``; 0 for all others."""
     values = np.zeros(len(COLUMNS))
     for one in measured:
         values[COLUMNS.index(one.name)] = one.value
@@ -133,7 +133,7 @@ def measured_columns(measured: Iterable[CauseEstimate]) -> Array:
 
 
 def taken_for_known(measured: Iterable[Iterable[CauseEstimate]]) -> str:
-    """Return in words what was measured beside windows, with its range; empty for nothing."""
+    """Return the causes measured in windows and their ranges, in words; "" if there are none."""
     by_name: dict[str, list[CauseEstimate]] = {}
     for of_window in measured:
         for one in of_window:

@@ -34,11 +34,11 @@ class MeasurementLog:
         self._by_actuator.clear()
 
     def forget(self, actuator_id: str) -> None:
-        """Forget what was measured of an actuator."""
+        """Discard the measurements of an actuator."""
         self._by_actuator.pop(actuator_id, None)
 
     def add(self, actuator_id: str, stamp_ns: int, measured: Iterable[CauseEstimate]) -> None:
-        """Keep what was measured at a time; of more than a thousand actuators, the latest.
+        """Store measurements with their stamp, of the latest thousand actuators at most.
 
         Raises
         ------
@@ -69,7 +69,7 @@ class MeasurementLog:
     def winding_rise(
         self, actuator_id: str, stamp_ns: int, max_age_s: float = MAX_AGE_S
     ) -> float | None:
-        """Return the latest measured rise of the winding [K], as of ``at``; None without one."""
+        """Return the latest winding temperature rise [K] measured up to a stamp, or None."""
         latest = self._latest(actuator_id, "winding_temperature", stamp_ns, max_age_s)
         return None if latest is None else latest.value
 

@@ -39,7 +39,7 @@ LEARNS_UNIT: Final = ("fast", "field_oriented")
 class Response(NamedTuple):
     """Samples of current and speed, ``(m, n)`` each [A, rad/s].
 
-    The current is sampled as that of the telemetry. The speed is that of the motor at the end of a
+    The current is sampled as in the telemetry. The speed is the motor speed at the end of a
     sample; where it is not measured, it is the mean one over the sample of the fast shaft behind
     the play, as the position gives it.
     """
@@ -60,9 +60,9 @@ class MonitorModel:
         sign-switched current with its eq. 4.24 (M11); or "field_oriented", the axis q of a
         sinusoidal motor (M35).
     dt
-        Integration step [s], by default that of the form.
+        Integration step [s], by default the form's step.
     unit
-        In what the unit deviates from them; only the fast form has a lift.
+        Deviations of the unit from them; only the fast form has a lift.
     acquisition
         How the telemetry is acquired; by default the current is averaged and all is measured.
 
@@ -115,7 +115,7 @@ class MonitorModel:
         corrections
             Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
         deviations
-            In what each individual deviates from the unit, ``(m, 25)``; None for nothing.
+            Deviations of each individual from the unit, ``(m, 25)``; None for no deviation.
         position
             Initial position of the user shaft, ``(m,)`` or one value for all [rad]; the measured
             one by default.
@@ -165,7 +165,7 @@ class MonitorModel:
         senses = bool(np.any(of_sensors))
         if corrections is None:
             corrections = Response(*np.zeros((2, len(window))))
-        # They are of what the sensors show.
+        # They correct the sensor readings.
         of_motion = Response(*np.zeros((2, len(window)))) if senses else corrections
 
         def run(group: int) -> None:

@@ -24,13 +24,13 @@ TRAVEL: Final = np.array(
 """What readings change the travel by position over that by speed, in the order of `COLUMNS`."""
 
 MOVES_START: Final = ("position_offset", "position_gain")
-"""Readings that change where the model begins."""
+"""Readings that change the initial position of the model."""
 
 
 def read(columns: Array, window: Window) -> tuple[Array, Array]:
-    """Return what deviations, ``(m, 28)`` in the order of `COLUMNS`, amount to in a window.
+    """Return the effect of deviations, ``(m, 28)`` in the order of `COLUMNS`, in a window.
 
-    They are the deviations of the unit, ``(m, 25)``, and where the user shaft is at the start,
+    It is the deviations of the unit, ``(m, 25)``, and the position of the user shaft at the start,
     ``(m,)`` [rad].
     """
     deviations = columns[:, :N_DEVIATIONS].copy()
@@ -41,9 +41,9 @@ def read(columns: Array, window: Window) -> tuple[Array, Array]:
 
 
 def law_slopes(parameters: ActuatorParameters) -> Array:
-    """Return what readings change the offset of the control law by, in the order of `COLUMNS`.
+    """Return the change of the control law's offset per reading, in the order of `COLUMNS`.
 
-    The position is by its offset too high for it, as are speed and current by theirs.
+    Each offset raises the measured position, speed or current in the law.
     """
     by_speed = 1.0 / parameters.G_prop
     slopes = {

@@ -32,7 +32,7 @@ def limit_threads(count: int | None) -> None:
 
 @cache
 def _pool(process: int, count: int) -> ThreadPoolExecutor:
-    """Return threads of this process: a fork does not inherit those of its parent."""
+    """Return threads of this process: a fork does not inherit its parent's threads."""
     return ThreadPoolExecutor(count, thread_name_prefix="model")
 
 

@@ -95,7 +95,7 @@ def minimise(
     termination
         When to stop.
     reserve
-        How many evaluations of the budget to leave for what comes after.
+        Evaluations of the budget to reserve for later stages.
 
     Raises
     ------

@@ -30,7 +30,7 @@ class GeneticAlgorithm(Population):
     point multiplies it by 1.5, one that did not divides it by 1.5, within 1e-6 and 1 width. This
     is a success rule as Rechenberg's (1973), in balance when every other generation improves.
 
-    Parameters and errors are those of `Population`.
+    Parameters and errors are as in `Population`.
 
     References
     ----------

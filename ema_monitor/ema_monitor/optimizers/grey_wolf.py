@@ -18,8 +18,7 @@ class GreyWolf(Population):
     leaves the box is put on the wall. ``a`` falls linearly from 2 after the first generation to 0
     when the budget is spent, and stays there.
 
-    Parameters and errors are those of `Population`; the budget is what the fall of ``a`` is spread
-    over.
+    Parameters and errors are as in `Population`; the fall of ``a`` is spread over the budget.
 
     References
     ----------
@@ -53,11 +52,11 @@ class ThesisGreyWolf(Population):
     than both and less than delta replaces delta. Beta and delta may so stay at zero, which draws
     the wolves there; a component that is zero in a wolf and its leaders is zero ever after.
 
-    ``a`` is lower than in ``GreyWolf`` by what it falls in a generation. Appendix B as transcribed
+    ``a`` is lower than in ``GreyWolf`` by its fall in a generation. Appendix B as transcribed
     has the digit 1 where the generation l must stand, which would keep ``a`` at 1.99; it is read
     as the letter.
 
-    Parameters are those of ``GreyWolf``.
+    Parameters are as in ``GreyWolf``.
     """
 
     def _begin(self, population: int, d: int) -> None:
@@ -89,7 +88,7 @@ def shrinking(generation: int, generations: int) -> float:
 def encircled(points: Array, leaders: Array, a: float, rng: "np.random.Generator") -> Array:
     """Return where wolves at ``points``, ``(m, d)``, go, within [0, 1].
 
-    ``leaders`` are those of all, ``(3, 1, d)``, or of each, ``(3, m, d)``; ``a`` is how far beyond
+    ``leaders`` are common, ``(3, 1, d)``, or individual, ``(3, m, d)``; ``a`` is how far beyond
     them a wolf may go, in distances from them [-].
     """
     r_1, r_2 = rng.random((2, _LEADERS, *points.shape))

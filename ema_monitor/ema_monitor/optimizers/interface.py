@@ -28,7 +28,7 @@ class Hints(NamedTuple):
 
 
 NO_HINTS: Final = Hints()
-"""No prior knowledge; the budget is that of the thesis, 200 x 50."""
+"""No prior knowledge; the budget is the thesis's, 200 x 50."""
 
 
 class Optimizer(Protocol):

@@ -19,7 +19,7 @@ _DAMPINGS: Final = np.array([2.0, 0.3])
 _FIRST_DAMPING: Final = 2.0
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 30.0
 _STEP_TOLERANCE: Final = 2e-4
-# Shares of the cost: what the last step took off, what a further one would by the linear model.
+# Shares of the cost: the gain of the last step, and of a further one by the linear model.
 _GAIN_TOLERANCE: Final = 1e-4
 _SETTLED: Final = 1e-2
 _AGREEMENT: Final = 0.02
@@ -72,7 +72,7 @@ class ScreenedLeastSquares:
     led to a good fit as the linear model said. A component at its bound is held there as long as
     the step would leave the box.
 
-    A descent from the start comes first. As long as what was found costs more than a good fit, a
+    A descent from the start comes first. While the best point costs more than a good fit, a
     small screen with a few starts follows, then a large one with many. The large one is left out
     where the cost is fair and the small one found nothing better.
 

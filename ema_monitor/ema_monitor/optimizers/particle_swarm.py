@@ -31,7 +31,7 @@ class ParticleSwarm(Population):
     falls. Here it holds in all of them: a swarm at 1.1 does not contract, hence seldom improves,
     hence would stay at 1.1.
 
-    Parameters and errors are those of `Population`.
+    Parameters and errors are as in `Population`.
 
     References
     ----------

@@ -50,7 +50,7 @@ class Population(ABC):
         self._begin(population, len(start))
 
     def ask(self) -> Array:
-        """Return the first population, then what was made of it, ``(m, d)``."""
+        """Return the first population, then its successors, ``(m, d)``."""
         return self._asked.copy()
 
     def tell(self, points: Array, costs: Array, residuals: Array) -> None:

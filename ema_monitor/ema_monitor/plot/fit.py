@@ -1,4 +1,4 @@
-"""Picture of an estimate: what was measured, what the model says of it, and the faults."""
+"""Picture of an estimate: measured signals, model signals, and the faults."""
 
 from typing import Any, Final
 
@@ -40,7 +40,7 @@ def plot_fit(
     *,
     since_ns: int | None = None,
 ) -> Figure:
-    """Return a figure of a window's current and speed, those of the model, and the faults.
+    """Return a figure of current and speed, measured and modelled, and the faults.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def plot_fit(
     estimate
         The valid estimate in it.
     calibration
-        Calibration that it was made with; that of the built-in actuator when None.
+        Calibration of the estimate; the built-in actuator's when None.
     since_ns
         Stamp from which the time axis counts [ns]; the start of the window when None.
 
@@ -97,7 +97,7 @@ def plot_fit(
 def _draw_signal(
     panels: list[Axes], t: NDArray[np.floating], period: float, measured: Array, modelled: Array
 ) -> None:
-    """Draw a signal beside that of the model, and what is left below it, if it is measured."""
+    """Draw a measured signal with the model's, and the residuals below, if it is measured."""
     both, rest = panels
     if len(measured):
         both.plot(t, measured, **_MEASURED)

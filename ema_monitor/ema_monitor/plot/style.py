@@ -21,11 +21,11 @@ PURPLE: Final = "#cc79a7"
 SKY: Final = "#56b4e9"
 BROWN: Final = "#8c510a"
 GREY: Final = "#7f7f7f"
-"""Of the palette of Okabe and Ito, which is distinct for the colour-blind; brown and grey beside
-it. A colour never stands alone: line style, marker or place distinguish as well."""
+"""Colours from the palette of Okabe and Ito, which is distinct for the colour-blind, plus brown and
+grey. A colour never stands alone: line style, marker or place distinguish as well."""
 
 INK: Final = "#1a1a1a"
-"""Of what is true, and of the words in a picture."""
+"""Colour of true values and of text in a picture."""
 
 LEVEL_COLOURS: Final[Mapping[int, str]] = MappingProxyType(
     {WARN: ORANGE, ERROR: VERMILION, STALE: GREY}
@@ -41,7 +41,7 @@ LIMIT: Final[Mapping[str, Any]] = MappingProxyType(
 ESTIMATES: Final[Mapping[str, Any]] = MappingProxyType(
     {"fmt": "o", "ms": 3.5, "elinewidth": 1.0, "zorder": 3, "label": "estimate, 90 % interval"}
 )
-"""How what is the same in several pictures is drawn."""
+"""Styles shared by several pictures."""
 
 
 def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, list[Axes]]:
@@ -63,12 +63,12 @@ def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, l
 def draw_legend(
     figure: Figure, panels: list[Axes], bands: Mapping[str, tuple[str, str]] = MappingProxyType({})
 ) -> None:
-    """Draw a legend of what is labelled in panels, each label once.
+    """Draw a legend of the labelled lines of panels, each label once.
 
     Parameters
     ----------
     bands
-        By the label of a line: that of the band around it, and that of the two together.
+        By the label of a line: the label of the band around it, and the label of both together.
     """
     marks: dict[str, Any] = {}
     for axes in panels:

@@ -57,7 +57,7 @@ class Choice(NamedTuple):
     cost, hours
         Expected cost, and expected service hours over the whole life [h].
     removal_hours
-        Hours from now to the removal [h]; that of the earliest one after the next test, if the
+        Hours from now to the removal [h], or to the earliest removal after the next test if the
         decision waits for it.
     risk
         Probability of a failure before that [-].
@@ -91,7 +91,7 @@ class Decision:
     missing_share
         Probability that a test gives no valid estimate, so that the one after is the next [-].
     tests_tell
-        Whether the next test tells of the fault that ends life first.
+        Whether the next test shows the fault that ends life first.
     """
 
     costs: Costs
@@ -108,11 +108,11 @@ class Decision:
         return self.removed_at(np.concatenate([[lead], np.sort(between)]))
 
     def wait(self) -> Choice:
-        """Return what deciding after the next test is worth (P19).
+        """Return the value of deciding after the next test (P19).
 
-        A test that tells of the fault ends the uncertainty of the life: those that fail before a
-        removal could follow it fail, the others are removed an interval of tests before their end.
-        One that does not tell leaves the best removal by what is known now.
+        A test that shows the fault ends the uncertainty of the life: a life that ends before a
+        removal could follow the test is a failure, other lives end with a removal one test interval
+        before their end. Otherwise the best removal by present knowledge remains.
         """
         # The next test that gives an estimate is the first, the second, ... from now on.
         waits = self.costs.lead_time + self.interval_hours * np.arange(1, _MOST_MISSING + 1)
@@ -129,7 +129,7 @@ class Decision:
         return Choice(self._cost(risk), self.hours + float(used), earliest, risk)
 
     def inspect(self, levels: Array) -> Choice:
-        """Return what an inspection now is worth, which measures the present level (P20).
+        """Return the value of an inspection now, which measures the present level (P20).
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class Decision:
         return Choice(cost + self.costs.inspection, hours, removal, risk)
 
     def _judged(self, half: NDArray[np.intp], other: NDArray[np.intp]) -> Choice:
-        """Return what the best choice for some of the lives is worth for others."""
+        """Return the value for some lives of the choice that is best for the others."""
         own, theirs = (replace(self, lives=self.lives[part]) for part in (half, other))
         removal, waiting = own.remove(), own.wait()
         if waiting.rate < removal.rate:
@@ -201,7 +201,7 @@ class Advice:
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:
-    """Return what to do with a unit after its latest test (docs/prognosis.md, P18 to P20)."""
+    """Return the advice for a unit after its latest test (docs/prognosis.md, P18 to P20)."""
     rul, now = outlook.rul, outlook.hours
     if costs.defect:
         return Advice("unknown", costs.defect)

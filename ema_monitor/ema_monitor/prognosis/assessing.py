@@ -16,8 +16,8 @@ def assessment_of(
 ) -> Assessment:
     """Return an outlook as it is kept, with an event for each fault whose level got worse.
 
-    ``before`` is of the test before, or an earlier one of the same test; ``findings`` are what the
-    test revealed, ``events`` what happened at another time.
+    ``before`` is the assessment of the previous test, or an earlier one of the same test.
+    ``findings`` belong to the test, ``events`` to other times.
     """
     health, rul = outlook.health, outlook.rul
     items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
@@ -25,7 +25,7 @@ def assessment_of(
     found = list(findings)
     found += [Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
-    # One that is assessed again keeps what was shown first.
+    # A test that is assessed again keeps its first events.
     kept = before.events if before and before.stamp_ns == stamp_ns else ()
     return Assessment(
         stamp_ns,

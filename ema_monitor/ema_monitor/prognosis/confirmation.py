@@ -11,7 +11,7 @@ from ema_monitor.prognosis.outlook import Outlook
 
 
 def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
-    """Return an outlook in which no level is lower than that of an earlier test.
+    """Return an outlook in which no level is lower than at an earlier test.
 
     A level rises at once. It falls with the last of as many tests in a row as there are earlier
     ones here and the newest.

@@ -63,7 +63,7 @@ class Fleet:
     names: frozenset[str] = frozenset()
 
     def together(self, other: "Fleet") -> "Fleet":
-        """Return both; of a unit that is in both, what rests on more tests.
+        """Return the union; for a unit in both fleets, the entry with more tests.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class Fleet:
             )
         units = dict(self.units)
         for digest, unit in other.units.items():
-            # Of as many tests either is chosen by what it says, whichever comes first.
+            # With equal numbers of tests, the content decides, not the order.
             if digest not in units or _rank(units[digest]) < _rank(unit):
                 units[digest] = unit
         return Fleet(self.grid, units, self.names | other.names)
@@ -156,12 +156,12 @@ class Fleet:
 
     @classmethod
     def read(cls, path: Path) -> "Fleet":
-        """Read what ``write`` wrote.
+        """Read a file of ``write``.
 
         Raises
         ------
         ValueError
-            When it is no such file; the message names it.
+            When it is not such a file; the message names it.
         OSError
             When it cannot be read.
         """
@@ -209,12 +209,12 @@ def _rank(unit: FleetUnit) -> tuple[int, bytes]:
 
 
 def unit_digest(actuator_id: str, serial_number: str) -> str:
-    """Return what stands for a unit in a file that does not name it."""
+    """Return the digest that represents a unit in a file that does not name it."""
     return hashlib.sha256(f"{actuator_id}\0{serial_number}".encode()).hexdigest()[:16]
 
 
 def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> Fleet:
-    """Return what histories say.
+    """Return the fleet of the units with these histories.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "")
     limits
         Where lives end.
     name
-        What the fleet is called; empty: nothing.
+        Name of the fleet; may be empty.
     """
     units = {unit_digest(*history.unit): _unit_of(history, limits) for history in histories}
     return Fleet(grid_digest(limits), units, frozenset([name] if name else []))

@@ -91,7 +91,7 @@ def outlook_of(
         Limits, horizon and duty.
     requirements
         Those of the unit, or why they cannot be monitored; None for a joint without a drive
-        model, of which nobody has required anything.
+        model, which has no requirements.
     shown
         Estimate of the latest test that has shown a fault, by fault.
     recent
@@ -114,7 +114,7 @@ def outlook_of(
         prognosis = Prognosis.unknown(service.unknown, limits, future)
     else:
         observed = service.hours - service.used[0].hours
-        # A trend is that of an hour of service, not of growth.
+        # A trend is per hour of service, not per hour of growth.
         rates = growth.duty.present.tolist() if growth.duty else [1.0] * len(COMPONENTS)
         tracked = tuple(
             replace(item, trend=rate * item.trend)
@@ -203,7 +203,7 @@ def _required(
     limits: HealthLimits,
     requirements: Requirements | str | None,
 ) -> RequiredLife | str:
-    """Return what is known as to the requirements, or why nothing is."""
+    """Return the remaining life by the requirements, or why it is unknown."""
     if requirements is None:
         return ""
     if isinstance(requirements, str):
@@ -250,8 +250,8 @@ def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -
         Lives of the same actuator.
     together
         Life that ends with the first of them, from samples that both share. It may rest on fewer
-        samples: the result is never longer than either by itself. The criterion is that of the
-        lesser median.
+        samples: the result is never longer than either life. The criterion with the smaller median
+        is reported.
     """
     known = [life for life in (one, other) if life.known]
     if not known:

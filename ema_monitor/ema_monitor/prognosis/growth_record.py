@@ -90,13 +90,13 @@ class GrowthRecord:
         return latest is not None and bool(used) and used[-1].stamp_ns == latest.stamp_ns
 
     def add(self, entry: Entry) -> list[Finding]:
-        """Add the next test; return what it reveals."""
+        """Add the next test; return its findings."""
         findings = self._note(entry)
         self.duty = self._damage.course(self.service.used)
         return findings + self._update()
 
     def state(self) -> bytes:
-        """Return what is known, for a later record of the same and later tests."""
+        """Return the state, for a later record of the same and later tests."""
         stamps_ns, hours = self._used()
         stream = BytesIO()
         np.savez(
@@ -157,7 +157,7 @@ class GrowthRecord:
         return all(np.array_equal(one, now[:n]) for one, now in zip(fed, self._used(), strict=True))
 
     def _update(self) -> list[Finding]:
-        """Feed the tracker with what is new; return the events of tests that are new to it."""
+        """Feed the tracker with the new tests; return their events."""
         known = set[int]()
         # Once the reference duty is known, the growth before counts by damage, too.
         if not self._begins_with(self._fed):
@@ -197,7 +197,7 @@ class GrowthRecord:
 
 
 def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
-    """Return an event as a finding; a level that changes with the baseline is no repair or step."""
+    """Return an event as a finding; a level change due to a new baseline is no repair or step."""
     if is_new_baseline and event.kind in (REPAIR, STEP):
         words = f"the baseline changed, and with it what is healthy: {event.text}"
         return Finding(CALIBRATION, words)

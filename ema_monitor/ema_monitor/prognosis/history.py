@@ -44,14 +44,14 @@ _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_
 
 
 class History:
-    """Tests of one unit and what followed from each, in memory and, with a path, in a file.
+    """Tests of a unit and their assessments, in memory and, with a path, in a file.
 
     The file is an SQLite database with a write-ahead log, one transaction a test, locked for this
     process alone; the checksum of a test covers its unit and place. A file that is damaged, of
     another unit, kind or version, or in which tests were deleted, doubled or swapped, is set aside
     under another name, and a new one begun with the tests that are intact; one that is deleted or
-    moved while in use is written anew. Nothing here raises because of a file: ``problem`` says what
-    is wrong, and the history goes on in memory.
+    moved while in use is written anew. No method raises because of a file: ``problem`` reports the
+    error, and the history continues in memory.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class History:
     assessments
         What was found after each valid test, by its stamp [ns].
     growth
-        What was known of growth by ``keep_growth``; empty when nothing.
+        State stored by ``keep_growth``; empty without any.
     path
         The file in use; None when the history is in memory alone.
     """
@@ -108,7 +108,7 @@ class History:
 
     @property
     def problem(self) -> str:
-        """What is wrong, or was with the file; empty when nothing."""
+        """Present or repaired problem of the file; empty without any."""
         return "; ".join(filter(None, [self._mended, self._trouble]))
 
     @property
@@ -137,17 +137,17 @@ class History:
             self._write()
 
     def assess(self, assessment: Assessment) -> None:
-        """Add what was found after a test, or replace it, and wait until the disk has it."""
+        """Add or replace the assessment of a test, and wait until the disk has it."""
         with self._lock:
             self.assessments[assessment.stamp_ns] = assessment
             self._changed.add(assessment.stamp_ns)
             self._write()
 
     def keep_growth(self, state: bytes) -> None:
-        """Write what is known of growth by all tests so far, if these are in the file.
+        """Write the state of growth after all tests so far, if these are in the file.
 
-        It spares a later start to find it anew. It is no part of the history: losing it costs time
-        alone.
+        A later start then need not compute it again. It is not part of the history: losing it only
+        costs time.
         """
         with self._lock:
             if self._db is None or self._trouble:
@@ -161,9 +161,9 @@ class History:
                 self._trouble = f"the history {self.path} cannot be written: {_reason_of(error)}"
 
     def save(self, path: Path, growth: bytes) -> None:
-        """Write tests, what was found after them and what is known of growth, and close the file.
+        """Write tests, assessments and the state of growth, and close the file.
 
-        It is a new file, or the one in use, to which only what is not in it is added.
+        If it is the file in use, only the missing records are added.
         """
         if self.path != path:
             self.path = path
@@ -173,7 +173,7 @@ class History:
         self.close()
 
     def close(self) -> None:
-        """Release the file; what is added from now on is in memory only."""
+        """Release the file; later additions are kept in memory only."""
         with self._lock:
             self.path = None
             self._release()
@@ -200,7 +200,7 @@ class History:
         self.unused = [one for one in self.unused if one.stamp_ns > last_ns]
 
     def _write(self) -> None:
-        """Write what is not in the file yet."""
+        """Write everything that is not in the file yet."""
         if self.path is None:
             self._changed.clear()
             return
@@ -288,7 +288,7 @@ class History:
             # After each test: a copy or a move of the file alone has all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
             with db:
-                # Also where nothing is to be made: it shows whether the file can be written.
+                # Also if no table is missing: it shows whether the file can be written.
                 db.execute("BEGIN IMMEDIATE")
                 if is_new:
                     for statement in filter(str.strip, _TABLES.split(";")):
@@ -310,7 +310,7 @@ class History:
             raise ValueError(f"it is of unit {units}, not {self.unit}")
 
     def _read(self, db: sqlite3.Connection) -> None:
-        """Add what is intact in the file; raise ValueError for the rest."""
+        """Add the intact records of the file; raise ValueError for the rest."""
         damage: list[str] = []
 
         def read(what: str, key: int, record: str, crc32: int, add: Callable[[str], None]) -> None:
@@ -381,7 +381,7 @@ class History:
         )
 
     def _forget_written(self) -> None:
-        """Note that nothing is in the file that is used from now on."""
+        """Mark all records as unwritten, for a new file."""
         self._release()
         self._written, self._changed = 0, set(self.assessments)
 
@@ -397,7 +397,7 @@ def read_history(path: Path) -> History:
     Raises
     ------
     ValueError
-        When it is no history, or is damaged; the message names it.
+        When the file is not a history, or is damaged; the message names it.
     OSError
         When it cannot be read.
     """
@@ -408,7 +408,7 @@ def read_history(path: Path) -> History:
 
 
 def read_intact_history(path: Path) -> tuple[History, str]:
-    """Return what is intact in a file, and what is wrong with it; errors as of `read_history`."""
+    """Return the intact records of a file, and its damage; errors are as in `read_history`."""
     actuator_id, plus, serial_number = path.name.removesuffix(".sqlite").partition("+")
     if not plus or path.suffix != ".sqlite":
         raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
@@ -434,7 +434,7 @@ def _copied(path: Path, folder: str) -> Path:
 
 
 def _missing(before: int, last: int) -> list[str]:
-    """Return that tests behind one of a number are missing, up to another; nothing without any."""
+    """Return a message about the tests missing between two numbers; empty without any."""
     if last <= before:
         return []
     if last == before + 1:

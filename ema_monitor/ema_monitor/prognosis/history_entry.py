@@ -1,4 +1,4 @@
-"""What the history of a unit holds: its tests, and what was found and happened at each."""
+"""Entries of a unit's history: its tests, with the findings and events of each."""
 
 import json
 import math
@@ -80,7 +80,7 @@ class Entry:
         The latest count of service hours before the test; None where there is none, or where
         ``hours_per_cycle`` holds.
     flown
-        Duty since the valid test before, as far as telemetry tells it.
+        Duty since the previous valid test, as far as telemetry covers it.
     shift_ns
         What the stamps of its estimate were moved by, as they did not show its place [ns].
 
@@ -132,7 +132,7 @@ class UnusedCycle:
     verdict, reason
         Of its estimate: why there is none.
     flown
-        Duty since the test cycle before, as far as telemetry tells it.
+        Duty since the previous test cycle, as far as telemetry covers it.
     parts, comparison
         As of its estimate.
     shift_ns
@@ -295,7 +295,7 @@ def read_test(text: str) -> Test:
 
 
 def assessment_text(one: Assessment) -> str:
-    """Return an assessment as JSON; what is not a finite number is NaN or Infinity in it."""
+    """Return an assessment as JSON, with NaN and Infinity for numbers that are not finite."""
     return json.dumps(asdict(one), ensure_ascii=False)
 
 
@@ -311,7 +311,7 @@ def read_assessment(text: str) -> Assessment:
 
 
 class StampedTest(NamedTuple):
-    """Stamps of the first and last sample of a test [ns], its bag, and what its copies share.
+    """Stamps of the first and last sample of a test [ns], its bag, and the identity of its copies.
 
     A refused test may overlap others: recordings that were cut have parts of a test.
     """
@@ -350,9 +350,9 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
 
 
 def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, str]:
-    """Return the bags in which the stamp of a test is before that of an earlier one, and why.
+    """Return the bags in which the stamp of a test is before an earlier test's, and why.
 
-    A test that is repeated, as in a recording of a playback, is no such test.
+    A repeated test, as in a recording of a playback, does not count.
     """
     reasons: dict[str, str] = {}
     latest_ns: dict[str, int] = {}

@@ -18,15 +18,15 @@ OCCURRENCES: Final = 2
 """Times that it must have come in them: one occurrence may be an error of the estimate."""
 
 
-_Told = tuple[int, float]
+_StampedDistance = tuple[int, float]
 
 
 class Intermittent:
     """Follows which faults have come and gone, test by test.
 
     A fault has come if its lower 95 % bound is beyond its limit, and gone if its upper one is
-    within half of it; other tests leave it open, such as those of a fault near its limit. A fault
-    that comes again is intermittent from that test on, until a person acknowledges it.
+    within half of it; other tests leave it open, for example if the fault is near its limit. A
+    fault that comes again is intermittent from that test on, until a person acknowledges it.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class Intermittent:
     def __init__(self, limits: HealthLimits) -> None:
         self._limits = limits
         self.faults: dict[str, Recurrence] = {}
-        # By component, stamps of the latest tests that tell [ns], and distances, 0 if it had gone.
-        self._latest = {name: deque[_Told](maxlen=LATEST_TESTS) for name in COMPONENTS}
+        # By component, stamps of the latest conclusive tests [ns], and distances, 0 if it had gone.
+        self._latest = {name: deque[_StampedDistance](maxlen=LATEST_TESTS) for name in COMPONENTS}
         # Stamps of the tests in which an intermittent fault came [ns].
         self._stamps_ns = {name: set[int]() for name in COMPONENTS}
 

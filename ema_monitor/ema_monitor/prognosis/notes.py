@@ -47,7 +47,7 @@ class Notes:
 
     @staticmethod
     def _check(person: str, events: Iterable[UnitEvent]) -> None:
-        """Raise ValueError when no further note of a person fits beside events."""
+        """Raise ValueError when a person's further note exceeds the limits."""
         notes = Counter(
             event.text.partition(_NAME_END)[0] for event in events if event.kind == NOTE
         )

@@ -111,7 +111,7 @@ def moved(estimate: Estimate, shift_ns: int) -> Estimate:
 
 
 def is_same(test: Test, estimate: Estimate) -> bool:
-    """Return whether a test in a history is that of an estimate, identified once more."""
+    """Return whether a test in a history and an estimate come from the same window."""
     if test.end_ns != estimate.end_ns:
         return False
     if isinstance(test, UnusedCycle):

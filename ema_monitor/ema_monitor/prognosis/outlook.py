@@ -27,7 +27,7 @@ class Claim(NamedTuple):
     Attributes
     ----------
     measured_ns
-        Stamp of the newest test, valid or refused [ns]: the level is that of the unit then.
+        Stamp of the newest test, valid or refused [ns]: the level holds for the unit at that time.
     received_ns
         When the author had that test [ns]; 0 when it is not known, as after a restart.
     author
@@ -118,13 +118,12 @@ class Outlook(Displayed):
     health
         Levels, index and grade.
     trends
-        Growth by fault and by requirement [its unit per flight hour]; what is not named is
-        unknown.
+        Growth by fault and by requirement [its unit per flight hour]; missing names are unknown.
     calibrations
-        How the predictions of each fault held against its tests; what is not named is unknown.
+        Agreement of each fault's predictions with its tests; missing names are unknown.
     lives
-        Remaining life until each fault, and each requirement, reaches its limit, by name; what is
-        not named is as unknown as ``rul``.
+        Remaining life until each fault, and each requirement, reaches its limit, by name; missing
+        names are as unknown as ``rul``.
     rul_faults, rul_requirements, rul
         Until the first fault does, the first requirement, and the earlier of both.
     dominant
@@ -133,10 +132,10 @@ class Outlook(Displayed):
     future
         What is assumed of the duty to come.
     assumption
-        The same, and what else is assumed, in words.
+        The same, and further assumptions, in words.
     events
-        What happened since the outlook before: what the latest test revealed, restarts,
-        calibrations, and faults that are new.
+        Events since the previous outlook: findings of the latest test, restarts, calibrations, and
+        new faults.
     observed_hours
         Hours over which the unit has been observed [h].
     horizon_hours
@@ -159,7 +158,7 @@ class Outlook(Displayed):
     failure
         Which failure of drive or shaft the newest test shows, in words; empty for none.
     departure
-        In what the newest test departs from healthy ones, unexplained; empty where it does not.
+        Unexplained difference of the newest test from healthy ones; empty without any.
     claim
         What gives its level its worth.
     last_level
@@ -206,7 +205,7 @@ class Outlook(Displayed):
 
     @property
     def finding(self) -> str:
-        """What the newest test shows that is no fault: a failure or a departure."""
+        """Finding of the newest test other than a fault: a failure or a departure."""
         return self.failure or self.departure
 
     @property
@@ -215,12 +214,12 @@ class Outlook(Displayed):
         return self.last_level if self.health.level == STALE else self.health.level
 
     def stale(self, reason: str) -> "Outlook":
-        """Return what is left when its level is not known any more."""
+        """Return the outlook with an unknown level: STALE, with the reason."""
         health = replace(self.health.without_ok(), level=STALE, confidence=0.0, reason=reason)
         return replace(self, health=health, last_level=self.known_level)
 
     def at(self, now_ns: int) -> "Outlook":
-        """Return what it is worth at a time [ns]: STALE once its claim has ended.
+        """Return the outlook at a time [ns]: STALE once its claim has ended.
 
         It is STALE before its claim begins as well: then the clock has gone back.
         """
@@ -239,11 +238,11 @@ class Outlook(Displayed):
         return self.stale("; ".join(filter(None, [words, self.health.reason])))
 
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
-        """Return what is known once the newest test has failed, departed or else was refused."""
+        """Return the outlook after a newest test that failed, departed or was refused otherwise."""
         if test.verdict != FAILED:
             stale = self.stale(f"the newest test was refused: {test.reason}")
             if test.comparison is not None:
-                # The record judges nothing: the index of an earlier record is not that of the unit.
+                # The record is not judged: an earlier record's index does not describe the unit.
                 stale = replace(stale, health=replace(stale.health, health_index=math.nan))
             if test.verdict != DEPARTED:
                 return stale
@@ -276,14 +275,14 @@ class Outlook(Displayed):
 
 
 def unknown_outlook(reason: str) -> Outlook:
-    """Return what is published before any test, with the reason why nothing is known."""
+    """Return the outlook before any test, with the reason why nothing is known."""
     health = Health(STALE, math.nan, 0, 0.0, "", reason=reason)
     life = RemainingLife.unknown("", reason)
     return Outlook(health=health, rul_faults=life, rul_requirements=life, rul=life)
 
 
 def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:
-    """Return health by one valid estimate alone, with the reason why there is no prognosis."""
+    """Return the health of a single valid estimate, with the reason for the missing prognosis."""
     health = assess(estimate, limits)
     return replace(
         unknown_outlook(reason),

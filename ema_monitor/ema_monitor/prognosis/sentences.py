@@ -32,7 +32,7 @@ def shown_in(unit: str) -> tuple[str, float]:
 
 
 def cause_of_level(outlook: Outlook) -> str:
-    """Return what gives health its level, with values and limits; empty when the level is OK."""
+    """Return the reasons for the health level, with values and limits; empty if it is OK."""
     health = outlook.health
     if outlook.failure:
         return outlook.failure

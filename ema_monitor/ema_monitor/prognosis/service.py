@@ -58,7 +58,7 @@ class CountLog:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        # The units, that of the latest count last.
+        # The units, ordered by their latest count.
         self._counts: dict[UnitKey, dict[int, Count]] = {}
 
     def add(self, unit: UnitKey, count: Count) -> None:
@@ -144,7 +144,7 @@ class ServiceHours:
         self.used: list[TimedTest] = []
         self.latest: Entry | None = None
         self.unknown = ""
-        # Tests since the latest used one, that of the held count among them.
+        # Tests since the latest used one, including the test with the held count.
         self._waiting: list[TimedTest] = []
         self._held: TimedTest | None = None
         # The first test with the latest count.
@@ -168,7 +168,7 @@ class ServiceHours:
 
     @property
     def usage(self) -> float:
-        """The present usage [h/d]: that of the last 90 days, as far as there are tests.
+        """The present usage [h/d], over the last 90 days as far as there are tests.
 
         NaN when the tests do not span a day, or when more hours than a day has would be flown in
         one: on a test bench, or in a simulation, stamps and service hours are not of one clock.
@@ -203,7 +203,7 @@ class ServiceHours:
         return known.hours + hours_per_cycle * max(cycles - known.cycles, 0)
 
     def add(self, entry: Entry) -> list[Finding]:
-        """Add the next test; return what it reveals about its hours."""
+        """Add the next test; return the findings about its hours."""
         self.latest = entry
         if entry.count is None:
             if math.isnan(entry.hours):

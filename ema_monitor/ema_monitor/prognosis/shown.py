@@ -18,7 +18,7 @@ class LastShown:
     Parameters
     ----------
     limits
-        Limits at which life ends: a test shows a fault if it tells whether that is reached.
+        Limits at which life ends: a test shows a fault if it decides whether the limit is reached.
     entries
         Tests so far, in any order.
 

@@ -1,1 +1,1 @@
-"""Windows: found in telemetry, checked, and smoothed to their informative band."""
+"""Windows: extracted from telemetry, checked, and smoothed to their informative band."""

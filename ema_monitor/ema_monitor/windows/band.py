@@ -57,7 +57,7 @@ def _hann(half: int) -> Array:
 
 
 def speed_weight(parameters: ActuatorParameters) -> float:
-    """Return what a residual of the speed counts as in current [A.s/rad].
+    """Return the weight that converts a speed residual to current [A.s/rad].
 
     It is half the current that the speed loop makes of it (M15).
     """

@@ -93,7 +93,7 @@ class LatestBlocks:
     def cut(self, start: int, stop: int) -> tuple[Telemetry, BlockStamp, BlockStamp]:
         """Return the samples ``start`` to ``stop`` (exclusive), and stamps to check their rate.
 
-        The stamps are those of the first and the last block that begin among the samples, or twice
+        The stamps belong to the first and the last block that begin among the samples, or are twice
         the stamp of the block that the samples begin in.
         """
         covering = [

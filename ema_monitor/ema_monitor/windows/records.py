@@ -62,7 +62,7 @@ def stands_still(telemetry: Telemetry) -> bool:
 
 
 class _Step(NamedTuple):
-    """A bin, and what the position does at its end."""
+    """A bin, and the change of the position at its end."""
 
     item: PositionBin
     rest_begin: int
@@ -100,7 +100,7 @@ class RecordTrigger(WindowTrigger):
     motion of the command, and with up to 0.5 s before. It ends after ``record_s``, or where the
     telemetry ends.
 
-    Parameters are those of `WindowTrigger`.
+    Parameters are as in `WindowTrigger`.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """End the telemetry so far if a block does not continue it; return what that completes."""
+        """End the current piece if a block does not continue it; return the completed events."""
         last = self._latest.last
         if last is None or not (reason := break_between(last, block)):
             return []
@@ -171,7 +171,7 @@ class RecordTrigger(WindowTrigger):
         return self._take(lost)
 
     def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
-        """End the telemetry so far at a stamp [ns], for a reason; return what that completes."""
+        """End the current piece at a stamp [ns], for a reason; return the completed events."""
         events: list[Window | Refusal | Defect] = [*self.finish(), Defect(stamp_ns, reason)]
         self.reset()
         return events

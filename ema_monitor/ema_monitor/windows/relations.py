@@ -30,11 +30,11 @@ class Relation(NamedTuple):
 
 
 def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | None:
-    """Return the travel of the user shaft over that of the motor shaft and the gear [-].
+    """Return user-shaft travel divided by motor-shaft travel through the gear [-].
 
-    The sensors of position and speed tell it in runs one way, in which motor and shaft touch, so
-    that the play does not count; an offset of the speed is fitted. It is None where the window has
-    too little motion, or the speed is not measured.
+    It is measured by the position and speed sensors in runs in one direction, in which motor and
+    shaft touch and the play does not count; an offset of the speed is fitted. It is None where the
+    window has too little motion, or the speed is not measured.
     """
     if not len(window.telemetry.speed):
         return None
@@ -64,14 +64,14 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | N
 
 
 def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | None:
-    """Return by how much the position is too high for what the drive makes of it [rad].
+    """Return the position offset relative to the drive's control law [rad].
 
     A speed loop in proportion has ``command - position = (k_t I / GAP + omega) / G_prop`` (M1),
     whatever friction and load are. The offset is fitted with the gain of the loop, a delay of the
-    command and a gain of the position. At best it is known to 0.15 of what friction holds: where
-    the drive's gains are not as described, a load is at times taken for as much. It is None where
-    the drive has another law, too little of the window is within its limits, or current or speed is
-    not measured.
+    command and a gain of the position. Its best accuracy is 0.15 of the friction band: where
+    the drive's gains are not as described, a load can look like an offset of that size. It is None
+    where the drive has another law, too little of the window is within its limits, or current or
+    speed is not measured.
     """
     if parameters.GAI != 0.0 or parameters.GAD != 0.0 or window.telemetry.missing:
         return None

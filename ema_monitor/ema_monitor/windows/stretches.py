@@ -23,7 +23,7 @@ WAIT_S: Final = 0.1
 _EVERY_S: Final = 1e-3
 _REACH_S: Final = 1.0
 # The shaft behind the play moves with the motor alone. A tenth of a milliradian is far above the
-# resolution and noise of a position sensor; what the motor may turn back is no play to speak of.
+# resolution and noise of a position sensor; the motor's return within it is negligible play.
 _CONTACT: Final = 1e-4
 _TURNED_BACK: Final = 2e-6
 _LATEST_S: Final = 0.01
@@ -38,7 +38,7 @@ class StretchTrigger(WindowTrigger):
     none for ``WAIT_S`` of motion, a stretch begins with an unknown place. There is no stretch at
     rest, and one with too little travel is passed over.
 
-    Other parameters, and attributes, are those of `WindowTrigger`.
+    Other parameters, and attributes, are as in `WindowTrigger`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Where windows begin and end in a stream of telemetry, and what is wrong with the stream.
+"""Where windows begin and end in a stream of telemetry, and the defects of the stream.
 
 All decisions rest on running indices and stamps, never on when a block is received, so that a
 replay finds the same windows.
@@ -36,7 +36,7 @@ ANY_MOTION: Final = "any_motion"
 """Stretches of ordinary motion, which are combined."""
 
 INDEX_WENT_BACK: Final = "the sample index went back"
-"""How the reason begins where blocks are out of their order, as those of two publishers are."""
+"""Start of the reason for blocks out of order, for example from two publishers."""
 
 LEAST_REST: Final = 2
 """Equal samples that make a rest at least, however slow they come."""
@@ -161,13 +161,13 @@ class WindowTrigger:
         return events
 
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """End the telemetry so far if a block does not continue it; return what that completes."""
+        """End the current piece if a block does not continue it; return the completed events."""
         if self._blocks and (reason := break_between(self._blocks[-1], block)):
             return self.end_piece(block.stamp_ns, reason)
         return []
 
     def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
-        """End the telemetry so far at a stamp [ns], for a reason; return what that completes."""
+        """End the current piece at a stamp [ns], for a reason; return the completed events."""
         return [self.interrupt(stamp_ns, reason)]
 
     def _too_many(self, block: Telemetry) -> str:
@@ -322,7 +322,7 @@ def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> st
 
 
 def break_between(last: Telemetry, block: Telemetry) -> str:
-    """Return what is wrong from one block to the next; empty when they join."""
+    """Return the defect between two successive blocks; empty when they join."""
     if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
         return (
             f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"

@@ -50,7 +50,7 @@ class Window(Displayed):
         return len(self.telemetry) - 1
 
     def without_date(self) -> "Window":
-        """Return the window from stamp 0 on, as of a drive without a clock."""
+        """Return the window with stamps from 0, like the window of a drive without a clock."""
         return replace(self, telemetry=replace(self.telemetry, stamp_ns=0))
 
     @property
@@ -87,7 +87,7 @@ class Window(Displayed):
     def speed(self, tau: float) -> Array:
         """Return the speed after the start, ``(n,)`` [rad/s].
 
-        It is that of the motor at the end of each sample. Where it is not measured, it is the mean
+        It is the motor speed at the end of each sample. Where it is not measured, it is the mean
         one over the sample of the fast shaft behind the play, by the position and the gear ratio.
         """
         if len(self.telemetry.speed):
@@ -102,7 +102,7 @@ class Window(Displayed):
         return float(np.mean(self.speed(tau)[:n]))
 
     def missed(self, current: Array, speed: Array, tau: float) -> Array:
-        """Return what a response misses of current and speed, ``(2, ..., n)`` [A, rad/s].
+        """Return the residuals of current and speed for a response, ``(2, ..., n)`` [A, rad/s].
 
         The response is ``(..., n)`` for each, the gear ratio is ``tau``. Nothing is missed of a
         current that is not measured.
@@ -140,7 +140,7 @@ class Window(Displayed):
     def moves(self) -> Flags:
         """Where the command moves after the start, ``(n,)``.
 
-        Where it dwells, the shaft sticks wherever it came to rest, and no model says what current
+        Where it dwells, the shaft sticks wherever it came to rest: no model predicts which current
         holds it there.
         """
         n = min(max(1, round(DWELL_S / self.sample_period)), len(self))

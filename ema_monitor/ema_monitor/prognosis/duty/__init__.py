@@ -1,1 +1,1 @@
-"""Duty as it is flown: what is measured of it, the damage that it does, and duties to come."""
+"""Flown duty: its measurement, the damage it causes, and future duties."""

@@ -35,14 +35,14 @@ class FutureDuty:
     Attributes
     ----------
     factor
-        Growth of the faults beside what the paths say of it [-].
+        Factor of growth in addition to the paths [-].
     present, later
         Hours of growth of each component in an hour at first, and once the present duty has ended,
         on one or several paths, ``(7, p)`` [-].
     lasting
         Hours of service that the present duty lasts on each path, ``(p,)`` [h].
     words
-        What is assumed, beside the factor.
+        Assumptions other than the factor.
 
     Raises
     ------
@@ -72,7 +72,7 @@ class FutureDuty:
         Parameters
         ----------
         own
-            Hours of growth [h], ``(7, n)``; those of a number are on the same path in all.
+            Hours of growth [h], ``(7, n)``; a column is the same path for all components.
         """
         path = np.arange(own.shape[1]) % self.lasting.size
         own, lasting = own / self.factor, self.lasting[path]
@@ -195,7 +195,7 @@ class DutyCourse:
     def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
         """Return mean hours of growth in an hour of each path, ``(7, p)``: a block bootstrap."""
         known = since + np.flatnonzero(self.elapsed[since:] > 0.0)
-        # Whole stretches of the past: what follows one another is alike.
+        # Whole stretches of the past: successive intervals are alike.
         length = max(round(np.sqrt(known.size)), 1)
         start = rng.integers(known.size - length + 1, size=(_PATHS, -(-known.size // length)))
         drawn = known[start[..., None] + np.arange(length)].reshape(_PATHS, -1)
@@ -263,7 +263,7 @@ class DutyRecord:
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         least = np.where(elapsed > 0.0, least, np.inf)
-        # Beyond the hours in service the unit moved on the ground; what is not covered was alike.
+        # Beyond the hours in service the unit moved on the ground; gaps are assumed alike.
         within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
         ageing /= np.where(warm >= least, warm, np.nan)
         course = DutyCourse(

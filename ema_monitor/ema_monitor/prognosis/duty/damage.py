@@ -36,7 +36,7 @@ MEASURE: Final = np.array([_MEASURES.get(name, HOURS) for name in COMPONENTS])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownDuty:
-    """What telemetry and topics say of the use of a unit over some time; nothing by default.
+    """Use of a unit over some time, from telemetry and topics; nothing by default.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class FlownDuty:
 
 
 NOTHING_FLOWN: Final = FlownDuty()
-"""Duty of which nothing is known."""
+"""An unknown duty."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ _TOLERANCE: Final = 1e-3
 
 @dataclass(frozen=True)
 class Scenario(Checked):
-    """A future duty; what is not given is as in the unit's past.
+    """A future duty; omitted figures are as in the unit's past.
 
     Attributes
     ----------
@@ -70,12 +70,12 @@ class Scenario(Checked):
         course
             Duty of the unit so far; None when it is not known.
         factor
-            Growth beside that of the scenario [-].
+            Factor of growth in addition to the scenario's [-].
 
         Raises
         ------
         NotComparableError
-            When the scenario has figures that nothing of the unit can be compared with.
+            When the scenario has figures for which the unit has no data.
         """
         factor = factor * self.duty
         names = ("travel_per_hour", "loads", "winding")
@@ -109,7 +109,7 @@ class Scenario(Checked):
 
 
 class NotComparableError(ValueError):
-    """Of what a scenario gives, nothing is known of the unit so far."""
+    """The unit has no data for a figure of a scenario."""
 
     def __init__(self, what: str) -> None:
         super().__init__(
@@ -138,7 +138,7 @@ AS_FLOWN: Final = Scenario("as flown")
 
 
 def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
-    """Return the scenarios of rows of keys and values, as of a file.
+    """Return the scenarios of rows of keys and values, as read from a file.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        When it is none of scenarios; the message names file, scenario, key and value.
+        When it is not a scenario file; the message names file, scenario, key and value.
     OSError
         When it cannot be read.
     """

@@ -1,8 +1,8 @@
 """A bank of Gaussian filters, one to each cell of the grid (P5).
 
-Within a cell law, shape and rate are fixed, so that a Gaussian holds what is left: the distance
-from healthy. This is the multiple-model estimator, with the merging of the interacting one for
-onset, changes and wandering rates (Bar-Shalom, Li and Kirubarajan 2001, section 11.6).
+Within a cell law, shape and rate are fixed: the only state is the distance from healthy, which a
+Gaussian describes. This is the multiple-model estimator, with the merging of the interacting one
+for onset, changes and wandering rates (Bar-Shalom, Li and Kirubarajan 2001, section 11.6).
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ class Bank(Kept):
     two_sided
         Components that can leave their healthy value to either side, ``(7,)``.
     kind
-        0 of cells without growth, 1 of those of a law for life, 2 of those that wander.
+        0 for cells without growth, 1 for cells with a law for life, 2 for cells that wander.
     """
 
     kept = ("mean", "variance")
@@ -99,10 +99,10 @@ class Bank(Kept):
         at = np.flatnonzero(plain[owner])
         k, mean, variance = owner[at], self.mean[at], self.variance[at]
         innovation = test.value[k] - mean
-        told = corrected(innovation, variance + test.noise[k], self._settings)
-        self.mean[at] = mean + variance * told.gain * innovation
-        self.variance[at] = np.maximum(variance - variance**2 * told.shrinking, _LEAST_VARIANCE)
-        log_likelihood[at], below[at] = told.log_likelihood, told.below
+        update = corrected(innovation, variance + test.noise[k], self._settings)
+        self.mean[at] = mean + variance * update.gain * innovation
+        self.variance[at] = np.maximum(variance - variance**2 * update.shrinking, _LEAST_VARIANCE)
+        log_likelihood[at], below[at] = update.log_likelihood, update.below
         at = np.flatnonzero(near[owner])
         k, mean, variance = owner[at], self.mean[at], self.variance[at]
         log_p = np.empty(at.size)

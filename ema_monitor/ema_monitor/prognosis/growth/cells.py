@@ -2,7 +2,7 @@
 
 A rate is stated by the hours from healthy to the limit, a shape by the bend of its curve: so one
 grid serves components and limits of any kind, and laws whose second figures cannot be compared.
-Beside cells of a steady rate there are those whose rate wanders about that of a law (``wander``).
+Besides cells with a steady rate, there are cells whose rate wanders about a law's (``wander``).
 """
 
 import math
@@ -29,21 +29,21 @@ WANDERING_PRIOR: Final = 0.7
 """Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
 
 N_RATES: Final = 33
-"""Rates of a curve about which a rate wanders, and those that a fleet tells apart."""
+"""Number of rates of a curve about which a rate wanders, and that a fleet distinguishes."""
 RATE_SPACING: Final = math.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1)
 """Distance of these rates in the logarithm [-]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of the grid, ``(n,)`` each, those of a law next to each other."""
+    """Cells of the grid, ``(n,)`` each; the cells of a law are adjacent."""
 
     slices: dict[str, slice]  # where the cells of each law are
     component: NDArray[np.intp]  # number of the component among those tracked
     side: Array  # of healthy, on which it grows, -1 or 1
     rate: Array  # of the law now, its pace included
     shape: Array
-    third: Array  # as of `Curve`
+    third: Array  # as in `Curve`
     is_random: Flags  # whether they follow a law whose growth is random
     limit: Array  # distance from healthy at which life ends [-]
     prior: Array  # sums to 1 over the cells of a component
@@ -51,7 +51,7 @@ class Cells:
     spacing: Array  # of neighbouring rates in the logarithm [-]
     wanders: Flags
     pace: Array  # its logarithm [-], 0 where the rate does not wander
-    place: NDArray[np.intp]  # N_RATES times the number of the curve, plus that of the rate; or -1
+    place: NDArray[np.intp]  # N_RATES times the curve's number, plus the rate's number; or -1
 
     def figures(self, at: slice | NDArray[np.intp]) -> Figures:
         """Return the figures of some cells of a law."""
@@ -157,7 +157,7 @@ def _rows(
 ) -> NDArray[np.void]:
     """Return equally probable cells of a curve, for hours from healthy to the limit [h].
 
-    Their prior is that of a share of the curves of a kind of growth.
+    Their prior is a share of the prior of the curves of a kind of growth.
     """
     rows = np.zeros(lives.size, _ROW)
     # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.

@@ -1,4 +1,4 @@
-"""A unit's own predictions, held against what its tests then showed (P13a).
+"""Calibration check: a unit's predictions against its later tests (P13a).
 
 The probability integral transform of a test is the predicted probability of a value below the one
 that it showed: uniform where predictions are honest (Dawid 1984; Diebold, Gunther and Tay 1998). It
@@ -35,10 +35,10 @@ _WIDTH_SIGMA: Final = 0.35
 """Standard deviation of the logarithm of such a factor before any test [-]."""
 
 _KEPT: Final = 0.98
-"""Share that what was learnt keeps at each test."""
+"""Weight that earlier tests keep at each new test."""
 
 _LEAST: Final = 5.0
-"""Tests below which nothing is said of calibration."""
+"""Fewest tests for a statement about calibration."""
 
 _PENDING: Final = AHEAD // EVERY
 _SLOTS: Final = _PENDING + 1  # one more: a component may miss the test that is due
@@ -89,7 +89,7 @@ class PredictionCheck(Kept):
         self._since = np.full((_SLOTS, n), np.nan)
         self._ahead = np.full((_SLOTS, _LADDER.size), np.nan)
         self._quantiles = np.zeros((_SLOTS, _LADDER.size, n, _QUANTILES.size))
-        # At which test it was made, and of which components it is still to be judged.
+        # The test at which each prediction was made, and the components still to be judged.
         self._made = np.zeros(_SLOTS, dtype=np.intp)
         self._open = np.zeros((_SLOTS, n), dtype=bool)
         self._grows = np.zeros((_SLOTS, n), dtype=bool)
@@ -167,7 +167,7 @@ class PredictionCheck(Kept):
         Parameters
         ----------
         since, ahead
-            Hours of growth of each component now, ``(7,)``, and those of ``hours_ahead`` [h].
+            Hours of growth of each component now, and at ``hours_ahead`` [h].
         samples
             Signed distances from healthy at each, ``(m, 7, n)``.
         shown, grows
@@ -185,7 +185,7 @@ class PredictionCheck(Kept):
         return np.maximum(np.exp(p @ np.log(WIDTHS) / p.sum(axis=1)), 1.0)
 
     def of(self, number: int) -> TrackRecord:
-        """Return what is known of a component."""
+        """Return the track record of a component."""
         counts, sums = self._scores[:, number, 0], self._scores[:, number, 1]
         one_step, ahead = (
             math.sqrt(total / count) if count >= _LEAST else math.nan

@@ -1,4 +1,4 @@
-"""Updates of Gaussian filters by tests of which some have larger errors."""
+"""Updates of Gaussian filters by tests with occasional larger errors."""
 
 import math
 from typing import Final, NamedTuple
@@ -18,7 +18,7 @@ _ROOT_2_PI: Final = math.sqrt(2.0 * math.pi)
 
 
 class Correction(NamedTuple):
-    """What an innovation tells of a state, by two Gaussians, merged."""
+    """Update of a state by an innovation, from two merged Gaussians."""
 
     log_likelihood: Array  # of the innovation, up to a constant
     gain: Array  # change of the mean over innovation and covariance with it
@@ -27,7 +27,7 @@ class Correction(NamedTuple):
 
 
 def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Correction:
-    """Return what innovations of some variances tell, where occasional errors are larger."""
+    """Return the updates by innovations, whose errors are occasionally larger."""
     rare, squared = settings.occasional_probability, innovation**2
     wide = usual + settings.occasional_error**2
     log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))

@@ -25,7 +25,7 @@ _KEPT: Final = 0.8
 """Share of the prior without a fleet that is kept: the unit may be of another kind [-]."""
 _UNITS_OF_CURVES: Final = 4.0
 _UNITS_OF_RATES: Final = 2.0
-"""Weight of the distribution without a fleet in that of the fleet [units]."""
+"""Weight of the distribution without a fleet in the fleet's distribution [units]."""
 _SMOOTHING: Final = 0.25
 """Width of the smoothing over the logarithm of the rate [-]."""
 _STEPS: Final = 60
@@ -54,7 +54,7 @@ def _table(cells: Cells, number: int, values: Array) -> Array:
 
 
 def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, GrownFault]:
-    """Return what a tracker says of the faults that are seen to grow, by component.
+    """Return a tracker's evidence about the faults with visible growth, by component.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def curves_without_fleet(limits: HealthLimits) -> dict[str, Array]:
 
 
 def with_fleet(cells: Cells, settings: TrackerSettings) -> Cells:
-    """Return a grid whose prior of curves and rates is that of a fleet, where no law is known."""
+    """Return a grid with a fleet's prior of curves and rates for faults without a known law."""
     prior, shares = cells.prior.copy(), settings.fleet.shares if settings.fleet else {}
     for number, name in enumerate(COMPONENTS):
         share = shares.get(kind_of(name))
@@ -100,7 +100,7 @@ def with_fleet(cells: Cells, settings: TrackerSettings) -> Cells:
 
 
 def grid_digest(limits: HealthLimits) -> str:
-    """Return what tells whether likelihoods are of the same curves and rates."""
+    """Return a digest of the curves and rates to which likelihoods refer."""
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
     own = cells.side, cells.base, cells.shape, cells.third
@@ -115,7 +115,7 @@ def distribution(likelihoods: Sequence[NDArray[np.float16]], prior: Array) -> Ar
     Parameters
     ----------
     likelihoods
-        Logarithms of those of each unit, ``(curves, rates)``.
+        Log-likelihoods of each unit, ``(curves, rates)``.
     prior
         The distribution without any unit, ``(curves, rates)``.
     """

@@ -1,4 +1,4 @@
-"""Samples of what is known of growth, continued into the future.
+"""Samples of the estimated growth, continued into the future.
 
 A fault grows as its law says, in a time of its own whose increments are random with mean 1 (P7): to
 first order a Wiener process with drift, whose first passage is inverse Gaussian (P10). Growth of
@@ -32,7 +32,7 @@ class Draw:
 
     cells: Cells
     noise_hours: float  # variance of the effective time of growth per hour [h]
-    cell: NDArray[np.intp]  # of a sample under a wave that of no growth
+    cell: NDArray[np.intp]  # a sample under a wave has the cell without growth
     x: Array  # distance from healthy to the side of the cell, with its wave [-]
     rate: Array  # of the law at pace 1
     pace: Array  # its logarithm [-]
@@ -70,7 +70,7 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     sd = np.sqrt(bank.variance[cell])
     x = cells.side[cell] * (bank.mean[cell] + sd * rng.standard_normal(cell.shape))
     x[is_wave] = waves.state[:, 0] + waves.state[:, 2]
-    # The grid's rates and paces stand for what lies between them.
+    # The grid's rates and paces also represent the values between them.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     # What was seen for u hours goes on for t more with a probability of u / (u + t).

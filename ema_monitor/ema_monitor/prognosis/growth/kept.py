@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Kept:
-    """Base of what learns from tests: all that it learns is in some of its attributes.
+    """Base of classes that learn from tests and keep their state in some of their attributes.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Kept:
         return known
 
     def restore(self, state: Mapping[str, NDArray[Any]], at: str = "") -> None:
-        """Go on from what ``state`` of one of the same limits and settings returned.
+        """Restore the ``state`` of an object with the same limits and settings.
 
         Raises
         ------

@@ -28,10 +28,10 @@ class Mixture(Kept):
     Attributes
     ----------
     weight
-        Probability of each cell, and of each filter of a wave behind them, ``(n,)``; sums to 1 over
-        those of a component.
+        Probability of each cell, followed by each filter of a wave, ``(n,)``; sums to 1 for each
+        component.
     component, members
-        The component that each is of, and the numbers of those of each component.
+        Component of each, and the indices of each component's members.
     is_known
         Components whose law is known, ``(7,)``.
     """
@@ -120,9 +120,9 @@ class Mixture(Kept):
         self.bank.change(self._split(self.weight)[0])
         near = used & test.near_healthy
         seen = test, used & ~near, near
-        told = self.bank.measure(*seen), self.waves.measure(*seen)
+        updates = self.bank.measure(*seen), self.waves.measure(*seen)
         log_p, below = (
-            np.concatenate([cells, waves.ravel()]) for cells, waves in zip(*told, strict=True)
+            np.concatenate([cells, waves.ravel()]) for cells, waves in zip(*updates, strict=True)
         )
         pit = self._sums(self.weight * below)
         highest = np.full(_N, -np.inf)

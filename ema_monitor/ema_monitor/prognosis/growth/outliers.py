@@ -48,10 +48,10 @@ class Event:
 
 
 class OutlierDetector(Kept):
-    """Decides what a test means whose values growth does not explain.
+    """Classifies tests whose values growth does not explain.
 
     The first two tests that agree begin a life, for either of two that do not may be wrong. Later
-    a test with an odd value is held back as a whole, for what falsifies one component's estimate
+    a test with an odd value is held back as a whole, because a wrong estimate of one component
     falsifies the others. If the next test agrees with it in all components that were off, and is
     off in no other, their level has changed; if it is as expected, the test held back is never
     used. A jump that two errors of the occasional size can feign must show in three tests, and
@@ -98,7 +98,7 @@ class OutlierDetector(Kept):
     ) -> tuple[list[Event], Flags, Flags]:
         """Return events, components whose level has changed, and components held back, ``(7,)``.
 
-        Mean and variance are those of the test's prediction; ``tests`` counts the tests used so
+        Mean and variance belong to the test's prediction; ``tests`` counts the tests used so
         far, by component: one alone is too few for an outlier.
         """
         innovation = measurement.normalized_innovation(mean, variance)
@@ -108,7 +108,7 @@ class OutlierDetector(Kept):
         large = np.abs(measurement.value - mean) > _AGREEMENT * reach
         for held in map(Measurement.of_row, self._held):
             since = held.hours
-            # As growth is less and less certain, what was odd before may be within its bounds.
+            # Growth is less and less certain: a value that was odd before may be within its bounds.
             agrees = self._agrees(measurement, held, mean)[self._odd].all()
             self._agreed = self._agreed + 1 if agrees and not (odd & ~self._odd).any() else 0
             is_long = self._patience >= PATIENCE - 1

@@ -1,4 +1,4 @@
-"""What is known of each component, its remaining useful life, and what that waits for."""
+"""Estimates of each component, its remaining useful life, and the evidence still missing."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -91,7 +91,7 @@ class RemainingLife:
 
     @classmethod
     def unknown(cls, criterion: str, reason: str) -> "RemainingLife":
-        """Return a life of which no figure can be given."""
+        """Return an unknown life, with the reason."""
         return cls(False, math.nan, math.nan, math.nan, criterion, reason)
 
     @classmethod
@@ -134,7 +134,7 @@ class Prognosis:
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
-        """Return the prognosis of which no figure can be given."""
+        """Return a prognosis without figures, with the reason."""
         components = {
             name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
             for name in COMPONENTS

@@ -1,7 +1,7 @@
 """Abrupt changes of the rate of growth: another mission, another load, lost lubrication (P9a).
 
 Two lines that meet at a test are fitted to the latest tests, and growth without a break: a
-parabola, a cubic, an exponential, waves. A change is told where the broken line is better than all
+parabola, a cubic, an exponential, waves. A change is reported if the broken line is better than all
 others by a margin (generalised likelihood ratio: Willsky and Jones 1976, with rivals).
 """
 
@@ -33,7 +33,7 @@ _MARGIN_OVER_RIVALS: Final = 6.0
 """The same against curves of as many figures as it has [-]."""
 
 _LEAST_RATIO: Final = 1.6
-"""Ratio of the rates below which a change is not told [-]."""
+"""Smallest ratio of the rates that is reported as a change [-]."""
 
 _SIGNIFICANT: Final = 3.0
 _ODD_SIGMAS: Final = 4.0
@@ -50,7 +50,7 @@ class RegimeChange(NamedTuple):
     tests: int  # after it
 
     def event(self, name: str) -> Event:
-        """Return the event that tells of the change of a component's rate."""
+        """Return the event of a change of a component's rate."""
         return Event(
             REGIME,
             name,
@@ -136,7 +136,7 @@ def _found(tests: Array, settings: TrackerSettings) -> RegimeChange | None:
 
 def _whitener(hours: Array, value: Array, variance: Array, settings: TrackerSettings) -> Array:
     """Return the inverse root of the covariance of the tests about the mean growth."""
-    # A value far from both beside it has an occasional error.
+    # A value far from both neighbours has an occasional error.
     middle = 0.5 * (value[:-2] + value[2:])
     odd = np.abs(value[1:-1] - middle) > _ODD_SIGMAS * np.sqrt(1.5 * variance[1:-1])
     sigma = np.sqrt(variance + settings.occasional_error**2 * np.pad(odd, 1))

@@ -94,8 +94,8 @@ def known_law(fault: str, written: str) -> KnownLaw:
     Raises
     ------
     ValueError
-        When fault or law are unknown, a figure is missing or impossible, or growth at that rate is
-        beyond what a tracker follows.
+        When fault or law are unknown, a figure is missing or impossible, or the growth rate is
+        outside the range of the tracker.
     """
     if fault not in COMPONENTS:
         raise ValueError(unknown_name("fault", fault, COMPONENTS))
@@ -141,7 +141,7 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
     Raises
     ------
     ValueError
-        When a text is no law; the message begins with the kind of fault.
+        When a text is not a law; the message begins with the kind of fault.
     """
 
     def __post_init__(self) -> None:
@@ -170,7 +170,7 @@ class FleetPrior:
     Attributes
     ----------
     digest
-        Of all that the units said.
+        Digest of the evidence of all units.
     units
         Number of units any of whose faults was seen to grow.
     names
@@ -199,8 +199,8 @@ class TrackerSettings(Checked):
     """What a tracker assumes; each number says its unit, range and meaning.
 
     Of components that ``laws`` does not name the law is unknown, and all are averaged. ``fleet``
-    says how other units grew; a known law is used all the same. ``forgetting`` is a
-    power of what was learnt of rates that wander, of waves, and of the kinds of growth.
+    is the growth of other units; a known law takes precedence. ``forgetting`` is a power applied
+    to the learnt probabilities of wandering rates, of waves, and of the kinds of growth.
 
     Raises
     ------

@@ -213,11 +213,11 @@ class Tracker(Kept):
             self._growing[number] = False
 
     def grown_faults(self) -> dict[str, GrownFault]:
-        """Return what is said of the components that grow, for the prior of a fleet."""
+        """Return the evidence about the growing components, for the prior of a fleet."""
         return grown_faults(self._mixture.bank.cells, self._mixture.weight, self._growing)
 
     def components(self) -> tuple[TrackedFault, ...]:
-        """Return what is known of each component."""
+        """Return the estimate of each component."""
         (mean, variance), trend = self._mixture.moments(), self._mixture.trend()
         value = np.clip(HEALTHY + mean, 0.0, HIGHEST[INDICES])
         figures = np.array([value, np.sqrt(variance), trend])

@@ -64,7 +64,7 @@ def transition(hours: ArrayLike) -> Array:
 def mix_paces(
     weight: Array, mean: Array, variance: Array, blocks: NDArray[np.intp], hours: Array
 ) -> None:
-    """Let the paces of cells change over hours of each curve, in place, merging what comes to each.
+    """Let the paces of cells change over hours of each curve, in place, and merge arriving states.
 
     ``blocks`` has the cells of each curve by pace and rate, ``(b, p, r)``.
     """
@@ -104,7 +104,7 @@ def hours_of(own: Array, pace: Array, rng: np.random.Generator) -> Array:
     """Return the hours in which a wandering pace makes growth pass its own hours, ``(n,)`` [h].
 
     ``own`` are the hours at pace 1, ``pace`` is the logarithm of the pace now [-]. After ``STEPS``
-    steps the rest passes at the mean pace: what is slow for so long comes back.
+    steps the rest passes at the mean pace: a pace that stays slow for so long returns to it.
     """
     step = own * _STEP_SHARE
     normal = rng.standard_normal((STEPS, own.size))

@@ -1,4 +1,4 @@
-"""Filters for faults under a wave: what season, temperature or load add and take away (P6c).
+"""Filters for faults under a wave: periodic effects of season, temperature or load (P6c).
 
 The state of each is level x, rate v, and a wave of known period and unknown amplitude and phase:
 w turns by 2 pi hours / period and slowly becomes another. A test measures x + w.
@@ -33,7 +33,7 @@ LASTING: Final = 20.0
 """Periods within which a wave forgets its amplitude and phase."""
 
 RATE_SPREAD: Final = 0.15
-"""Standard deviation of the logarithm of the mean rate to come, over that of now [-]."""
+"""Standard deviation of the logarithm of the future mean rate over the present rate [-]."""
 
 _RATE_WALK: Final = 0.01
 """Relative random walk of the rate [1/sqrt(h)]."""
@@ -43,7 +43,7 @@ _LIVES: Final = np.array([np.inf, 2500.0, 600.0])
 
 _SEEN: Final = np.array([1.0, 0.0, 1.0, 0.0])
 _LEAST_RATE: Final = 1e-6
-"""Rate, in shares of the limit, below which nothing grows [1/h]."""
+"""Smallest rate that counts as growth, in shares of the limit [1/h]."""
 
 _STEPS_A_PERIOD: Final = 20
 
@@ -81,7 +81,7 @@ class Waves(Kept):
             self.restart(number, 0.0, 1.0)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and variance of what a test measures, by each filter, ``(7, k)`` each."""
+        """Return mean and variance of a test's value, by each filter, ``(7, k)`` each."""
         return self.mean @ _SEEN, self.covariance @ _SEEN @ _SEEN
 
     def restart(self, number: int, value: float, variance: float) -> None:
@@ -89,7 +89,7 @@ class Waves(Kept):
         wave = self._wave_variance[number]
         self.mean[number] = [value, 0.0, 0.0, 0.0]
         one = np.zeros_like(self.covariance[number])
-        # The level is what the wave leaves of the value.
+        # The level is the value without the wave.
         one[:, 0, 0] = variance + wave
         one[:, 0, 2] = one[:, 2, 0] = -wave
         one[:, 1, 1] = self._rate_variance[number]
@@ -147,12 +147,12 @@ class Waves(Kept):
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
         at, (mean, variance) = plain, self.moments()
         innovation = test.value[at, None] - mean[at]
-        told = corrected(innovation, variance[at] + test.noise[at, None], self._settings)
+        update = corrected(innovation, variance[at] + test.noise[at, None], self._settings)
         shared = self.covariance[at] @ _SEEN
-        self.mean[at] += shared * (told.gain * innovation)[..., None]
+        self.mean[at] += shared * (update.gain * innovation)[..., None]
         outer = shared[..., None] * shared[..., None, :]
-        self.covariance[at] -= outer * told.shrinking[..., None, None]
-        log_likelihood[at], below[at] = told.log_likelihood, told.below
+        self.covariance[at] -= outer * update.shrinking[..., None, None]
+        log_likelihood[at], below[at] = update.log_likelihood, update.below
         at = np.flatnonzero(near)
         k, (was, before) = np.repeat(at, self.omega.size), (mean[at], variance[at])
         level, left, log_p = was.ravel().copy(), before.ravel().copy(), np.empty(k.size)

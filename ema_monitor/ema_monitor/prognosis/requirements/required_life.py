@@ -34,7 +34,7 @@ NODES: Final = 9
 """Times at which every trajectory is evaluated before the crossing is bisected."""
 
 FIRST: Final = 4
-"""Trajectories along which the model is run at first, beside their median."""
+"""Trajectories along which the model is run at first, in addition to their median."""
 
 POINTS: Final = 32
 """Crossings of a requirement that the model checks then."""
@@ -85,7 +85,7 @@ class RequiredLife:
         required: Requirements | RequirementLimits,
         healths: tuple[FaultHealth, ...] = (),
     ) -> "RequiredLife":
-        """Return a life of which no figure can be given."""
+        """Return an unknown life, with the reason."""
         lives = {
             name: RemainingLife.unknown(required.criterion(name), reason) for name in REQUIREMENTS
         }
@@ -105,8 +105,8 @@ def required_life(
 ) -> RequiredLife:
     """Return how long the requirements are met.
 
-    Each component goes on as probable: one of which growth is not certain yet grows in as many of
-    the samples. Where none is known to grow, all stay as they may be now, and a life is
+    Each component grows in the share of the samples given by its probability of growth. If no
+    component is known to grow, all keep their possible present values, and a life is
     given only if a requirement fails now at 95 % certainty. As long as no test has shown a
     component, no life is given: it might be anything.
 
@@ -213,8 +213,8 @@ def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dic
     the trajectories, then at crossings so found, spread over the samples, and the crossings are
     sought anew, as in active learning of limit states (Echard, Gayton and Lemaire 2011, AK-MCS,
     Structural Safety 33). That runs the model some 80 times for each requirement in question,
-    where a bisection of each sample would take thousands; the hours so found differ from those of
-    the model at all times by 1 % rms in most cases, 2.5 % where a reserve falls slowly.
+    where a bisection of each sample would take thousands. The resulting hours differ from the full
+    model's by 1 % rms in most cases, by 2.5 % where a reserve falls slowly.
     """
     play = requirements.reserve("free_play", requirements.model.free_play(paths))
     index = {name: _modelled_crossings(requirements, name, paths) for name in MODELLED}
@@ -292,10 +292,10 @@ def _first_crossing(
 def limit_passage(paths: Array, hours: Array, limits: HealthLimits) -> Array:
     """Return when samples of the faults to come first reach a fault limit, ``(n,)`` [h].
 
-    Paths and hours are as of ``failure_hours``; it is infinite where no limit is reached.
+    Paths and hours are as in ``failure_hours``; it is infinite where no limit is reached.
     """
     reach = [limits.of(name) if name in COMPONENTS else np.inf for name in FAULT_NAMES]
-    # Of what is furthest on its way; none is left at the limit itself, where a range may end.
+    # The component nearest its limit counts; at the limit itself, where a range may end, 0 is left.
     left = np.nextafter(1.0, 0.0) - np.max(np.abs(paths - healthy_faults()) / reach, axis=2)
     return _hours_at(_crossing_of(left), hours)
 

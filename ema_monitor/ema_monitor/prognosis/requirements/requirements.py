@@ -75,8 +75,8 @@ class Judgement:
     healths
         Health as to each requirement, in the units of ``RequirementLimits.unit``.
     gradients
-        How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 for what is
-        not observable.
+        How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 if it is not
+        observable.
     """
 
     healths: tuple[FaultHealth, ...]
@@ -98,7 +98,7 @@ class Requirements:
     healthy
         Performance of the healthy actuator by name.
     limit
-        Value at which each requirement fails, by name; that of the tracking error is absolute.
+        Value at which each requirement fails, by name; for the tracking error it is absolute.
 
     Raises
     ------
@@ -135,9 +135,9 @@ class Requirements:
         return _criterion(name, self.limit[name])
 
     def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> Array:
-        """Return reserves by the model, ``(m, len(names))``, running only what they need.
+        """Return reserves of fault vectors, ``(m, 8)``, by the model, ``(m, len(names))``.
 
-        They are those of fault vectors, ``(m, 8)``.
+        Only the parts of the model that ``names`` need are run.
         """
         faults = as_faults(faults)
         found: dict[str, Array] = {}

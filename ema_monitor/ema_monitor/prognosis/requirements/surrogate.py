@@ -1,6 +1,6 @@
 """Surrogate of a slow function of the faults, by its exact values at a few points.
 
-A linear trend, and kriging of what it leaves (universal kriging; Santner, Williams and Notz, The
+A linear trend, and kriging of its residuals (universal kriging; Santner, Williams and Notz, The
 Design and Analysis of Computer Experiments, Springer 2018, chapter 3).
 """
 
@@ -45,7 +45,7 @@ def coordinates(faults: Array) -> Array:
 
 
 class Surrogate:
-    """A linear trend through exact values, and what it leaves of them kriged.
+    """A linear trend through exact values, with kriged residuals.
 
     Parameters
     ----------

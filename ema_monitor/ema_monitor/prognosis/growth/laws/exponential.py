@@ -4,6 +4,6 @@ from ema_monitor.prognosis.growth.laws.interface import Law
 
 
 class Exponential(Law):
-    """A law that may be known; its curves are those of ``archard``, with x_0 = 1 / b."""
+    """A law that may be known; it has the curves of ``archard``, with x_0 = 1 / b."""
 
     name = "exponential"

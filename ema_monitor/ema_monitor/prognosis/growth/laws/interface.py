@@ -32,7 +32,7 @@ class Figures(NamedTuple):
     side: Array  # of healthy, on which it grows, -1 or 1
     rate: Array  # of the law [1/h], of ``power`` its time scale [h]
     shape: Array
-    third: Array  # as of `Curve`
+    third: Array  # as in `Curve`
     limit: Array  # distance from healthy at which life ends [-]
 
 
@@ -49,7 +49,7 @@ class Future(NamedTuple):
 
     hours: Array  # of growth from now on, ascending [h]
     paced: Array  # the same at a pace that may wander [h]
-    noise: Array  # what process noise adds to it [h]
+    noise: Array  # contribution of process noise [h]
     wiener: Array  # standard Wiener process [sqrt(h)]
 
     def time(self, own: Array) -> Array:

@@ -34,7 +34,7 @@ class Jumps(Law):
         return [Curve(b / limit, share, limit / jumps) for jumps in JUMPS for b in _GROWING]
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
-        """Let each cell have none, or at least one jump; what both were is merged."""
+        """Advance each cell with no jump and with at least one jump, and merge both."""
         weight, mean, variance = map(_paired, levels)
         total = weight.sum(axis=0)
         middle = np.sum(weight / total * mean, axis=0)
@@ -45,7 +45,7 @@ class Jumps(Law):
         count = self._count(x, Figures(*(_paired(one)[1] for one in of)), _paired(hours)[1])
         some = -np.expm1(-count)
         weight[:] = np.maximum(total * np.stack([1.0 - some, some]), LEAST_PROBABILITY)
-        # Moments of a sum of exponential jumps of which there is at least one.
+        # Moments of a sum of one or more exponential jumps.
         grown = jump * np.divide(count, some, out=np.ones_like(count), where=some > 0.0)
         mean[1] += side * grown
         variance[1] += grown * (2.0 * jump + jump * count - grown)
