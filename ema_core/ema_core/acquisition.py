@@ -59,7 +59,7 @@ class Acquisition(Checked):
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradiction(self, missing: Collection[str]) -> str:
-        """Return in what telemetry with these empty columns is not acquired like this."""
+        """Return how telemetry with these empty columns contradicts the acquisition."""
         reasons = [
             f"the {name} is said to be measured ({self}), but its column is empty"
             if name in missing

@@ -1,4 +1,4 @@
-"""The registry of hidden causes: what changes a window of telemetry and is none of the faults.
+"""The registry of hidden causes, which change a window of telemetry and are not faults.
 
 The simulator applies them (equations in docs/model.md), the monitor takes some of them for
 competing explanations. A cause that is absent has the value 0.
@@ -20,7 +20,7 @@ class Place(StrEnum):
     SENSOR = "sensor"
     """A published column alone; the drive's own loops use the true value."""
     DEFECT = "defect"
-    """A part that has failed: there is no use in estimating faults beside it."""
+    """A failed part: faults cannot be estimated while it is present."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ _APPROACH_SPEED = 5e-3
 _RETREAT_S = 0.1
 _HOLD_S = 0.1
 _RETURN_S = 0.3
-_ARRAYS = 2  # as long as the command, at a time, but for those of its computation
+_ARRAYS = 2  # arrays of the command's length at a time, without those of its computation
 
 
 @dataclass(frozen=True, eq=False)

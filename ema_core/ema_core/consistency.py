@@ -2,7 +2,7 @@
 
 Who changes one parameter of the built-in example and leaves those that depend on it describes an
 actuator that does not exist. Each coupling is a ratio with its usual range; outside of it there is
-a remark, which says what to look at, and no refusal: an actuator may be unusual.
+a remark with the parameters to check, not a refusal: an actuator may be unusual.
 """
 
 import math
@@ -22,7 +22,7 @@ terminals (M33)."""
 
 
 class _Coupling(NamedTuple):
-    """A ratio of parameters, what it is called, its usual range, and what to look at."""
+    """A ratio of parameters, its name, its usual range, and the parameters to check."""
 
     name: str
     ratio: Callable[[ActuatorParameters], float]
@@ -158,7 +158,7 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
 def remarks(description: "ActuatorDescription") -> tuple[str, ...]:
     """Return which coupled parameters of a description contradict each other, a sentence each.
 
-    Nothing is said of a drive whose controller is unknown: most of its parameters are not used.
+    A drive with an unknown controller is not checked: most of its parameters are not used.
     """
     p, drive = description.parameters, description.drive
     if drive not in TORQUE_PER_EMF:

@@ -10,7 +10,7 @@ LINEAR_RANGE: Final = 1.0 / math.sqrt(3.0)
 
 
 class CurrentLoop(NamedTuple):
-    """Constants of both current loops, for kernels (equation M33); all are those of a phase.
+    """Constants of both current loops per phase, for kernels (equation M33).
 
     ``K_p`` [ohm] and ``K_i`` [ohm/s] are their gains, ``L`` [H] and ``k`` [V.s/rad] inductance and
     back-EMF constant by which the axes are decoupled, ``P`` the pole pairs [-].

@@ -11,7 +11,7 @@ from ema_core.wording import unknown_name
 
 DRIVES: Final = ("six_step", "field_oriented", "unknown")
 """How a motor is driven: six-step commutation with current hysteresis, field-oriented control of a
-sinusoidal motor, or by a controller of which nothing is known."""
+sinusoidal motor, or an unknown controller."""
 
 LONGEST_NAME: Final = 100
 """Most characters of an id or a serial number."""
@@ -45,7 +45,7 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        When the id or serial number is no name, the period is outside
+        When the id or serial number is not a valid name, the period is outside
         ``ema_core.telemetry.PERIODS``, the drive is not one of ``DRIVES`` or needs a command that
         is missing, or the motor is too weak for its friction.
     """

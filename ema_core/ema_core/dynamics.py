@@ -27,8 +27,9 @@ def lag_factor(dt: float) -> float:
 class CurrentSampling(NamedTuple):
     """How samples of the current are made of its values in the steps (M6), for kernels.
 
-    A sample begins with ``carry`` times what the one before ended with; each step makes ``keep``
-    times that and ``gain`` times the value; the sample is the result over ``divisor``.
+    A sample starts from ``carry`` times the final state of the previous sample. Each step updates
+    the state to ``keep`` times the state plus ``gain`` times the value. The sample is the final
+    state divided by ``divisor``.
     """
 
     carry: float
@@ -93,7 +94,7 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, friction, dt):
     """Motor speed after one step, as `next_speed`, with selections in place of branches (M7).
 
-    ``friction`` is that in motion, ``load`` what opposes the ``torque`` of the motor [N.m]. Lanes
+    ``friction`` is the dynamic friction, ``load`` opposes the ``torque`` of the motor [N.m]. Lanes
     cannot branch; the reference actuator, a single float, is 6 % faster with branches. The torque
     is the last to be known: all else is ready by then.
     """

@@ -11,9 +11,9 @@ def require_type(name: str, value: Any, expected: type | tuple[type, ...], hint:
     name, value
         The argument.
     expected
-        Its type, or several of which it may have one.
+        Its type, or a tuple of permitted types.
     hint
-        What to do to get a value of that type; "" for none.
+        How to get a value of that type; "" for none.
     """
     types = expected if isinstance(expected, tuple) else (expected,)
     if not isinstance(value, types):

@@ -36,8 +36,8 @@ class Fault:
         Least standard deviation that the mismatch of the monitor model adds to an estimate [-]; of
         eccentricity and its phase, in the plane of the two.
     limit
-        Default distance from healthy at which life ends [-]; None for a direction, which is no
-        fault by itself and is neither assessed nor tracked.
+        Default distance from healthy at which life ends [-]; None for a direction, which is not a
+        fault in itself and is neither assessed nor tracked.
     growth
         Typical growth; None where there is no limit.
     shown_by
@@ -355,7 +355,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     Raises
     ------
     ValueError
-        When a value is not that of a fault vector.
+        When a value is outside the range of a fault vector.
 
     Notes
     -----

@@ -33,7 +33,7 @@ def complete_file(path: Path) -> Iterator[Path]:
     finally:
         partial.unlink(missing_ok=True)
     try:
-        _synchronise(path.parent)  # else a loss of power may leave what was there before
+        _synchronise(path.parent)  # else the old file may reappear after a loss of power
     except OSError as error:
         words = f"{error.strerror or error}: it is stored, and lost if the power is lost soon"
         raise OSError(error.errno, words, str(path)) from error

@@ -1,4 +1,4 @@
-"""Linear actuators: what angles, speeds and torques are in mm, mm/s and N by the lead."""
+"""Linear actuators: conversion of angles, speeds and torques to mm, mm/s and N by the lead."""
 
 import math
 import re
@@ -17,14 +17,14 @@ _IN_SI: Final = {
     "N.s/m": ("N.m.s/rad", 1.0, 2),
     "kg": ("kg.m^2", 1.0, 2),
 }
-"""By unit: that of the parameter, its size, and the power of the way for one radian."""
+"""By unit: the parameter's SI unit, the size, and the power of the travel per radian."""
 
 _WITH_UNIT: Final = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(mm/s|mm|N\.s/m|N|kg)")
 _NEEDED: Final = {"lead": "the travel [m] for one turn of the user shaft", "tau": "the gear ratio"}
 
 
 class Shown(NamedTuple):
-    """Unit in which a figure is shown, and how many of it are one in SI."""
+    """Unit in which a figure is shown, and its number per SI unit."""
 
     unit: str
     scale: float
@@ -35,24 +35,24 @@ class Shown(NamedTuple):
 
 
 def travel_shown(parameters: ActuatorParameters) -> Shown:
-    """Return in what unit an angle of the user shaft is shown: mrad, or mm with a lead."""
+    """Return the unit in which an angle of the user shaft is shown: mrad, or mm with a lead."""
     return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("mrad", 1e3)
 
 
 def angle_shown(parameters: ActuatorParameters) -> Shown:
-    """Return in what unit a large angle of the user shaft is shown: rad, or mm with a lead."""
+    """Return the unit of a large angle of the user shaft: rad, or mm with a lead."""
     return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("rad", 1.0)
 
 
 def motor_shown(parameters: ActuatorParameters) -> Shown:
-    """Return in what unit an angle of the motor is shown: rad, or mm at the rod with a lead."""
+    """Return the unit of an angle of the motor: rad, or mm at the rod with a lead."""
     if not parameters.lead:
         return Shown("rad", 1.0)
     return Shown("mm", 1e3 * _way(parameters.lead) * parameters.tau)
 
 
 def physical(name: str, k: float, description: ActuatorDescription) -> str:
-    """Return what a fault means, of a linear actuator also by how many N or mm it has grown.
+    """Return the physical meaning of a fault, for a linear actuator also its growth in N or mm.
 
     The friction that grows is the nominal one, as a force at the rod; of an unknown drive nobody
     knows it. Empty for no fault.

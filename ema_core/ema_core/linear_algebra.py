@@ -15,7 +15,7 @@ _KEPT: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_"
 
 
 def array_environment(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return what to add to an environment for such arrays; what it says already holds.
+    """Return the additions to an environment for such arrays; its own entries take precedence.
 
     Before numpy is imported it has an effect on threads, in processes started later on both.
     """

@@ -1,6 +1,6 @@
 """Parameters of an actuator: definitions, validation and the flat tuples for kernels.
 
-The default values are those of table 2 of the thesis (Politecnico di Torino, 2018); the gear ratio
+The default values are from table 2 of the thesis (Politecnico di Torino, 2018); the gear ratio
 is not printed there and is chosen so that its figures are reproduced.
 """
 
@@ -136,13 +136,13 @@ def unit_of(name: str) -> str:
 NEUTRAL: Mapping[str, float] = MappingProxyType(
     {"tau": 1.0, "k_t": 1.0, "k_e": 1.0, "BLK": 0.0, "theta_stop": 1e6, "omega_max": 5e3}
 )
-"""Parameters of a machine of which only the data are known: nothing is converted or limited."""
+"""Parameters of a machine known by its data alone: nothing is converted or limited."""
 
 
 class FieldOrientedParameters(ActuatorParameters):
-    """Parameters that say by their type that the drive is field-oriented.
+    """Parameters whose type marks the drive as field-oriented.
 
-    For what judges an actuator by its parameters alone, without its description.
+    For functions that receive the parameters of an actuator without its description.
     """
 
 

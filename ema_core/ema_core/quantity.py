@@ -1,4 +1,4 @@
-"""Fields of settings that carry what is needed to validate, document and declare them."""
+"""Fields of settings with metadata that validate, document and declare them."""
 
 import math
 from dataclasses import field, fields
@@ -64,7 +64,7 @@ def text(
 
 
 def flag(default: bool, description: str) -> Any:
-    """Return a dataclass field that is true or false; the description says what true means."""
+    """Return a dataclass field that is true or false; the description explains true."""
     return field(default=default, metadata={"flag": True, "description": description})
 
 
@@ -127,13 +127,13 @@ def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> 
 
 
 MOST_BYTES: Final = 1 << 28
-"""Memory that an array may take whose length follows from what somebody else has set [B]."""
+"""Largest memory of an array whose length follows from external settings [B]."""
 
 
 def check_length(count: float, what: str, columns: int = 1) -> None:
-    """Raise ``ValueError`` unless so many columns of a length fit into ``MOST_BYTES``.
+    """Raise ``ValueError`` unless ``columns`` of ``count`` samples fit into ``MOST_BYTES``.
 
-    The length is not rounded, and infinite where it overflows; ``what`` makes them so long.
+    ``count`` is not rounded, and infinite where it overflows; ``what`` names its reason in errors.
     """
     size = 8.0 * columns * count
     if not size <= MOST_BYTES:

@@ -20,7 +20,7 @@ def load_settings(
     prepare: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
     complete: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
 ) -> _Settings:
-    """Read a dataclass from a YAML file; ``what`` names the file.
+    """Read a dataclass from a YAML file; ``what`` names the kind of file in errors.
 
     ``complete`` adds to the content of the file. After that, ``prepare`` changes sections of it.
 

@@ -34,7 +34,7 @@ _TUPLE: Final[Any] = types.BaseTuple
 
 LANES: Final = 16 if get_host_cpu_features().get("avx512f") else 8
 """Lanes of a vector. The operations of a step wait for one another: 16 lanes take 1.3 times as long
-as 8 in registers of 512 bits, 1.7 times in those of 256.
+as 8 in registers of 512 bits, 1.7 times in registers of 256.
 """
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)

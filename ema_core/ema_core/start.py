@@ -30,7 +30,7 @@ def quiet_imports() -> Iterator[None]:
 def write_any_text() -> None:
     """Let standard output and error take any text, whatever the locale is.
 
-    Files and pipes get UTF-8, and a terminal what it can show. A byte of a file name that is no
+    Files and pipes get UTF-8, a terminal its own encoding. A byte of a file name that is not
     text is written as an escape.
     """
     for stream in (sys.stdout, sys.stderr):

@@ -149,7 +149,7 @@ class Workers(AbstractContextManager["Workers", None]):
 
     def __exit__(self, kind: object, *_: object) -> None:
         is_failed = kind is not None
-        # A pool whose workers end gives what is left an error: what was cancelled has to go first.
+        # A pool whose workers end fails its remaining tasks: remove the cancelled ones first.
         drop: Any = {"cancel_futures": is_failed} if self._client is None else {}
         with suppress(OSError, RuntimeError, TimeoutError):
             self._executor.shutdown(wait=not is_failed, **drop)
@@ -180,7 +180,7 @@ class Workers(AbstractContextManager["Workers", None]):
             future = self._executor.submit(function, item)
         except (OSError, RuntimeError) as error:
             raise (self._lost() if self._client is not None else error) from error
-        # A pool that is collected first does not drop what waits in it.
+        # A pool that is collected first does not drop its waiting tasks.
         vars(future)["pool"] = self._executor
         return future
 
@@ -228,7 +228,7 @@ def _dask_client(number: int, scheduler: str) -> Any:
 def _begin_worker(parent: Any) -> None:
     """Leave interrupts of the terminal to the parent, and end when its end of the pipe is closed.
 
-    Nothing else tells a process that its parent was killed.
+    A process has no other way to notice that its parent was killed.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -30,10 +30,10 @@ _NO_SAMPLES: Final = np.zeros(0, dtype=bool)
 class Telemetry:
     """Consecutive samples at a fixed period.
 
-    Sample i covers ((i-1) h, i h]: current is its mean over that interval, or what else the
-    description of the actuator says of it (`ema_core.acquisition`); the other columns are the
-    values at its end. The column of a quantity that is not measured is empty. Only the position
-    is always there.
+    Sample i covers ((i-1) h, i h]: current is its mean over that interval, unless the description
+    of the actuator defines another acquisition (`ema_core.acquisition`); the other columns are the
+    values at its end. The column of a quantity that is not measured is empty. Only the position is
+    always present.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Telemetry:
 
 
 def check_period(sample_period: float) -> None:
-    """Raise ``ValueError`` for a sample period that is no number or outside ``PERIODS`` [s]."""
+    """Raise ``ValueError`` for a sample period that is NaN or outside ``PERIODS`` [s]."""
     shortest, longest = PERIODS
     if not is_finite_number(sample_period) or not shortest <= sample_period <= longest:
         raise ValueError(

@@ -11,15 +11,15 @@ def counted(number: int, noun: str) -> str:
 
 
 def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]:
-    """Return a value and its limit with so many digits, or as many as tell them apart."""
-    told = f"{value:.{digits}g}", f"{limit:.{digits}g}"
-    if told[0] == told[1] and value != limit and digits < 17:
+    """Return a value and its limit as texts that differ, with more digits if needed."""
+    texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
+    if texts[0] == texts[1] and value != limit and digits < 17:
         return beside_limit(value, limit, digits + 1)
-    return told
+    return texts
 
 
 def one_line(name: str, text: str, most: int) -> str:
-    """Return a text that somebody typed as one line; ValueError unless it has 1 to most letters."""
+    """Return a typed text as a single line; ValueError unless it has 1 to ``most`` characters."""
     line = " ".join(text.split())
     if not 0 < len(line) <= most or not line.isprintable():
         raise ValueError(f"{name}: expected 1 to {most} printable characters, not {len(line)}")

@@ -1,4 +1,4 @@
-"""YAML files of bounded size, without what a reader would not see: a key twice, a huge number."""
+"""YAML files of bounded size, without hidden traps such as duplicate keys or huge numbers."""
 
 import re
 from itertools import chain
@@ -49,7 +49,7 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_bounded)
 
 
 def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
-    """Return what a YAML file holds, in plain values.
+    """Return the content of a YAML file as plain values.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
     Raises
     ------
     ValueError
-        When it is no regular file, too large or no YAML; the message names file and defect.
+        When it is not a regular file, too large or not YAML; the message names file and defect.
     OSError
         When it cannot be read.
     """
@@ -70,16 +70,16 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
 
 
 class YamlError(ValueError):
-    """A text is no YAML, or not such as is taken."""
+    """A text is not YAML, or uses YAML that is not accepted."""
 
 
 def parse_yaml(content: bytes) -> Any:
-    """Return what a text in YAML stands for, in plain values.
+    """Return the content of a YAML text as plain values.
 
     Raises
     ------
     YamlError
-        When it is no YAML, nested too deeply or stands for too much.
+        When it is not YAML, nested too deeply or expands to too much data.
     """
     try:
         if _is_nested_deeply(content):

@@ -167,7 +167,7 @@ class SimulatedActuator:
         Returns
         -------
         Telemetry
-            The ``n`` samples; the column of what is not measured is empty.
+            The ``n`` samples; the column of an unmeasured quantity is empty.
 
         Raises
         ------

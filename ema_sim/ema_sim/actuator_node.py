@@ -1,4 +1,4 @@
-"""Node of the simulated actuator: runs test cycles and publishes what a real one would."""
+"""Node of the simulated actuator: runs test cycles and publishes a real actuator's topics."""
 
 import time
 from collections.abc import Iterable

@@ -64,7 +64,7 @@ class ActuatorBench:
     Parameters
     ----------
     parameters
-        True parameters of the plant; those of the description when None.
+        True parameters of the plant; the description's when None.
     resolutions
         Resolution of the sensors by telemetry column [rad, A, rad/s]; other columns are exact.
     causes
@@ -149,7 +149,7 @@ class ActuatorBench:
         growths
             Growth by component; the other components stay constant.
         hours_per_cycle
-            Service hours that one test cycle stands for [h]; those of the settings when None.
+            Service hours per test cycle [h]; from the settings when None.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class ActuatorBench:
         trial.advance([0.0])
 
     def _trial(self, causes: Causes) -> SimulatedActuator:
-        """Return a healthy actuator like that of the bench."""
+        """Return a healthy actuator like the bench's."""
         h = self.description.sample_period
         trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
         trial.causes = causes

@@ -1,8 +1,8 @@
-"""Hidden causes in the kernels of the reference actuator: what each changes in a step.
+"""Hidden causes in the kernels of the reference actuator: the effect of each in a step.
 
 The kernels come in pairs, without and with causes, of which numba takes one by the type of
 ``effects`` when it compiles: an actuator without causes runs the steps that it always ran. The
-numbers (M20) to (M25) are those of equations in ``docs/model.md``.
+numbers (M20) to (M25) refer to equations in ``docs/model.md``.
 """
 
 import math
@@ -80,7 +80,7 @@ def courses(
 ) -> Courses | NoEffects:
     """Return the causes that act inside of the actuator in a block.
 
-    A cause is held over a sample at its value in the middle of it; those of sensors are left out.
+    A cause is held over a sample at its value in the middle of it; sensor causes are left out.
     ``first`` and ``origin`` are the numbers of samples before the block of ``n``, and before the
     profiles' time 0.
     """
@@ -188,7 +188,7 @@ def _same_resistances(effects: NoEffects, R_a, R_b, R_c):
 
 @kernel()
 def opened_resistances(effects: Effects, R_a, R_b, R_c):
-    """Resistances of the phases, of which open ones let hardly any current through [ohm] (M25)."""
+    """Resistances of the phases [ohm]; an open phase carries almost no current (M25)."""
     return (
         R_a + (OPEN if effects.open_phase_a != 0.0 else 0.0),
         R_b + (OPEN if effects.open_phase_b != 0.0 else 0.0),
@@ -203,7 +203,7 @@ def _no_pauses(effects: NoEffects, pauses, switches, dt):
 
 @kernel()
 def pauses_after(effects: Effects, pauses, switches, dt):
-    """Remaining dead times of the legs [steps], after some were told to switch (M24)."""
+    """Remaining dead times of the legs [steps], after some were commanded to switch (M24)."""
     # To a thousandth, so that whole steps are whole numbers.
     pause = round(1e3 * effects.dead_time / dt) / 1e3
     return (
@@ -286,7 +286,7 @@ def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
     i_a += g_a * (v_a - v_n)
     i_b += g_b * (v_b - v_n)
     i_c += g_c * (v_c - v_n)
-    # A diode blocks the current that would flow against it, a break that of its phase.
+    # A diode blocks current against its direction, a break all current of its phase.
     if open_a or (off_a == 1.0 and i_a * u_a > 0.0):
         i_a = g_a = 0.0
     if open_b or (off_b == 1.0 and i_b * u_b > 0.0):

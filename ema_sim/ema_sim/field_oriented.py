@@ -1,9 +1,9 @@
 """Kernel of the reference actuator with a sinusoidal motor under field-oriented control.
 
-The three phases are those of the six-step motor with sinusoidal back-EMF; the inverter is averaged
+The three phases are as in the six-step motor, with sinusoidal back-EMF; the inverter is averaged
 over its modulation. Two stationary axes describe the three phases of a star without neutral
 conductor exactly, whatever their turns. One step is an Euler step of 1 us, implicit in the current,
-because few turns make a phase fast. The numbers (M33) and (M34) are those of ``docs/model.md``.
+because few turns make a phase fast. The numbers (M33) and (M34) refer to ``docs/model.md``.
 """
 
 import math
@@ -25,9 +25,9 @@ _NOT_AVERAGED: Final = ("dead_time", "dead_switch")
 class FieldOrientedState(NamedTuple):
     """State of the actuator between two steps.
 
-    ``i_alpha`` and ``i_beta`` are the currents on the stationary axes [A], the first one that of
-    phase A; ``z_d`` and ``z_q`` the integrals of the current loops [V]. The other fields are those
-    of `ema_sim.reference.State`.
+    ``i_alpha`` and ``i_beta`` are the currents on the stationary axes [A], ``i_alpha`` the current
+    of phase A; ``z_d`` and ``z_q`` the integrals of the current loops [V]. The other fields are as
+    in `ema_sim.reference.State`.
     """
 
     theta_m: float
@@ -61,7 +61,7 @@ def on_axes(a, b, c):
 
 @kernel()
 def step_matrix(M: Symmetric, R: Symmetric, gain, dt):
-    """Inverse of ``M + dt (R + gain)``: what an implicit step divides by."""
+    """Inverse of ``M + dt (R + gain)``, the divisor of an implicit step."""
     aa, ab, bb = M.aa + dt * (R.aa + gain), M.ab + dt * R.ab, M.bb + dt * (R.bb + gain)
     scale = 1.0 / (aa * bb - ab * ab)
     return Symmetric(scale * bb, -scale * ab, scale * aa)
@@ -102,8 +102,8 @@ def advance_sample(
 ):
     """Advance the state by the steps of a sample.
 
-    The arguments are those of `ema_sim.reference.advance_sample`. Returns the new state and what
-    the sample of the current ends with.
+    The arguments are as in `ema_sim.reference.advance_sample`. Returns the new state and the final
+    state of the current's sample.
     """
     steps, hold, dt, lag, sampling = stepping
     theta_m, omega, theta_b, i_alpha, i_beta, z_d, z_q = x[:7]
@@ -206,8 +206,8 @@ def advance_field_oriented(
 ):
     """Advance the state by ``n`` samples and fill the telemetry columns.
 
-    The arguments are those of `ema_sim.reference.advance`; the current is that of the axis q. The
-    new state, as a plain tuple, and what the last sample of the current ended with are returned.
+    The arguments are as in `ema_sim.reference.advance`; the current is the one of axis q. Returns
+    the new state, as a plain tuple, and the final state of the current's last sample.
     """
     steps = stepping.steps
     current, position, speed = columns

@@ -135,6 +135,6 @@ def _grown(fault: Fault, growth: Growth, k: float, hours: float, rng: np.random.
         increment(growth.law, abs(k - fault.healthy), abs(growth.rate), growth.shape, hours)
     )
     if growth.noise > 0.0:
-        # Of mean 1, not median 1: the rate is then that of the growth, noise or none.
+        # Mean 1, not median 1: noise does not change the mean rate of growth.
         step *= math.exp(growth.noise * rng.standard_normal() - growth.noise**2 / 2.0)
     return min(max(k + side * step, 0.0), fault.highest)

@@ -1,6 +1,6 @@
 """Simulated lives: faults grow in a new actuator until one of them reaches its limit.
 
-One fault dominates: it follows its law at a rate drawn for this actuator around that of the type.
+One fault dominates: it follows its law at a rate drawn for this actuator around the type's rate.
 The others grow at a fifth of their rates. Tests have a fixed interval; some are missing, and some
 windows are disturbed by noise of the current sensor or by a gap.
 """
@@ -40,7 +40,7 @@ _MOST_DRAWS: Final = 1000
 class LifeSettings(Checked):
     """Settings of drawn lives.
 
-    A life that is shorter or longer than the settings allow is drawn again; that of a repaired
+    A life that is shorter or longer than the settings allow is drawn again. The life of a repaired
     actuator counts from its repair.
 
     Raises

@@ -1,6 +1,6 @@
 """Kernels of motor and drive of the reference actuator: commutation, windings, eccentric gap.
 
-The numbers (M2) to (M5) are those of equations in ``docs/model.md``.
+The numbers (M2) to (M5) refer to equations in ``docs/model.md``.
 """
 
 import math
@@ -101,7 +101,7 @@ def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
 
 @kernel()
 def windings(motor: MotorConstants):
-    """Phases of a motor, each half of what is measured between two terminals."""
+    """Phases of a motor, each half of the value measured between two terminals."""
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
     L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
     parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)

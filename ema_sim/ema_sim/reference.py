@@ -1,7 +1,7 @@
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
-One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8) are
-those of ``docs/model.md``. Rare events are behind branches that the processor predicts well.
+One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8)
+refer to ``docs/model.md``. Rare events are behind branches that the processor predicts well.
 """
 
 import math
@@ -87,10 +87,10 @@ def advance_sample(
 
     ``command`` is the angle at the start [rad], ``load`` the external torque against positive
     motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
-    reference current [A]; the sample starts at their step ``first``. ``sample`` is what the sample
-    of the current before ended with. ``effects`` are those of hidden causes, or ``NoEffects``, and
-    ``pauses`` the remaining dead times of the legs [steps]. Returns the new state, what the sample
-    ends with and the new ``pauses``.
+    reference current [A]; the sample starts at their step ``first``. ``sample`` is the final state
+    of the current's previous sample. ``effects`` are the effects of hidden causes, or
+    ``NoEffects``, and ``pauses`` the remaining dead times of the legs [steps]. Returns the new
+    state, the final state of the sample and the new ``pauses``.
     """
     steps, hold, dt, lag, sampling = stepping
     theta_m, omega, theta_b = x[:3]
@@ -179,8 +179,8 @@ def advance(
 
     Command and load are interpolated linearly from the sample before (``last_command``,
     ``last_load``). ``columns`` are current, position and speed, all ``(n,)``. ``effects`` are the
-    ``Courses`` of hidden causes, or ``NoEffects``. The new state, as a plain tuple, ``pauses`` and
-    what the last sample of the current ended with are returned.
+    ``Courses`` of hidden causes, or ``NoEffects``. Returns the new state, as a plain tuple,
+    ``pauses`` and the final state of the current's last sample.
     """
     steps = stepping.steps
     current, position, speed = columns
