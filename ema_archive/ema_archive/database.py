@@ -68,7 +68,7 @@ class Database(AbstractContextManager[Any, None]):
     Raises
     ------
     ValueError
-        When there is no archive, it is of another version, or another process changes it.
+        When there is no archive, it has another version, or another process changes it.
     OSError
         When it cannot be opened; or read, as the block ends.
     """
@@ -110,7 +110,7 @@ class Database(AbstractContextManager[Any, None]):
             self._lock.close()
 
     def _allow_read_only(self) -> None:
-        """Let a reader do without the permission to write, also beside the file."""
+        """Open for a reader without permission to write the file or its folder."""
         try:
             # Fails where SQLite cannot make the files that it shares with those that write.
             self._db.execute("SELECT 1 FROM sqlite_master").fetchall()

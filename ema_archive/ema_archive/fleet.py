@@ -1,4 +1,4 @@
-"""The summary of a fleet: what its page and its report show, of the tables of an archive."""
+"""Summary of a fleet for its page and report, from the tables of an archive."""
 
 import math
 import re
@@ -30,7 +30,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class FleetSummary:
-    """How a fleet stands; rows are mappings of plain values, with None for what is unknown.
+    """State of a fleet; rows are mappings of plain values, with None for unknown values.
 
     Attributes
     ----------
@@ -40,14 +40,14 @@ class FleetSummary:
     levels
         Units, how many of them have each level, median of their health index, and the latest test.
     worst
-        The worst units first, as of the view ``worst_first``.
+        The worst units first, from the view ``worst_first``.
     models
         Units of each model by level, with the medians of their health index, known remaining life
         [h] and service hours.
     ages
         Units by classes of service hours.
     survival
-        Steps of the share of lives that reach an age, as of ``SurvivalStep``, 500 at most.
+        Steps of the share of lives that reach an age, as in ``SurvivalStep``, 500 at most.
     lives, failures, longest_age
         Lives that it rests on, how many ended in ERROR, and up to which age one was watched [h].
     calibrations
@@ -128,7 +128,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
 
 
 def state_of_tables(archive: Path) -> tuple[int, ...]:
-    """Return what changes when a summary of the archive may.
+    """Return a state that changes whenever a summary of the archive may change.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def state_of_tables(archive: Path) -> tuple[int, ...]:
 
 
 def _plain(row: Row) -> Row:
-    """Return a row as JSON can say it: times as text, and None for what is no number."""
+    """Return a row as JSON values: times as text, and None for NaN and infinity."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, datetime):
@@ -170,12 +170,12 @@ def survival(
 ) -> list[SurvivalStep]:
     """Return the product-limit estimate of the share that lives beyond an age.
 
-    Units count from the age at which they were first watched: those that failed before could not
-    be seen, and would be missing among the failures only. The share is that of those who reach the
-    first failure at which the root of their number is watched: before, one failure of the few that
-    are would take it from all (Lai and Ying 1991). The interval is that of Greenwood's
-    variance of log(-log share), which stays within 0 and 1. Where nobody is left the share is 0,
-    and its interval is not known.
+    Units count from the age at which they were first watched: earlier failures could not be
+    observed, and would bias the share. The share is conditional on reaching the first failure with
+    at least the root of the number of units at risk: before, one failure among few units would
+    reduce the share of all (Lai and Ying 1991). The interval follows from Greenwood's variance of
+    log(-log share) and stays within 0 and 1. If no unit is left the share is 0, and its interval is
+    unknown.
 
     One that was not watched for any time, between its two ages [h], does not count.
     """

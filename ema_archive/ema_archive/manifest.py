@@ -76,7 +76,7 @@ class Status:
 
 
 class Manifest(Database):
-    """What an archive knows; arguments and errors are those of ``Database``."""
+    """The database of an archive; arguments and errors are as in ``Database``."""
 
     @property
     def settings(self) -> ArchiveSettings:
@@ -85,7 +85,7 @@ class Manifest(Database):
         Raises
         ------
         ValueError
-            When what is kept of them is damaged.
+            When their stored values are damaged.
         """
         text = self._get("settings")
         try:
@@ -160,7 +160,7 @@ class Manifest(Database):
         )
 
     def find_due(self, settings: ArchiveSettings) -> int:
-        """Return how many bags are to be done; errors as of `status`."""
+        """Return the number of due bags; errors are as in `status`."""
         return self._count(f"bag WHERE {_DUE}", self._criteria(settings))
 
     def due(self, settings: ArchiveSettings) -> Iterator[tuple[str, str, str]]:
@@ -198,7 +198,7 @@ class Manifest(Database):
                 yield from (row for row in read_rows(path, "estimates") if row["bag"] == url)
 
     def _criteria(self, settings: ArchiveSettings) -> dict[str, str]:
-        """Look at the calibrations as they are now; return what bags to be done are found by."""
+        """Note the present calibrations; return the parameters of the query for due bags."""
         sources = self._rows(
             "SELECT DISTINCT iif(? <> '', ?, beside), unit, actuator_id, serial_number "
             "FROM part JOIN bag USING (url) JOIN unit USING (unit)",
@@ -264,12 +264,12 @@ class Manifest(Database):
         moved: Iterable[str] = (),
         places: Iterable[Place] = (),
     ) -> None:
-        """Note what became of bags, in one transaction; their units are then due.
+        """Store the results of bags in one transaction; their units are then due.
 
         Parameters
         ----------
         moved
-            Addresses of bags that are elsewhere now; nothing is known of them any more.
+            Addresses of bags that were moved; their entries are deleted.
         places
             Where their rows were written.
         """
@@ -279,7 +279,7 @@ class Manifest(Database):
                     self._note_file(path, *place[1:])
             for one in results:
                 if one.state == FAILED:
-                    # What was found of it before still holds.
+                    # Its earlier results remain valid.
                     values = (one.state, one.reason, one.task.url)
                     db.execute("UPDATE bag SET state = ?, reason = ? WHERE url = ?", values)
                 elif one.state == DAMAGED:
@@ -291,7 +291,7 @@ class Manifest(Database):
                 db.execute("DELETE FROM bag WHERE url = ?", (url,))
 
     def _commit_damaged(self, one: BagResult, settings: ArchiveSettings) -> None:
-        """Note a bag that cannot be read; what was found of it before stays."""
+        """Note a bag that cannot be read; its earlier results are kept."""
         self._db.execute(
             "UPDATE bag SET state = ?, reason = ?, seen = ?, software = ?, settings = ? "
             "WHERE url = ?",
@@ -351,15 +351,15 @@ class Manifest(Database):
             )
 
     def _forget_parts(self, url: str) -> None:
-        """Forget what a bag has of which unit; these are then due."""
+        """Delete the units' parts of a bag; the units are then due."""
         units = "(SELECT unit FROM part WHERE url = ?)"
         self._db.execute(f"UPDATE unit SET is_due = 1 WHERE unit IN {units}", (url,))
         self._db.execute("DELETE FROM part WHERE url = ?", (url,))
 
     def units_due(self, settings: ArchiveSettings) -> list[UnitEntry]:
-        """Return the units whose health and life are to be found anew; errors as of `status`."""
+        """Return the units with outdated health and life; errors are as in `status`."""
         rows = self._rows(
-            # Model and calibration of each unit are those of its latest bag.
+            # Model and calibration of each unit come from its latest bag.
             "SELECT unit.unit, actuator_id, serial_number, coalesce(part.model, unit.model), "
             "coalesce(beside, ''), is_due, made_by FROM unit LEFT JOIN part "
             "ON part.unit = unit.unit AND (part.url, part.model) = (SELECT url, model FROM part "
@@ -454,7 +454,7 @@ class Manifest(Database):
             self._db.execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?)", values)
 
     def mend(self) -> list[str]:
-        """Have what is damaged made anew; return what was found, and what cannot be, in words."""
+        """Mark damaged files for recomputation; return one message per finding."""
         damaged = self._damaged_files()
         if not damaged:
             return []

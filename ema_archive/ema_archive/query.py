@@ -28,8 +28,8 @@ def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPy
     Raises
     ------
     ValueError
-        When a file of the tables is missing or damaged, or what the block asks cannot be answered:
-        some errors come only while rows are read.
+        When a file of the tables is missing or damaged, or a query of the block fails: some errors
+        occur only while rows are read.
     OSError
         When the database cannot be read.
     """
@@ -78,7 +78,7 @@ def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...
     Raises
     ------
     ValueError
-        When it is no query, or cannot be answered.
+        When it is not a query, or fails.
     """
     with opened(archive) as db:
         relation = _asked(db, question)
@@ -114,7 +114,7 @@ def export(archive: Path, question: str, path: Path) -> int:
 
 
 def _without_formulas(schema: pa.Schema) -> str:
-    """Return columns in SQL with a quote before what a spreadsheet would compute."""
+    """Return columns in SQL with a quote before texts that a spreadsheet would evaluate."""
     columns = []
     for column in schema:
         name = '"' + column.name.replace('"', '""') + '"'

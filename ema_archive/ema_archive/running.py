@@ -77,7 +77,7 @@ def scan(
     Raises
     ------
     ValueError, OSError
-        As of `list_bags`; what was noted before stays.
+        As in `list_bags`; entries noted before remain.
     """
     every = list(dict.fromkeys([*manifest.sources, *(full_url(source) for source in sources)]))
     number, found = manifest.next_scan, 0
@@ -98,7 +98,7 @@ def run(
     follow: Follow = lambda *_: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> RunTally:
-    """Do what is to be done in an archive.
+    """Process the due bags and units of an archive.
 
     What is done is in the tables within five seconds, also when the run is ended by an exception.
     Files of the tables that are missing or damaged are made anew.
@@ -126,7 +126,7 @@ def run_bags(
     follow: Follow = lambda *_: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> None:
-    """Do the bags that are to be done; arguments as of `run`, and what to count in."""
+    """Process the due bags; arguments are as in `run`, with the tally to count in."""
     settings = manifest.settings
     total = manifest.find_due(settings)
     follow("bags", 0, total, 0)
@@ -149,7 +149,7 @@ def run_bags(
                     began = time.monotonic()
                 follow("bags", tally.bags, total, tally.damaged + tally.incomplete + tally.failed)
     finally:
-        # After a full disk none is left: what could not be written is done again.
+        # After a full disk none is left: results that could not be written are computed again.
         write_results(manifest, gathered, settings)
 
 
@@ -190,7 +190,7 @@ def write_results(
 def run_units(
     manifest: Manifest, workers: Workers, tally: RunTally, follow: Follow = lambda *_: None
 ) -> None:
-    """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
+    """Process the due units; arguments are as in `run`, with the tally to count in."""
     settings = manifest.settings
     entries = manifest.units_due(settings)
     follow("units", 0, len(entries), 0)

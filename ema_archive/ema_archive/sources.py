@@ -1,4 +1,4 @@
-"""Bags and calibrations in folders and object stores: what is there, and a copy to read."""
+"""Bags and calibrations in folders and object stores: listing them, and copying them to read."""
 
 import errno
 import hashlib
@@ -38,9 +38,9 @@ class Listed:
     size
         Its size [bytes].
     mark
-        What changes when its content does: size, and the mark of the store or the time.
+        Changes with the content: size, and the mark of the store or the time.
     beside
-        Where the calibration beside it is; empty when there is none.
+        Address of the calibration in the same folder; empty if there is none.
     """
 
     url: str
@@ -64,13 +64,13 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
     ValueError
         When the address is of no store that is known here.
     OSError
-        When it cannot be read, or there is no such folder.
+        When it cannot be read, or does not exist.
     """
     files, root = _opened(source)
     with _clear_errors(source):
         if not files.isdir(root):
             with suppress(FileNotFoundError):
-                # Raises what keeps a store from its answer, which looks like no folder until here.
+                # Raises the error of the store, which looks like a missing folder until here.
                 files.info(root)
                 raise NotADirectoryError(f"{source}: this is a file, not a folder of bags")
             raise FileNotFoundError(f"{source}: there is no such folder")
@@ -82,7 +82,7 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
 
 
 def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
-    """Return the bags of one folder; those of its folders that are bags are not walked further."""
+    """Return the bags of a folder; subfolders that are bags are not walked further."""
     found = [(info, [info]) for name, info in entries.items() if name.endswith(_BAG_SUFFIXES)]
     for name, info in sorted(folders.items()):
         inside = files.ls(info["name"], detail=True)
@@ -100,7 +100,7 @@ def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> li
 
 @contextmanager
 def local_copy(url: str) -> Iterator[Path]:
-    """Yield a path at which what is at an address can be read; a copy is removed afterwards.
+    """Yield a local path of the file or folder at an address; a copy is removed afterwards.
 
     Raises
     ------
@@ -175,8 +175,8 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
     Parameters
     ----------
     source
-        The pattern of the archive's settings, or else the calibration beside the bag; empty for the
-        shipped one. ``{actuator_id}`` and ``{serial_number}`` stand for those of the unit.
+        The pattern of the archive's settings, or else the calibration in the bag's folder; empty
+        for the shipped one. ``{actuator_id}`` and ``{serial_number}`` are replaced by the unit's.
 
     Raises
     ------
@@ -196,9 +196,9 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
 
 
 def changed_ns(source: str, unit: UnitKey) -> int | None:
-    """Return when the calibration of a unit was changed [ns]; arguments as of `calibration_of`.
+    """Return when the calibration of a unit was changed [ns]; arguments as in `calibration_of`.
 
-    None for the shipped one, one that is missing, and where the store does not tell.
+    None for the shipped calibration, a missing one, and a store that does not report the time.
     """
     if not source:
         return None

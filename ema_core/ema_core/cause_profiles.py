@@ -93,9 +93,9 @@ def _parsed(text: str) -> tuple[str, Profile]:
         try:
             numbers.append(None if figure is None else float(figure))
         except ValueError:
-            said = f"{what} {figure} {unit if unit != '-' else ''}".rstrip()
+            quoted = f"{what} {figure} {unit if unit != '-' else ''}".rstrip()
             raise ValueError(
-                f"hidden cause {text!r}: {said} is not a number; expected {GRAMMAR}"
+                f"hidden cause {text!r}: {quoted} is not a number; expected {GRAMMAR}"
             ) from None
     value, start, end = numbers
     start = 0.0 if start is None else start

@@ -1,4 +1,4 @@
-"""What the monitor found over test cycles, beside what was true: live, or from a bag."""
+"""Diagnoses of the monitor over test cycles, with the true faults: live, or from a bag."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +32,7 @@ class DiagnosedWindow:
     faults, sigma
         Estimate and its standard deviation, ``(8,)``; NaN where there is none.
     valid, reason
-        Whether the estimate may be used, and what was said of it.
+        Whether the estimate may be used, and the reason if not.
     latency_s
         From the end of the window to the reception of the estimate [s].
     cycle
@@ -87,7 +87,7 @@ class DiagnosisLog:
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def add(self, type_name: str, message: Any, received_ns: int) -> None:
-        """Add a message; one of another actuator than that of the first estimate is ignored."""
+        """Add a message; messages of actuators other than the first estimate's are ignored."""
         if type_name == ESTIMATE_TYPE:
             self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
@@ -117,7 +117,7 @@ class DiagnosisLog:
             self.limits.update({item.name: item.limit for item in message.faults})
 
     def diagnoses(self) -> list[DiagnosedWindow]:
-        """Return the diagnoses, each with what is known of its cycle."""
+        """Return the diagnoses, each with the truth of its cycle if recorded."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
         found = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
         for one in found:

@@ -1,4 +1,4 @@
-"""A mapping from what a file seems to hold, what its owner sets, and what he is asked."""
+"""A mapping from a guess at a file's content, the user's settings, and the user's answers."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -32,7 +32,7 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
     "temperature": (TemperatureSource, ("unit",), "not measured"),
     "clock": (Clock, ("unit",), "there is no time, only a rate"),
 }
-"""Of each quantity: what it is made of, the entries that are asked for, what "none" means."""
+"""By quantity: the type of its source, the entries to ask for, the meaning of "none"."""
 
 
 def mapping_of(
@@ -48,7 +48,7 @@ def mapping_of(
     Raises
     ------
     ValueError
-        When a text is no entry, or there is no mapping of them.
+        When a text is not an entry, or the entries make no mapping.
     """
     is_set = {key: value for key, _, value in (one.partition("=") for one in given)}
     content: dict[str, Any] = {}
@@ -86,7 +86,7 @@ def _clock(is_set: dict[str, str]) -> Clock | None:
 
 
 def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
-    """Ask for each entry that is not set; what seems right is the default."""
+    """Ask for each entry that is not set; the guess is the default."""
     for name, (kind, entries, none) in _SECTIONS.items():
         section = content.get(name, {})
         if name == "error" and "command" in content:

@@ -75,7 +75,7 @@ class Identifying(Source):
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
-        """Return what options and parameters say; ValueError for an impossible value."""
+        """Return the settings from options and parameters; ValueError for an impossible value."""
         file = options.pop("calibration_file") or parameters.path("calibration_file")
         return super().of(
             parameters,
@@ -86,7 +86,7 @@ class Identifying(Source):
         )
 
     def with_calibration_beside(self, bags: Iterable[Path]) -> Self:
-        """Return these options; if they name no calibration, with the one that lies beside bags."""
+        """Return these options; if they name no calibration, with the one in the bags' folder."""
         if self.calibration_file is not None:
             return self
         folders = {bag.parent.resolve(): bag.parent for bag in bags}
@@ -104,7 +104,7 @@ class Identifying(Source):
         return Calibration.builtin() if file is None else load_calibration(file)
 
     def calibration_of_model(self) -> Calibration:
-        """Return the calibration as ``calibration``; ValueError for that of an unknown drive."""
+        """Return the calibration as ``calibration``; ValueError for one of an unknown drive."""
         calibration = self.calibration()
         if isinstance(calibration, Calibration):
             return calibration
@@ -123,9 +123,9 @@ class Identifying(Source):
     ) -> list[Estimate]:
         """Return the estimates of one actuator's windows, as a monitor makes them.
 
-        Stretches of ordinary motion are combined; what became of them is printed.
+        Stretches of ordinary motion are combined; the outcome is printed.
         """
-        # So that the computing time of the first estimate is that of an estimate.
+        # So that the computing time of the first estimate does not include compilation.
         compile_kernels([calibration.form])
         diagnosis, found = Diagnosis(), list[Diagnosed]()
         combining = self.combining if self.any_motion else None
@@ -151,7 +151,7 @@ class Identifying(Source):
 
 
 def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
-    """Return an estimate as plain values; what is not a number is null."""
+    """Return an estimate as plain values; NaN becomes null."""
     record = estimate_record(one)
     record["play_offset"] = record.pop("play")
     record["calibration"] = record.pop("calibration_id")

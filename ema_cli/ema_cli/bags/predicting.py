@@ -1,4 +1,4 @@
-"""What a prognosis of a unit rests on: options, beside those by which its tests are identified."""
+"""Options of a unit's prognosis, in addition to the options of identification."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -48,7 +48,7 @@ GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
     ),
     LIMIT_OPTION,
 )
-"""What health and life rest on, beside the tests."""
+"""Inputs of health and life other than the tests."""
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
@@ -59,7 +59,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 
 @dataclass(frozen=True)
 class Predicting(Identifying):
-    """How to identify the tests of a unit, and what its prognosis rests on, as the options say.
+    """Settings of the identification and the prognosis of a unit, from the options.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Predicting(Identifying):
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
-        """Return what options and parameters say; ValueError for an impossible value."""
+        """Return the settings from options and parameters; ValueError for an impossible value."""
         parameters = with_growth(
             parameters, options.pop("limits"), options.pop("laws"), options.pop("cost_figures")
         )
@@ -142,7 +142,7 @@ def with_growth(
     laws: tuple[str, ...] = (),
     costs: Mapping[str, float] = MappingProxyType({}),
 ) -> Parameters:
-    """Return parameters with what was given by options of a name and a value."""
+    """Return parameters with the values of options of a name and a value."""
     values: dict[str, Any] = {}
     by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
     by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}

@@ -1,4 +1,4 @@
-"""Records of other makes as recordings: by a mapping, as a rule the one beside them."""
+"""Third-party records as recordings: by a mapping, usually the one in the same folder."""
 
 import heapq
 from collections import deque
@@ -28,12 +28,12 @@ _BLOCK_IN_MEMORY_S: Final = 0.5  # nobody waits for the block's end
 def table_recordings(
     table: Path, actuator_file: Path | None, columns: Sequence[str] = ()
 ) -> Iterator[tuple[list[str], MemoryRecording]]:
-    """Yield the recording that a table and the mapping beside it make.
+    """Yield the recording made from a table and the mapping in the same folder.
 
-    Its messages are those of the bag that `ema import` would write.
+    It has the messages of the bag that `ema import` would write.
 
     The mapping is ``mapping.yaml``, or has the name of the table. Where no description is given,
-    ``actuator.yaml`` beside the table holds, or the built-in one. With columns there is a
+    ``actuator.yaml`` in the table's folder is used, or the built-in one. With columns there is a
     recording of the rows between which none of them changes, with their values.
 
     Raises
@@ -90,7 +90,7 @@ def described(actuator_file: Path | None) -> ActuatorDescription:
 def read_record(
     source: InputFile, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
-    """Return the telemetry of a file; what is wrong is printed, or refused."""
+    """Return the telemetry of a file; defects are printed, or refused."""
     file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
     found = imported_by(source, mapping, description)
     for remark in source.remarks:
@@ -116,7 +116,7 @@ def read_records(
 ) -> list[Imported]:
     """Return the telemetry of files, at the rate of the first one if their rates are similar.
 
-    Arguments are those of ``read_record``. The clocks of loggers differ by a few per cent.
+    Arguments are as in ``read_record``. The clocks of loggers differ by a few per cent.
     """
     found = [read_record(source, mapping, description, accepts=accepts) for source in sources]
     period = found[0].description.sample_period

@@ -79,7 +79,7 @@ class Source(Checked):
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
-        """Return what options and parameters say; ValueError for an impossible value."""
+        """Return the settings from options and parameters; ValueError for an impossible value."""
         windows = ANY_MOTION if options.pop("any_motion", False) else None
         trigger = parameters.with_options(windows=windows).over(TriggerSettings())
         options["actuator_file"] = options["actuator_file"] or parameters.path("actuator_file")
@@ -96,7 +96,7 @@ MEASURED_OPTION: Final = click.option(
 
 
 def open_recording(path: Path, source: Source) -> tuple[Recording, Source]:
-    """Return a bag and how to read it; a table is read by the mapping beside it."""
+    """Return a bag and how to read it; a table is read by the mapping in its folder."""
     if path.suffix.lower() not in _TABLES:
         from ema_bags.reader import Bag  # rosbags and mcap only for bags
 
@@ -165,7 +165,7 @@ def read_windows(
 
 
 def identifiable_windows(path: Path, source: Source, bag: Recording | None = None) -> BagWindows:
-    """Return what ``read_windows`` does, and print the remarks; at least one window was begun."""
+    """Return the result of ``read_windows``, with at least one window, and print the remarks."""
     found = read_windows(path, source, bag=bag)
     for remark in found.remarks:
         click.echo(f"{path}: {remark}", err=True)
@@ -210,7 +210,7 @@ def why_no_window(path: Path, found: BagWindows, source: Source) -> str:
 def _choose_description(
     file: Path, recorded: tuple[ActuatorDescription, ...], *, accept: bool
 ) -> tuple[ActuatorDescription | None, str]:
-    """Return the description to read a bag with, None for those in it, and what to warn of."""
+    """Return the description to read a bag with, None for the recorded ones, and a warning."""
     from ema_ros.actuator_file import load_description  # YAML only where there is a file
 
     given = load_description(file)

@@ -100,7 +100,7 @@ def calibrate(
 def _require_same(
     first: Path, expected: ActuatorDescription, bag: Path, described: ActuatorDescription
 ) -> None:
-    """Raise ``ValueError`` if bags are of different actuators; it names what differs.
+    """Raise ``ValueError`` if bags are of different actuators; it names the difference.
 
     Records of an unknown drive may differ in rate: each is filtered to the same band.
     """

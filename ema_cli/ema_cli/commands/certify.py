@@ -1,4 +1,4 @@
-"""``ema certify``: what a test will show, before any is made."""
+"""``ema certify``: the expected accuracy of a test, before any is made."""
 
 import json
 import sys

@@ -56,12 +56,12 @@ class _Algorithms(click.ParamType):
 def compare(
     bag: Path, given: Identifying, algorithms: list[str], number: int | None, as_json: bool
 ) -> None:
-    """Compare algorithms on one window of BAG: what each finds, how well, and how fast.
+    """Compare algorithms on one window of BAG: faults, accuracy and computing time of each.
 
-    Each begins at the healthy actuator with the same seed and budget. Where the bag records the
+    Each starts from the healthy actuator with the same seed and budget. If the bag records the
     true faults, the error is the distance to them in percent of their ranges. The search fitness
-    is where the algorithm itself ended; the estimate then drops what is not significant and fits
-    the rest once more. With --json each has its course: evaluations and lowest cost.
+    is the algorithm's own result; the estimate then drops insignificant faults and fits the rest
+    again. With --json each has its convergence: evaluations and lowest cost.
     """
     if given.any_motion:
         raise click.UsageError(

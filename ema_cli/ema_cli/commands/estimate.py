@@ -72,7 +72,7 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
             click.echo(
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )
-    # A recording of a live system ends anywhere: that its last window is cut off is no failure.
+    # A recording of a live system ends anywhere: a last window that is cut off is not a failure.
     looked_at = [one for one in estimates if one.verdict != SKIPPED]
     if not looked_at or not all(map(_is_answer, looked_at)):
         sys.exit(REFUSED)

@@ -132,7 +132,7 @@ def _beside(bag: Path, suffix: str) -> Path:
 
 
 def _draw(bag: Path, picture: Path) -> None:
-    """Draw what was written, beside it."""
+    """Draw the written telemetry to a picture in the same folder."""
     from ema_cli.figures.files import save_picture
     from ema_cli.figures.telemetry import Outline, draw_telemetry
 

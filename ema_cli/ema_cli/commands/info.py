@@ -1,4 +1,4 @@
-"""``ema info``: what is in a bag."""
+"""``ema info``: the content of a bag."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,14 +22,14 @@ _OF_UNKNOWN: Final = ("tau", "k_t", "lead")
 @click.argument("bag", type=click.Path(path_type=Path))
 @settings_options(Source)
 def info(bag: Path, given: Source) -> None:
-    """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
+    """Show the content of BAG: topics, actuator, telemetry, windows, and defects."""
     contents, given = open_recording(bag, given)
     counts = contents.readable_counts()
     rows = [(name, topic.type_name, str(counts[name])) for name, topic in contents.topics.items()]
     click.echo(text_table(("topic", "type", "messages"), rows))
     if contents.writers:
         click.echo(f"written by {', '.join(contents.writers)}")
-    # What is wrong with the bag is said once, also where an actuator cannot be read.
+    # Defects of the bag are reported once, also if an actuator cannot be read.
     remarks: dict[str, None] = {}
     present, chosen = described_actuators(contents), [given]
     if given.actuator_id is None and len(present) > 1:

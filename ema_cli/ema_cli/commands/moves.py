@@ -1,4 +1,4 @@
-"""``ema moves``: what figures of whole moves say, where a drive logs no samples."""
+"""``ema moves``: diagnosis from figures of whole moves, for drives that log no samples."""
 
 import json
 from pathlib import Path
@@ -35,10 +35,10 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
     from ema_bags.inputs.moves import load_moves_mapping, read_moves
 
     units = read_moves(table, load_moves_mapping(mapping_file))
-    told = {}
+    judged = {}
     for unit, series in units.items():
         follow = MoveSeries(limit=limit, reference=reference)
-        told[unit] = [(one, follow.add(one)) for one in series]
+        judged[unit] = [(one, follow.add(one)) for one in series]
     if as_json:
         rows = [
             {
@@ -50,14 +50,14 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
                 "life_days": None if one.life_days is None else list(one.life_days),
                 "reason": one.reason,
             }
-            for unit, series in told.items()
+            for unit, series in judged.items()
             for move, one in series
         ]
         click.echo(json.dumps(rows))
     else:
-        for unit, series in told.items():
+        for unit, series in judged.items():
             _show(unit, [(move.stamp_ns, verdict) for move, verdict in series])
-    if any(series[-1][1].level in ("WARN", "ERROR") for series in told.values() if series):
+    if any(series[-1][1].level in ("WARN", "ERROR") for series in judged.values() if series):
         raise click.exceptions.Exit(REFUSED)
 
 

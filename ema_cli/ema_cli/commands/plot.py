@@ -80,8 +80,8 @@ def _draw_estimate(found: BagWindows, number: int, given: Identifying) -> Figure
     calibration = given.calibration_of_model()
     estimates = given.estimate(windows, calibration)
     if number >= len(estimates):
-        said = counted(len(estimates), "estimate")
-        raise ValueError(f"--window {number}: the motion gives {said}, numbered from 0")
+        count = counted(len(estimates), "estimate")
+        raise ValueError(f"--window {number}: the motion gives {count}, numbered from 0")
     one = estimates[number]
     if not one.valid:
         raise ValueError(f"{what} {number} has no estimate: {one.reason}")

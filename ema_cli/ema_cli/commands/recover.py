@@ -1,4 +1,4 @@
-"""``ema recover``: what is intact of a damaged bag, to a whole one."""
+"""``ema recover``: copy the intact part of a damaged bag to a new bag."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +23,7 @@ from ema_ros.messages import telemetry_from_message
 @click.argument("bag", type=click.Path(path_type=Path))
 @output_option(BAG_TO_WRITE)
 def recover(bag: Path, output: Path, overwrite: bool) -> None:
-    """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index.
+    """Write the intact part of BAG, left by a recorder that was killed, to a bag with an index.
 
     A message that is malformed is left out, as are telemetry with columns of different lengths and
     times of 2^63 ns or more.
@@ -65,7 +65,7 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
 
 
 def _checked(topic: Topic) -> Callable[[bytes], bytes]:
-    """Return what makes a message of the installed type of a recorded one; ValueError if none."""
+    """Return the function that upgrades and checks a recorded message; ValueError if none."""
     upgrade = topic.upgrade()
     decode = decoder(topic.type_name, schema_text(topic.type_name))
 
@@ -80,7 +80,7 @@ def _checked(topic: Topic) -> Callable[[bytes], bytes]:
 
 
 def _offer(name: str, topic: Topic) -> QoSProfile:
-    """Return what is noted of a topic that can be written anew."""
+    """Return the quality of service to write a topic with; ValueError if it cannot be written."""
     try:
         topic.upgrade()
         offers = recorded_qos(topic.qos)

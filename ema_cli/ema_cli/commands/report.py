@@ -29,7 +29,7 @@ from ema_monitor.prognosis.history_entry import CALIBRATION, NOTE, UnitEvent
 def report(
     context: click.Context, bags: tuple[Path, ...], given: Predicting, overwrite: bool, output: Path
 ) -> None:
-    """Write what the tests in bags, or folders of bags, say of a unit.
+    """Write a report of a unit from the tests in bags, or folders of bags.
 
     All tests are of one unit, as for `ema predict`. Notes and changes of the baseline come from
     its history ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there.

@@ -111,7 +111,7 @@ def thesis(
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
-    """Return the timing of executors with each model; what the folder lacks is measured."""
+    """Return the timing of executors with each model; missing timings are measured."""
     path = folder / _TIMING
     timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": [], "version": []})
     timing = timing[timing["version"] == numerics_version()]

@@ -60,7 +60,7 @@ def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> Non
     with (
         deferred_signals(*ENDING) as stop,
         FleetTable(f"on {', '.join(places)} in {_domain()}") as table,
-        _Hearing(places) as hearing,
+        _HealthListener(places) as hearing,
     ):
         began_s = time.monotonic()
         player_seen = False
@@ -72,21 +72,21 @@ def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> Non
                 player_seen |= is_there
             rows = hearing.rows()
             waits = time.monotonic() - began_s < _DISCOVERY_S
-            table.show(rows, "" if rows or waits else _nothing_heard(places, hearing))
+            table.show(rows, "" if rows or waits else _no_health(places, hearing))
             hearing.changed.wait(_REFRESH_S)
             hearing.changed.clear()
         table.show(hearing.rows(), "")
 
 
-class _Hearing(Listener):
-    """What is heard on some namespaces; to be used under ``with``.
+class _HealthListener(Listener):
+    """Messages received in some namespaces; to be used under ``with``.
 
     Attributes
     ----------
     changed
         Set when there is something new.
     completion
-        Whether what was played is diagnosed.
+        Whether the played data are diagnosed.
     """
 
     def __init__(self, places: list[str]) -> None:
@@ -164,8 +164,8 @@ def _domain() -> str:
     return f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
 
 
-def _nothing_heard(places: list[str], listener: _Hearing) -> str:
-    """Return that there is no health, and what there is instead."""
+def _no_health(places: list[str], listener: _HealthListener) -> str:
+    """Return a message that no health is published, with the nodes present instead."""
     words = f"no health is published on {', '.join(places)} in {_domain()}"
     elsewhere = [
         topic.removesuffix(f"/{HEALTH}") or "/"
@@ -184,7 +184,7 @@ def _nothing_heard(places: list[str], listener: _Hearing) -> str:
 
 
 class Completion:
-    """Whether a player has ended, and the monitor has identified what it played.
+    """Whether a player has ended, and the monitor has identified the played data.
 
     Reports come once a second and on change, of one monitor or of several that share the actuators:
     two of the same counts in a row after the end, with an estimate for each window, say of each
@@ -200,7 +200,7 @@ class Completion:
         self.is_complete = False
         self._has_ended = False
         self._last: dict[tuple[str, str], TelemetryStatus] = {}
-        # Actuators that were reported, and those of them of which nothing is on its way.
+        # Reported actuators, and the actuators among them without pending data.
         self._known: set[tuple[str, str]] = set()
         self._settled: set[tuple[str, str]] = set()
 
@@ -211,7 +211,7 @@ class Completion:
             self._last.clear()
 
     def add_report(self, place: str, telemetry: Iterable[TelemetryStatus]) -> None:
-        """Add what a monitor in a namespace has counted of its actuators."""
+        """Add the counts of actuators by a monitor in a namespace."""
         actuators = {(place, one.actuator_id): one for one in telemetry}
         self._known |= actuators.keys()
         if not self._has_ended or not actuators:
@@ -227,7 +227,7 @@ class Completion:
 
 
 def _counts(status: TelemetryStatus | None) -> tuple[int, ...]:
-    """Return the counts that stand still when nothing is on its way; none of no status."""
+    """Return the counts that do not change without pending data; empty without a status."""
     if status is None:
         return ()
     return status.blocks, status.windows, status.estimates_valid, status.estimates_invalid
