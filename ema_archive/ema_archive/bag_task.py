@@ -1,14 +1,14 @@
-"""The task of a bag: from its telemetry to rows of estimates and counts."""
+"""The task of a bag: from its telemetry to rows of estimates, counts and duty."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from ema_archive.partitions import shortened
+from ema_archive.partitions import STAMPS, shortened
 from ema_archive.settings import ArchiveSettings, estimation_software
 from ema_archive.sources import calibration_of, content_digest, identity_of, local_copy
-from ema_archive.tables import count_row, estimate_row
+from ema_archive.tables import count_row, duty_row, estimate_row
 from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators, read_telemetry
 from ema_bags.usage import read_counts
@@ -16,6 +16,7 @@ from ema_bags.windows import BagWindows, RecordedWindow, find_recorded_windows
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
+from ema_monitor.prognosis.duty.damage import FlownDuty
 
 DONE: Final = "done"
 INCOMPLETE: Final = "incomplete"
@@ -37,7 +38,7 @@ class BagTask:
 
 @dataclass(frozen=True)
 class UnitRows:
-    """What a bag says of one unit: its estimates and counts as rows.
+    """What a bag says of one unit: its estimates, counts and duty as rows.
 
     The identity of the calibration is empty when there was none.
     """
@@ -48,6 +49,7 @@ class UnitRows:
     calibration_id: str
     estimates: list[dict[str, Any]]
     usage: list[dict[str, Any]]
+    duty: list[dict[str, Any]]
 
     @property
     def unit(self) -> str:
@@ -57,7 +59,8 @@ class UnitRows:
     @property
     def stamps_ns(self) -> list[int]:
         """Stamps of its rows [ns]."""
-        return [row["end_ns"] for row in self.estimates] + [row["stamp_ns"] for row in self.usage]
+        tables = ((name, getattr(self, name)) for name in STAMPS)
+        return [row[STAMPS[name]] for name, rows in tables for row in rows]
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
             recorded = read_telemetry(bag, None, actuator_id)
             max_age_s = task.settings.measured_max_age_s
             found = find_recorded_windows(
-                recorded, task.settings.trigger, measured_max_age_s=max_age_s
+                recorded, task.settings.trigger, measured_max_age_s=max_age_s, with_duty=True
             )
         except ValueError as error:
             reasons.append(str(error))
@@ -131,7 +134,8 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
         remarks += found.remarks
         for windows in of_units.values():
             unit = windows[-1].description if windows else found.description
-            rows, wrong = _rows_of_unit(task, bag, unit, windows, sha256)
+            flown = found.flown.get(unit.unit_key, [])
+            rows, wrong = _rows_of_unit(task, bag, unit, windows, flown, sha256)
             units.append(rows)
             if len(of_units) == 1:
                 remarks += wrong
@@ -145,7 +149,12 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
 
 
 def _rows_of_unit(
-    task: BagTask, bag: Bag, unit: ActuatorDescription, windows: list[RecordedWindow], sha256: str
+    task: BagTask,
+    bag: Bag,
+    unit: ActuatorDescription,
+    windows: list[RecordedWindow],
+    flown: list[tuple[int, FlownDuty]],
+    sha256: str,
 ) -> tuple[UnitRows, list[str]]:
     """Return what a bag says of a unit, and what is wrong with its counts."""
     calibration = calibration_of(task.settings.calibration or task.beside, unit.unit_key)
@@ -164,8 +173,9 @@ def _rows_of_unit(
     ]
     counts, wrong = read_counts(bag, unit)
     usage = [count_row(count, number) | shared for number, count in enumerate(counts)]
+    duty = [duty_row(*piece, number) | shared for number, piece in enumerate(flown)]
     model, calibration_id = shortened(unit.model), identity_of(calibration)
-    return UnitRows(*unit.unit_key, model, calibration_id, estimates, usage), wrong
+    return UnitRows(*unit.unit_key, model, calibration_id, estimates, usage, duty), wrong
 
 
 def _without_window(found: BagWindows) -> str:

@@ -16,7 +16,7 @@ from ema_core.wording import counted
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
-_VERSION: Final = 8
+_VERSION: Final = 9
 _TABLES: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 INSERT INTO meta VALUES ('settings', ''), ('sources', '[]'), ('scan', '0');

@@ -17,7 +17,7 @@ from ema_core.files import complete_file
 TABLES: Final = "tables"
 """Folder of the tables in an archive."""
 
-STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns"}
+STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns", "duty": "stamp_ns"}
 """Column that tells the month of a row, of the tables with a file a month."""
 
 _LONGEST: Final = 240

@@ -11,6 +11,7 @@ from ema_core.source_digest import source_digest
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measurements import MAX_AGE_S
+from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
@@ -90,6 +91,7 @@ class ArchiveSettings:
                 RequirementLimits(**prognosis["requirements"]),
                 TrackerSettings(laws=laws, **tracker),
                 Service(**prognosis["service"]),
+                damage=DamageSettings(**prognosis["damage"]),
             ),
         )
 

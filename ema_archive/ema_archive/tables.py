@@ -1,4 +1,4 @@
-"""The tables of an archive: their columns, and estimates, counts and outlooks as their rows."""
+"""The tables of an archive: their columns, and estimates, use and outlooks as their rows."""
 
 import math
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values
+from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
@@ -97,6 +98,21 @@ _USAGE: Final = pa.schema(
         "bag": _TEXT,
     }
 )
+_DUTY_LISTS: Final = {
+    "travel": ("travel", "travel_load"),
+    "winding": ("winding_hours", "winding_rise_hours"),
+}
+_DUTY: Final = pa.schema(
+    {
+        **_UNIT,
+        "until": _STAMP,
+        "stamp_ns": _INT,
+        "hours": _FLOAT,
+        **{name: pa.list_(_FLOAT) for names in _DUTY_LISTS.values() for name in names},
+        "number": pa.int32(),
+        "bag": _TEXT,
+    }
+)
 HEALTH: Final = pa.schema(
     {
         **_UNIT,
@@ -121,9 +137,9 @@ HEALTH: Final = pa.schema(
 )
 """A row for each test, valid or refused: health and remaining life after it."""
 
-PARTITIONED: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "health": HEALTH}
+PARTITIONED: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "duty": _DUTY, "health": HEALTH}
 """Columns of the tables with files for each unit: a row for each window (``tested`` is its end),
-count of service hours, and test."""
+count of service hours, duty up to the end of a window or bag, and test."""
 
 WHOLE: Final = {
     "bags": pa.schema(
@@ -211,6 +227,25 @@ def count_row(count: Count, number: int) -> dict[str, Any]:
     """Return a count as a row; bag and unit are the caller's to add."""
     hours = float(count.hours)
     return asdict(count) | {"counted": count.stamp_ns // 1000, "hours": hours, "number": number}
+
+
+def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
+    """Return the duty up to a stamp [ns] as a row, exactly; bag and unit are the caller's to add.
+
+    Lists are by class of the load, or of the rise of the winding, as of `FlownDuty`.
+    """
+    row = {"until": stamp_ns // 1000, "stamp_ns": stamp_ns, "hours": float(flown.hours)}
+    for name, columns in _DUTY_LISTS.items():
+        row |= dict(zip(columns, getattr(flown, name).tolist(), strict=True))
+    return row | {"number": number}
+
+
+def duty_from(row: Mapping[str, Any]) -> FlownDuty:
+    """Return the duty that a row of `duty_row` holds, to the bit."""
+    classes = {
+        name: np.array([row[column] for column in columns]) for name, columns in _DUTY_LISTS.items()
+    }
+    return FlownDuty(row["hours"], **classes)
 
 
 def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:

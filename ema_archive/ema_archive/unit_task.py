@@ -1,4 +1,4 @@
-"""The task of a unit: from the rows of its estimates and counts to those of health and life."""
+"""The task of a unit: from the rows of its estimates and use to those of health and life."""
 
 import hashlib
 import math
@@ -14,7 +14,7 @@ import pyarrow as pa
 from ema_archive.partitions import month_of
 from ema_archive.settings import ArchiveSettings, prognosis_software
 from ema_archive.sources import calibration_of, changed_ns, identity_of
-from ema_archive.tables import HEALTH, estimate_from, growth_rows, health_row
+from ema_archive.tables import HEALTH, duty_from, estimate_from, growth_rows, health_row
 from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR, OK, STALE
@@ -30,6 +30,7 @@ Row = Mapping[str, Any]
 _SAME: Final = ("end_ns", "verdict", "fitness", *FAULT_NAMES)
 """What copies of a test have in common."""
 
+_DUTY: Final = ("stamp_ns", "hours", "travel", "travel_load", "winding_hours", "winding_rise_hours")
 _MADE_BY: Final = ("software", "settings")
 _IDENTITY: Final = ("end_ns", "verdict", "bag_sha256", "number", "calibration_id", *_MADE_BY)
 
@@ -72,6 +73,7 @@ class UnitTask:
     settings: ArchiveSettings
     estimates: pa.Table
     usage: pa.Table
+    duty: pa.Table
     health: pa.Table
     kept: KeptHistory | None
     lost: str = ""
@@ -118,15 +120,22 @@ def follow_unit(task: UnitTask) -> UnitResult:
     # The same count in several bags is one.
     columns = (task.usage[name].to_pylist() for name in ("stamp_ns", "hours", "cycles"))
     usage = [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
+    duty = _pieces(task.duty)
     with TemporaryDirectory(prefix="ema_archive_") as folder:
         path = Path(folder) / "history.sqlite"
-        known, history = _history_of(task, maker, estimates, usage, path)
+        known, history = _history_of(task, maker, estimates, usage, duty, path)
         # Stamps of a table are dates when they are read.
         before = task.health.to_pylist() if known else []
         rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
         unit, last = Unit(history, settings), None
         later = (estimate_from(row) for row in estimates[known:])
-        for estimate, outlook in unit.follow(later, parameters, settings, usage):
+        known_ns = estimates[known - 1]["end_ns"] if known else None
+        flown = [
+            (row["stamp_ns"], duty_from(row))
+            for row in duty
+            if known_ns is None or row["stamp_ns"] > known_ns
+        ]
+        for estimate, outlook in unit.follow(later, parameters, settings, usage, flown):
             if outlook is not None:
                 last = outlook
                 rows.append(health_row(outlook, estimate.calibration_id) | shared)
@@ -137,7 +146,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
         if settings.service.hours_per_cycle == 0.0 and history.entries:
             history.save(path, unit.growth.state())
             if not history.problem:
-                digest = _digest_of(estimates, usage)
+                digest = _digest_of(estimates, usage, duty)
                 kept = KeptHistory(maker, len(estimates), digest, path.read_bytes())
     # The months in which it was tested.
     windows = Counter(month_of(row["end_ns"]) for row in estimates)
@@ -174,11 +183,16 @@ def _unconfirmed(row: Row, lost: str) -> Row:
 
 
 def _history_of(
-    task: UnitTask, maker: str, estimates: Sequence[Row], usage: Sequence[Count], path: Path
+    task: UnitTask,
+    maker: str,
+    estimates: Sequence[Row],
+    usage: Sequence[Count],
+    duty: Sequence[Row],
+    path: Path,
 ) -> tuple[int, History]:
     """Return how many windows are known already, and the history that they left."""
     key, kept = task.entry.key, task.kept
-    known = kept and kept.made_by == maker and _digest_of(estimates[: kept.tests], usage)
+    known = kept and kept.made_by == maker and _digest_of(estimates[: kept.tests], usage, duty)
     if kept and known == kept.digest:
         path.write_bytes(kept.content)
         history = History(*key, path)
@@ -189,12 +203,29 @@ def _history_of(
     return 0, History(*key)
 
 
-def _digest_of(estimates: Sequence[Row], usage: Sequence[Count]) -> str:
-    """Return the identity of windows and of the counts up to the last of them."""
+def _pieces(table: pa.Table) -> list[Row]:
+    """Return rows of duty in order of time; by one stamp, those of the bag with most telemetry.
+
+    A window may be in several bags that began at different times.
+    """
+    by_stamp: dict[int, dict[str, list[Row]]] = {}
+    for row in table.to_pylist():
+        by_stamp.setdefault(row["stamp_ns"], {}).setdefault(row["bag"], []).append(row)
+    most = (max(of_bags.values(), key=_telemetry_hours) for of_bags in by_stamp.values())
+    return [row for rows in most for row in rows]
+
+
+def _telemetry_hours(rows: Sequence[Row]) -> float:
+    return sum(row["hours"] for row in rows)
+
+
+def _digest_of(estimates: Sequence[Row], usage: Sequence[Count], duty: Sequence[Row]) -> str:
+    """Return the identity of windows, and of the counts and duty up to the last of them."""
     last_ns = estimates[-1]["end_ns"] if estimates else 0
     windows = [[row[name] for name in _IDENTITY] for row in estimates]
     counts = [count for count in usage if count.stamp_ns <= last_ns]
-    return hashlib.sha256(repr((windows, counts)).encode()).hexdigest()
+    flown = [[row[name] for name in _DUTY] for row in duty if row["stamp_ns"] <= last_ns]
+    return hashlib.sha256(repr((windows, counts, flown)).encode()).hexdigest()
 
 
 def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:

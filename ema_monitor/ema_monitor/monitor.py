@@ -1,6 +1,6 @@
 """Monitor of one actuator: telemetry in, what happened out. It needs no ROS."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,13 +12,14 @@ from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.search import Generation
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.intake import Intake
+from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
-from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 
 Event = Defect | Diagnosed | Outlook
@@ -39,18 +40,21 @@ class MonitorSettings:
         Until when stretches of ordinary motion are combined.
     prognosis
         What health and remaining life rest on.
+    measured_max_age_s
+        Age at the start of a window up to which a measurement holds for it [s].
     """
 
     trigger: TriggerSettings = field(default_factory=TriggerSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     combining: CombinationSettings = field(default_factory=CombinationSettings)
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+    measured_max_age_s: float = MAX_AGE_S
 
 
 class Monitor:
     """Monitors one actuator: finds its windows, diagnoses them, and follows the unit.
 
-    The node does the same with each part in the thread where it belongs.
+    The node does the same with each part in the thread where it belongs, and has the same `Intake`.
 
     Parameters
     ----------
@@ -79,24 +83,45 @@ class Monitor:
         self._description = description or ActuatorDescription()
         self._calibration = calibration or Calibration.builtin()
         self._settings = settings or MonitorSettings()
-        self._finder = WindowFinder(self._settings.trigger, self._description)
+        self._intake = Intake(
+            self._description.actuator_id,
+            self._settings.trigger,
+            self._description,
+            max_age_s=lambda: self._settings.measured_max_age_s,
+        )
         self._diagnosis = Diagnosis()
         key = self._description.unit_key
         path = history_path(history_folder, *key) if history_folder else None
         self.unit = Unit(History(*key, path), self._settings.prognosis)
-        self._counts = CountLog()
 
     def feed(self, telemetry: Telemetry) -> Iterator[Event]:
         """Yield what a block of telemetry leads to, in its order."""
-        return self._follow(self._finder.feed(telemetry))
+        return self._follow(self._intake.feed(telemetry))
 
     def count(self, count: Count) -> None:
         """Take a count of service hours; it holds for the tests after its stamp."""
-        self._counts.add(self.unit.history.unit, count)
+        self._intake.count(self.unit.history.unit, count)
+
+    def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
+        """Take hidden causes that were measured; they hold for the windows that begin after.
+
+        Parameters
+        ----------
+        stamp_ns
+            When they were measured [ns].
+        measured
+            Value and standard deviation by name, as of `measured_causes`.
+
+        Raises
+        ------
+        ValueError
+            As of `measured_causes`.
+        """
+        self._intake.measure(stamp_ns, measured)
 
     def finish(self) -> Iterator[Event]:
         """End the telemetry; yield what that leads to."""
-        yield from self._follow(self._finder.finish())
+        yield from self._follow(self._intake.finish())
         yield from self._assess(self._diagnosis.finish())
 
     def _follow(self, events: Iterable[Segment | Defect]) -> Iterator[Event]:
@@ -119,9 +144,9 @@ class Monitor:
             if not isinstance(one, Diagnosed):
                 continue
             yield one
-            count = self._counts.latest(self.unit.history.unit, one.estimate.end_ns)
+            use = self._intake.take_use(self.unit.history.unit, one.estimate.end_ns)
             outlook = self.unit.update(
-                one.estimate, self._calibration.unit_parameters, self._settings.prognosis, count
+                one.estimate, self._calibration.unit_parameters, self._settings.prognosis, *use
             )
             if outlook is not None:
                 yield outlook

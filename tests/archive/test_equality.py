@@ -88,7 +88,7 @@ def the_other_way_round(made_fleet, tmp_path):
 
 
 def assert_same(other, whole):
-    for name in ("estimates", "usage", "health"):
+    for name in ("estimates", "usage", "duty", "health"):
         assert exactly(other, name) == exactly(whole, name), name
 
 

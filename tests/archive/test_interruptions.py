@@ -47,7 +47,7 @@ def scanned(made_fleet, tmp_path):
 
 
 def assert_whole(archive, undisturbed):
-    for name in ("estimates", "usage", "health"):
+    for name in ("estimates", "usage", "duty", "health"):
         assert exactly(archive, name) == exactly(undisturbed, name), name
 
 
@@ -156,7 +156,8 @@ def die(*_):
 def done_bag(friction):
     row = {"end_ns": 1, "valid": True, "friction": friction, "bag": TASK.url}
     calibration_id = identity_of(calibration_of("", ("flap", "1")))
-    return BagResult(TASK, DONE, units=[UnitRows("flap", "1", "model", calibration_id, [row], [])])
+    unit = UnitRows("flap", "1", "model", calibration_id, [row], [], [])
+    return BagResult(TASK, DONE, units=[unit])
 
 
 @pytest.mark.parametrize("found", [done_bag(0.9), BagResult(TASK, DONE, "nothing in it")])

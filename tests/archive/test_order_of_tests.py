@@ -28,7 +28,7 @@ def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: 
     made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
     rows = [estimate_row(one, number) | made for number, one in enumerate([good, unused])]
     estimates = pa.Table.from_pylist(rows, PARTITIONED["estimates"])
-    usage, health = (PARTITIONED[name].empty_table() for name in ("usage", "health"))
+    usage, duty, health = (PARTITIONED[name].empty_table() for name in ("usage", "duty", "health"))
     entry = UnitEntry("flap", *UNIT, "", "")
-    result = follow_unit(UnitTask(entry, ArchiveSettings(), estimates, usage, health, None))
+    result = follow_unit(UnitTask(entry, ArchiveSettings(), estimates, usage, duty, health, None))
     assert result.summary["units"][0]["level"] == level

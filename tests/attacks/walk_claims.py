@@ -27,6 +27,7 @@ from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.intake import Intake
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.messages import summary_of
 from ema_monitor.node.receiver_clock import Moment, ReceiverClock
@@ -162,7 +163,7 @@ class Claimed(Walk):
             path = folder / f"{name}.sqlite"
             unit = Unit(History(name, "1", path), _SETTINGS[name], author=_AUTHOR)
             moment = self._moment()
-            actuator = Actuator(name, TriggerSettings(), self._publish, moment.steady_ns)
+            actuator = Actuator(Intake(name, TriggerSettings()), self._publish, moment.steady_ns)
             # The drive sends telemetry while it moves or rests.
             for before in range(20, 0, -1):
                 end_ns = self._stamp_ns(name, 0.1 * before)

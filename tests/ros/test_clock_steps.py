@@ -7,6 +7,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE
 from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
 from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.intake import Intake
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.receiver_clock import Moment, ReceiverClock
 from ema_monitor.prognosis.history import History
@@ -26,7 +27,7 @@ FLAP = ActuatorDescription(actuator_id=UNIT[0], serial_number=UNIT[1])
 def judged() -> tuple[Actuator, list[Health]]:
     """An actuator with a healthy test that has just ended, at second 1000 of the steady clock."""
     published: list[Health] = []
-    actuator = Actuator("flap", TriggerSettings(), published.append, 1000 * S)
+    actuator = Actuator(Intake("flap", TriggerSettings()), published.append, 1000 * S)
     actuator.finder.describe(FLAP)
     test = made_test(0, friction=0.02)
     outlook = Unit(History(*UNIT), LIVE).update(test, None, LIVE, received_ns=test.end_ns)

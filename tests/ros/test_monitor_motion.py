@@ -14,6 +14,7 @@ from ema_monitor import CombinationSettings, identify_motion
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.intake import Intake
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.unit_status import unit_tasks
@@ -76,7 +77,9 @@ def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
 
 def test_an_estimate_of_later_motion_ends_a_defect():
     """Stretches are counted apart from the estimates that are made of them."""
-    unit = Actuator(FLAP.actuator_id, TriggerSettings(windows="any_motion"), lambda _: None, 0)
+    unit = Actuator(
+        Intake(FLAP.actuator_id, TriggerSettings(windows="any_motion")), lambda _: None, 0
+    )
     unit.finder.describe(FLAP)
     unit.finder.windows = 40
     unit.add_defect("the description is impossible")

@@ -9,6 +9,7 @@ from ema_core.levels import WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
+from ema_monitor.intake import Intake
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.settings import Operation
@@ -24,7 +25,7 @@ SECOND = 0.3 * np.sin(2.0 * np.pi * H * np.arange(1.0, 101.0))
 
 
 def actuator(description: ActuatorDescription, settings: TriggerSettings | None = None) -> Actuator:
-    unit = Actuator("flap", settings or TriggerSettings(), lambda _: None, 0)
+    unit = Actuator(Intake("flap", settings or TriggerSettings()), lambda _: None, 0)
     unit.finder.describe(description)
     return unit
 

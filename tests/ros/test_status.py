@@ -4,14 +4,13 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
+from ema_monitor.intake import Intake
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.unit_status import unit_tasks
@@ -70,7 +69,7 @@ def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
 
 
 def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
-    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    unit = Actuator(Intake("flap", TriggerSettings()), lambda _: None, 0)
     unit.finder.describe(ActuatorDescription())
     zeros = np.zeros(10)
     unit.finder.feed(Telemetry(0, 1e-4, 1, zeros, zeros, zeros, zeros))
@@ -83,17 +82,8 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
     assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]
 
 
-def test_duty_of_a_unit_that_was_taken_out_is_not_that_of_the_next():
-    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
-    block = Telemetry(0, 1e-3, 0, *np.zeros((4, 9)))
-    unit.duty_of("old").add(block, ActuatorParameters())
-    unit.duty_of("old").cut(1)
-    assert unit.duty_of("new").take(2).hours == 0.0
-    assert unit.duty_of("old").take(2).hours == pytest.approx(9e-3 / 3600.0)
-
-
 def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
-    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    unit = Actuator(Intake("flap", TriggerSettings()), lambda _: None, 0)
     description, settings = ActuatorDescription(), PrognosisSettings()
     unit.finder.describe(description)
     seen, tests = [], Unit(History("flap", "SIM-0001"), settings)
@@ -119,7 +109,7 @@ def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
 
 def health_task(name: str) -> Task:
     """The status of the health after a record that gives a comparison."""
-    unit = Actuator("flap", TriggerSettings(), lambda _: None, 0)
+    unit = Actuator(Intake("flap", TriggerSettings()), lambda _: None, 0)
     description = ActuatorDescription()
     unit.finder.describe(description)
     estimate = compared(CASES[name])

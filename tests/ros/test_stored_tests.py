@@ -10,6 +10,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import LEVEL_NAMES, STALE
 from ema_interfaces.msg import Health
 from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.intake import Intake
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.arrivals import Arrivals
 from ema_monitor.node.receiver_clock import ReceiverClock
@@ -46,7 +47,9 @@ class Bench:
         )
         path = self.folder / "flap+SIM-0001.sqlite" if self.folder else None
         self.unit = Unit(History(*UNIT, path), self.settings)
-        self.actuator = Actuator("flap", TriggerSettings(), self.published.append, self.steady_ns)
+        self.actuator = Actuator(
+            Intake("flap", TriggerSettings()), self.published.append, self.steady_ns
+        )
         self.actuator.finder.describe(FLAP)
         self.moment()
         if (outlook := self.unit.resume(None, self.settings)) is not None:

@@ -157,7 +157,14 @@ def read_unit(
         sorted((one for _, found in read for one in found.truths), key=lambda one: one.stamp_ns),
         remarks,
         {item.end_ns: path for path, item in tests},
-        sorted((one for _, found in read for one in found.flown), key=lambda one: one[0]),
+        sorted(
+            (
+                piece
+                for _, found in read
+                for piece in found.flown.get(found.description.unit_key, ())
+            ),
+            key=lambda piece: piece[0],
+        ),
     )
 
 

@@ -28,7 +28,6 @@ from ema_cli.show.prognosis_table import as_values
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.windows.trigger import TEST_CYCLE
 
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
@@ -58,7 +57,7 @@ class GivenSettings:
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
         *Source.SECTIONS,
         (SearchSettings, ""),
-        *(item for item in PROGNOSIS_SECTIONS if item[0] is not DamageSettings),
+        *PROGNOSIS_SECTIONS,
     )
 
     parameters: Parameters
@@ -72,7 +71,6 @@ class GivenSettings:
     def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
         """Return settings with those given; ValueError when one is unknown or out of its range."""
         given, source = self.parameters, Source(measured_max_age_s=settings.measured_max_age_s)
-        prognosis = prognosis_over(settings.prognosis, given)
         return replace(
             settings,
             calibration=given.values.get("calibration_file") or settings.calibration,
@@ -80,7 +78,7 @@ class GivenSettings:
             # An archive is of test cycles, and what a bag says follows from it alone.
             trigger=replace(given.over(settings.trigger), windows=TEST_CYCLE),
             search=replace(given.over(settings.search), warm_start=False),
-            prognosis=replace(prognosis, damage=settings.prognosis.damage),
+            prognosis=prognosis_over(settings.prognosis, given),
         )
 
 

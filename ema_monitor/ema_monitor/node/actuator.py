@@ -11,21 +11,18 @@ from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.tally import Tally
+from ema_monitor.intake import Intake
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.arrivals import Arrivals
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.node.receiver_clock import Moment
 from ema_monitor.node.settings import Operation
-from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
-from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import hardware_name
 
 _MOST_NAMED = 5
-_MOST_PIECES = 1000
-_MOST_UNITS = 10
 _SILENT_S = 10.0
 _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
@@ -36,8 +33,8 @@ class Actuator:
 
     Parameters
     ----------
-    actuator_id, settings
-        Its name, and how windows are found in its telemetry.
+    intake
+        Takes in what is received of it.
     publish
         Publishes its health.
     steady_ns
@@ -47,8 +44,8 @@ class Actuator:
 
     Attributes
     ----------
-    finder
-        Finds the windows in its telemetry.
+    intake
+        Finds the windows in its telemetry, and keeps the use of its units.
     arrivals
         When its telemetry was received.
     latest
@@ -75,16 +72,14 @@ class Actuator:
 
     def __init__(
         self,
-        actuator_id: str,
-        settings: TriggerSettings,
+        intake: Intake,
         publish: Callable[[HealthMessage], None],
         steady_ns: int,
         namespace: str = "",
     ) -> None:
-        self.actuator_id = actuator_id
-        self.finder = WindowFinder(settings)
+        self.actuator_id = intake.actuator_id
+        self.intake = intake
         self.arrivals = Arrivals()
-        self._duty: dict[str, DutyMeter] = {}
         self.latest: Segment | None = None
         self.diagnosis: Diagnosis | None = None
         self.awaiting: list[SimpleQueue[Segment]] = []
@@ -107,17 +102,14 @@ class Actuator:
         self.reset_health(steady_ns)
 
     @property
+    def finder(self) -> WindowFinder:
+        """Finds the windows in its telemetry."""
+        return self.intake.finder
+
+    @property
     def description(self) -> ActuatorDescription | None:
         """The latest description of the actuator; None when there was none."""
         return self.finder.description
-
-    def duty_of(self, serial_number: str) -> DutyMeter:
-        """Return what measures the duty of a unit that has been in its place."""
-        meter = self._duty.pop(serial_number, None) or DutyMeter(deque(), _MOST_PIECES)
-        self._duty[serial_number] = meter
-        if len(self._duty) > _MOST_UNITS:
-            del self._duty[next(iter(self._duty))]
-        return meter
 
     @property
     def hardware_id(self) -> str:

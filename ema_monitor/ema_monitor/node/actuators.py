@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ema_core.description import ActuatorDescription, UnitKey, check_name
 from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.intake import MOST_MEASUREMENTS, Intake, Use
 from ema_monitor.model.measurements import MeasurementLog
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.receiver_clock import Moment, ReceiverClock
-from ema_monitor.prognosis.duty.damage import FlownDuty
-from ema_monitor.prognosis.history_entry import UnitEvent
+from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
+from ema_monitor.prognosis.history_entry import Count, UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.service import CountLog
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -28,7 +30,6 @@ if TYPE_CHECKING:
 _CLOCK_FILE: Final = "clock.json"
 _MOST_NAMED: Final = 10
 _MOST_DESCRIBED: Final = 1000
-_MOST_MEASUREMENTS: Final = 10_000
 
 
 class Actuators(dict[str, Actuator]):
@@ -50,7 +51,8 @@ class Actuators(dict[str, Actuator]):
         self.admission = admission
         self._node = node
         self._trigger = trigger
-        self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
+        self._measurements = MeasurementLog(MOST_MEASUREMENTS)
+        self._counts = CountLog()
         # Latched topics describe an actuator once: it is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
         self._clock = ReceiverClock(self.now_ns)
@@ -67,6 +69,7 @@ class Actuators(dict[str, Actuator]):
         self.admission.clear()
         self._described.clear()
         self._measurements.clear()
+        self._counts = CountLog()
 
     def now_ns(self) -> int:
         """Return the time of the node's clock [ns]."""
@@ -105,7 +108,7 @@ class Actuators(dict[str, Actuator]):
             unit = self.get(actuator_id)
             if unit is None:
                 raise ValueError(self._not_monitored(actuator_id))
-            unit.finder.finish()
+            unit.intake.finish()
             if unit.description is not None:
                 self._remember(unit.description)
             del self[actuator_id]
@@ -128,7 +131,7 @@ class Actuators(dict[str, Actuator]):
             for unit in self.values():
                 # The position does not show that the telemetry has ended.
                 if unit.is_silent and unit.finder.finds_records:
-                    self._handle(unit, unit.finder.finish())
+                    self._handle(unit, unit.intake.finish())
         stale = [health for health in published if health is not None]
         for health in stale:
             node.get_logger().warning(f"{health.actuator_id}: {health.reason}")
@@ -151,7 +154,7 @@ class Actuators(dict[str, Actuator]):
             if unit is None:
                 return
             before = unit.description
-            self._handle(unit, unit.finder.describe(description))
+            self._handle(unit, unit.intake.describe(description))
             if before is not None and before.serial_number != description.serial_number:
                 unit.reset_health(self.now().steady_ns)
                 if unit.exchange(before.serial_number, description.serial_number):
@@ -179,15 +182,10 @@ class Actuators(dict[str, Actuator]):
                 block = telemetry_from_message(message)
             except ValueError as error:
                 stamp_ns = stamp_from_message(message.header.stamp)
-                events = unit.finder.reject(stamp_ns, str(error))
+                events = unit.intake.reject(stamp_ns, str(error))
             else:
-                if (described := unit.finder.description) is not None:
-                    max_age_s = self._node.operation.value.measured_max_age_s
-                    rise = self._measurements.winding_rise(actuator_id, block.stamp_ns, max_age_s)
-                    meter = unit.duty_of(described.serial_number)
-                    meter.add(block, described.parameters, rise)
                 unit.arrivals.add(block.stamp_ns, block.stamp_at(len(block)), unit.heard_ns)
-                events = unit.finder.feed(block)
+                events = unit.intake.feed(block)
             if unit.finder.blocks == 1:
                 self._node.get_logger().info(f"{actuator_id}: first telemetry")
             self._handle(unit, events)
@@ -197,13 +195,12 @@ class Actuators(dict[str, Actuator]):
         with self.lock:
             return actuator_id in self and self[actuator_id].arrivals.are_live(end_ns)
 
-    def flown(self, unit_key: UnitKey, end_ns: int) -> FlownDuty:
-        """Return the duty of a unit in its windows by a stamp [ns], once."""
-        actuator_id, serial_number = unit_key
+    def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
+        """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
         with self.lock:
-            if actuator_id not in self:
-                return FlownDuty()
-            return self[actuator_id].duty_of(serial_number).take(end_ns)
+            if (unit := self.get(unit_key[0])) is None:
+                return Use(self._counts.latest(unit_key, end_ns), NOTHING_FLOWN)
+            return unit.intake.take_use(unit_key, end_ns)
 
     def receive_measured(self, message: Any) -> None:
         """Keep ``ema_interfaces/msg/MeasuredCauses``."""
@@ -225,8 +222,14 @@ class Actuators(dict[str, Actuator]):
         actuator_id = message.actuator_id
         unit = self.get(actuator_id)
         described = unit.description if unit else None
+        # One that its sender did not stamp, or without a clock, was read just now.
+        has_clock = self._node.operation.value.has_clock
+        stamp_ns = stamp_from_message(message.header.stamp) if has_clock else 0
         try:
-            self._node.prognosis.count(message, described.serial_number if described else "")
+            count = Count(stamp_ns or self.now_ns(), message.flight_hours, message.cycles)
+            # A count without a serial number is of the unit that is described.
+            serial_number = message.serial_number or (described.serial_number if described else "")
+            self._counts.add((actuator_id, serial_number), count)
         except ValueError as error:
             # A count alone does not make an actuator known.
             reason = f"usage is impossible: {error}"
@@ -252,14 +255,14 @@ class Actuators(dict[str, Actuator]):
         with self.lock:
             self._trigger = settings
             for unit in self.values():
-                events = unit.finder.restart(settings, "the settings of the window changed")
+                events = unit.intake.restart(settings, "the settings of the window changed")
                 # Nothing is wrong where no window is cut off.
                 self._handle(unit, [event for event in events if isinstance(event, Segment)])
 
     def finish(self) -> list[Segment]:
         """End the telemetry of all; return the refusals of the windows that are cut off."""
         with self.lock:
-            events = [event for unit in self.values() for event in unit.finder.finish()]
+            events = [event for unit in self.values() for event in unit.intake.finish()]
         return [_cut_off(event) for event in events if isinstance(event, Segment)]
 
     def _handle(self, unit: Actuator, events: Iterable[Segment | Defect]) -> None:
@@ -268,11 +271,7 @@ class Actuators(dict[str, Actuator]):
             if isinstance(event, Defect):
                 self.add_defect(unit.actuator_id, event.reason)
                 continue
-            unit.duty_of(event.description.serial_number).cut(event.window.end_ns)
             if isinstance(event.window, Window):
-                max_age_s = self._node.operation.value.measured_max_age_s
-                measured = self._measurements.at(unit.actuator_id, event.window.start_ns, max_age_s)
-                event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
             for queue in tuple(unit.awaiting):
                 queue.put(event)
@@ -385,8 +384,7 @@ class Actuators(dict[str, Actuator]):
         node = self._node
         node.add_publishers(actuator_id)
         unit = Actuator(
-            actuator_id,
-            self._trigger,
+            self._intake_of(actuator_id),
             node.publish_health,
             self.now().steady_ns,
             node.unit_namespace,
@@ -394,9 +392,19 @@ class Actuators(dict[str, Actuator]):
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit
         if (known := self._described.pop(actuator_id, None)) is not None and description is None:
-            unit.finder.describe(known)
+            unit.intake.describe(known)
             self._prepare(known)
         return unit
+
+    def _intake_of(self, actuator_id: str) -> Intake:
+        """Return a new intake of an actuator, which shares what was received before it is known."""
+        return Intake(
+            actuator_id,
+            self._trigger,
+            measurements=self._measurements,
+            counts=self._counts,
+            max_age_s=lambda: self._node.operation.value.measured_max_age_s,
+        )
 
     def _remember(self, description: ActuatorDescription) -> None:
         """Keep the description of an actuator that is not monitored."""

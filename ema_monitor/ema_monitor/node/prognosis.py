@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.levels import OK, WARN
@@ -35,13 +35,12 @@ from ema_monitor.prognosis.history_entry import (
     FAULT,
     HISTORY,
     RESTART,
-    Count,
     UnitEvent,
     UnusedCycle,
 )
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits, requirements_of
-from ema_monitor.prognosis.service import CountLog, Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reports import scenario_report
 from ema_monitor.unit import Unit
@@ -89,7 +88,6 @@ class MonitorPrognosis:
         self._clear()
 
     def _clear(self) -> None:
-        self.counts = CountLog()
         self._histories: dict[UnitKey, Unit] = {}
         self._logged: dict[UnitKey, str] = {}
         # Why the latest test of a unit was not recorded.
@@ -154,21 +152,8 @@ class MonitorPrognosis:
 
         In another thread, requirements are made, the history is opened and health is published.
         """
-        self.counts.assign(description.unit_key)
         self._to_refresh.append(description)
         self._refresh_soon.trigger()
-
-    def count(self, message: Any, serial_number: str) -> None:
-        """Record counted use from ``ema_interfaces/msg/Usage``; ValueError where it is impossible.
-
-        One without a serial number is of the unit that is described.
-        """
-        # One that its sender did not stamp, or without a clock, was read just now.
-        has_clock = self._node.operation.value.has_clock
-        stamp_ns = stamp_from_message(message.header.stamp) if has_clock else 0
-        stamp_ns = stamp_ns or self._node.units.now_ns()
-        count = Count(stamp_ns, message.flight_hours, message.cycles)
-        self.counts.add((message.actuator_id, message.serial_number or serial_number), count)
 
     def estimates(self, description: ActuatorDescription) -> list[Estimate]:
         """Return the valid estimates in the history of a unit, in their order."""
@@ -191,13 +176,12 @@ class MonitorPrognosis:
             unit = self._of(description)
             # Also of a test that may not enter: what was flown then is not of the next one.
             end_ns = estimate.end_ns if settings.has_clock else now_ns
-            flown = self._node.units.flown(key, end_ns)
+            use = self._node.units.take_use(key, end_ns)
             self._refusals[key] = reason = self._why_not_recorded(end_ns, now_ns)
             if not reason:
-                count = self.counts.latest(key, end_ns)
                 parameters = self._parameters(description)
                 is_live = self._node.units.is_live(description.actuator_id, estimate.end_ns)
-                outlook = unit.update(estimate, parameters, settings, count, flown, now_ns, is_live)
+                outlook = unit.update(estimate, parameters, settings, *use, now_ns, is_live)
                 self._log(description, unit, outlook.events if outlook else ())
                 return outlook
             self._node.warn(description.actuator_id, reason)

@@ -3,10 +3,10 @@
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +20,17 @@ from ema_bags.telemetry import (
     read_telemetry,
 )
 from ema_core.causes import CauseEstimate
-from ema_core.description import ActuatorDescription
+from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, bridged, join
 from ema_core.wording import counted
-from ema_monitor.model.measured import measured_causes
+from ema_monitor.intake import Intake
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
-from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.prognosis.duty.damage import FlownDuty
+from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
-
-if TYPE_CHECKING:
-    from ema_monitor.prognosis.duty.damage import FlownDuty
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
@@ -127,7 +125,8 @@ class BagWindows:
     truths
         True faults of the actuator by test cycle, in order, where the bag records them.
     flown
-        Duty up to the end of each window, and to that of the bag, by stamp [ns].
+        Duty by unit, up to the end of each window and to that of the bag, by stamp [ns]; empty
+        if it was not measured.
     """
 
     description: ActuatorDescription
@@ -141,7 +140,7 @@ class BagWindows:
     has_rested: bool
     obstacle: str
     truths: list[StampedFaults]
-    flown: "list[tuple[int, FlownDuty]]" = field(default_factory=list)
+    flown: dict[UnitKey, list[tuple[int, FlownDuty]]] = field(default_factory=dict)
 
     @property
     def usable(self) -> Sequence[Window]:
@@ -275,63 +274,52 @@ def find_recorded_windows(
     if description is None and not recorded.descriptions:
         reason = f"{bag.path} has no description of actuator {unit!r}: give one"
         raise ValueError("; ".join(filter(None, (reason, bag.damage))))
-    finder = WindowFinder(settings or TriggerSettings(), description or recorded.descriptions[0])
     measurements, wrong = _recorded_measurements(recorded)
+    intake = Intake(
+        unit,
+        settings or TriggerSettings(),
+        description or recorded.descriptions[0],
+        measurements=measurements,
+        measured=measured,
+        max_age_s=lambda: measured_max_age_s,
+        most_pieces=None,
+        measures_duty=with_duty,
+    )
+    finder = intake.finder
     # Places of the latest blocks, as many as a window may reach back over.
     latest: _Places = deque()
     first: Telemetry | None = None
     blocks = samples = last_ns = 0
     windows: list[RecordedWindow] = []
     defects: list[Defect] = []
-    flown: deque[tuple[int, FlownDuty]] = deque()
-    meter = None
-    if with_duty:
-        from ema_monitor.prognosis.duty.meter import DutyMeter  # the compiler only for it
-
-        meter = DutyMeter(flown)
 
     def take(events: Iterable[Segment | Defect]) -> None:
         for event in events:
             if isinstance(event, Defect):
                 defects.append(event)
-                continue
-            window = _recorded_window(event, recorded, latest)
-            known = measurements.at(unit, window.start_ns, measured_max_age_s)
-            if measured:
-                every = {one.name: (one.value, one.sigma) for one in (*known, *measured)}
-                known = measured_causes(every)
-            windows.append(replace(window, measured=known))
+            else:
+                windows.append(_recorded_window(event, recorded, latest))
 
     for place, item in recorded.items():
         if isinstance(item, ActuatorDescription):
-            take(finder.describe(item) if description is None else [])
+            take(intake.describe(item) if description is None else [])
         elif isinstance(item, Malformed):
-            take(finder.reject(item.stamp_ns, item.reason))
+            take(intake.reject(item.stamp_ns, item.reason))
         else:
             first = first or item.part(0, 1)
             blocks, samples = blocks + 1, samples + len(item)
             last_ns = item.stamp_at(len(item) - 1)
             if latest and latest[-1][2] > item.first_index:
-                take(finder.split(item))
+                take(intake.split(item))
                 latest.clear()
             reach = round(finder.reach_s(item.sample_period) / item.sample_period) + 1
             while latest and latest[0][2] <= latest[-1][2] - reach:
                 latest.popleft()
             latest.append((place, item.first_index, item.first_index + len(item)))
-            if meter is not None and finder.description is not None:
-                rise = measurements.winding_rise(unit, item.stamp_ns, measured_max_age_s)
-                meter.add(item, finder.description.parameters, rise)
-            take(finder.feed(item))
+            take(intake.feed(item))
             if on_block is not None:
                 on_block(item)
-        if meter is not None:
-            for window in windows[len(flown) :]:
-                meter.cut(window.end_ns)
-    take(event for event in finder.finish() if isinstance(event, Segment))
-    if meter is not None:
-        for window in windows[len(flown) :]:
-            meter.cut(window.end_ns)
-        meter.cut(last_ns)
+    take(event for event in intake.finish() if isinstance(event, Segment))
     obstacle = finder.shortage or finder.obstacle or ("" if windows else finder.shortfall)
     truths = _recorded_truths(recorded)
     first_ns = first.stamp_ns if first else 0
@@ -364,7 +352,7 @@ def find_recorded_windows(
         finder.has_rested,
         obstacle,
         truths,
-        list(flown),
+        intake.pieces(last_ns),
     )
 
 
@@ -373,6 +361,7 @@ def _recorded_window(
 ) -> RecordedWindow:
     """Return a window that the last block completed, with the place of its samples."""
     window, play = found.window, None
+    measured: tuple[CauseEstimate, ...] = ()
     place: WindowPlace | Refusal
     if isinstance(window, Refusal):
         place = window
@@ -382,9 +371,9 @@ def _recorded_window(
         first, index, _ = [item for item in latest if item[1] <= start][-1]
         last = next((item for item in latest if item[2] >= start + samples), latest[-1])
         place = WindowPlace(recorded, first, last[0], start - index, samples)
-        play = window.play
+        play, measured = window.play, window.measured
     return RecordedWindow(
-        found.number, found.description, window.start_ns, window.end_ns, play, place
+        found.number, found.description, window.start_ns, window.end_ns, play, place, measured
     )
 
 

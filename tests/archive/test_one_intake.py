@@ -1,0 +1,181 @@
+"""One recording gives the same through a monitor, `ema predict` and an archive, to the bit.
+
+Its duty counts in growth, each window has measured causes, and each test a count of service hours.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from ema_archive.manifest import Manifest
+from ema_archive.partitions import read_unit
+from ema_archive.running import run, scan
+from ema_archive.settings import ArchiveSettings
+from ema_archive.tables import HEALTH, PARTITIONED, estimate_row, growth_rows, health_row
+from ema_bags.actuator_bag import SimulatedActuatorBag
+from ema_bags.writer import BagWriter
+from ema_cli.bags.predicting import Predicting
+from ema_cli.bags.unit_course import diagnose_unit
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.tasks import Workers
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import HiddenCause, MeasuredCauses
+from ema_monitor import Count, Diagnosed, Monitor, MonitorSettings, Outlook
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_ros import topics
+from ema_ros.stamps import stamp_to_message
+from ema_sim.actuator import SimulatedActuator
+
+pytestmark = pytest.mark.slow
+
+UNIT = ActuatorDescription()
+CYCLE = build_cycle(THESIS_CHIRP, UNIT.sample_period)
+CYCLES = 14
+HOURS = 100.0
+START_NS = 1_700_000_000_000_000_000
+COLD = SearchSettings(warm_start=False)
+# Telemetry covers a test of 1.7 s in 100 h, and stands for all of them.
+BY_DAMAGE = PrognosisSettings(damage=DamageSettings(least_coverage=1e-6))
+PROVENANCE = {
+    *("actuator_id", "serial_number", "model", "unit", "month"),
+    *("bag", "bag_sha256", "software", "settings", "computing_time_s"),
+}
+
+
+@dataclass(frozen=True)
+class Received:
+    """What is received in a test cycle: blocks, the count before it and causes at its window."""
+
+    number: int
+    blocks: list[Telemetry]
+    count: Count
+    measured_ns: int
+    measured: dict[str, tuple[float, float]]
+
+
+@pytest.fixture(scope="module")
+def cycles() -> list[Received]:
+    """Test cycles under a load, of a friction that grows; the winding is warmer in each."""
+    actuator, received = SimulatedActuator(stamp_ns=START_NS), []
+    for number in range(CYCLES):
+        actuator.faults = fault_vector({"friction": 0.02 * number})
+        load = 0.1 + 0.04 * number
+        actuator.causes = {"load_torque": load}
+        whole = actuator.advance(CYCLE.samples)
+        blocks = [whole.part(start, start + 500) for start in range(0, len(whole) - 500, 500)]
+        blocks.append(whole.part(500 * len(blocks), len(whole)))
+        count = Count(whole.stamp_ns, HOURS * number, number + 1)
+        causes = {"load_torque": (load, 0.005), "winding_temperature": (2.0 * number, 1.0)}
+        received.append(Received(number, blocks, count, whole.stamp_ns, causes))
+    return received
+
+
+@pytest.fixture(scope="module")
+def bag(cycles: list[Received], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "unit.mcap"
+    writer, topic = BagWriter(path), f"{topics.NAMESPACE}/{topics.MEASURED_CAUSES}"
+    with SimulatedActuatorBag(writer, UNIT, START_NS) as recording:
+        writer.add_topic(topic, *topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES])
+        for cycle in cycles:
+            recording.begin_cycle(cycle.number, fault_vector({}), cycle.count.hours)
+            writer.write(topic, message_of(cycle), cycle.measured_ns, cycle.measured_ns)
+            for block in cycle.blocks:
+                recording.write_block(block)
+    return path
+
+
+def message_of(cycle: Received) -> MeasuredCauses:
+    units = {"load_torque": "N.m", "winding_temperature": "K"}
+    message = MeasuredCauses(
+        actuator_id=UNIT.actuator_id,
+        causes=[
+            HiddenCause(name=name, value=value, sigma=sigma, unit=units[name])
+            for name, (value, sigma) in cycle.measured.items()
+        ],
+    )
+    message.header.stamp = stamp_to_message(cycle.measured_ns)
+    return message
+
+
+def monitored(cycles: list[Received]) -> Iterator[tuple[Estimate, Outlook]]:
+    """Estimates of a monitor that receives the cycles, with the outlooks after them."""
+    monitor = Monitor(UNIT, settings=MonitorSettings(search=COLD, prognosis=BY_DAMAGE))
+    for cycle in cycles:
+        monitor.count(cycle.count)
+        monitor.measure(cycle.measured_ns, cycle.measured)
+        for block in cycle.blocks:
+            estimate = None
+            for event in monitor.feed(block):
+                if isinstance(event, Diagnosed):
+                    estimate = event.estimate
+                elif isinstance(event, Outlook):
+                    assert estimate is not None
+                    yield estimate, event
+
+
+def predicted(bag: Path, prognosis: PrognosisSettings):
+    return diagnose_unit([bag], Predicting(search=COLD, prognosis=prognosis))
+
+
+def rows_of(steps) -> dict[str, list[str]]:
+    """Estimates and health as the texts of rows, which show every bit."""
+    estimates = [estimate_row(estimate, number) for number, (estimate, _) in enumerate(steps)]
+    health = [health_row(outlook, estimate.calibration_id) for estimate, outlook in steps]
+    return {
+        "estimates": as_texts(estimates, PARTITIONED["estimates"]),
+        "health": as_texts(health, HEALTH),
+        "growth": sorted(repr(plain(row)) for row in growth_rows(steps[-1][1])),
+    }
+
+
+def as_texts(rows: list[dict], schema: pa.Schema) -> list[str]:
+    return [repr(plain(row)) for row in pa.Table.from_pylist(rows, schema).to_pylist()]
+
+
+def plain(row: dict) -> dict:
+    """A row without its provenance and place."""
+    return {name: value for name, value in row.items() if name not in PROVENANCE}
+
+
+@pytest.fixture(scope="module")
+def course(bag: Path):
+    return predicted(bag, BY_DAMAGE)
+
+
+def test_duty_and_measured_causes_decide(course, bag):
+    """The recording shows what the test is about: without its duty, lives differ."""
+    assert all(estimate.valid and len(estimate.measured) == 2 for estimate in course.estimates)
+    assert [step.outlook.hours for step in course.steps] == [HOURS * n for n in range(CYCLES)]
+    duty = course.growth.duty
+    assert np.isfinite(duty.reference).all()
+    by_hours = predicted(bag, PrognosisSettings(damage=DamageSettings(growth_per="hours")))
+    lives = [one.now.rul for one in (course, by_hours)]
+    assert all(life.known for life in lives)
+    assert lives[0].hours_50 != lives[1].hours_50
+
+
+def test_monitor_gives_what_the_command_gives(course, cycles):
+    assert rows_of(list(monitored(cycles))) == rows_of(course.steps)
+
+
+def test_archive_holds_what_the_command_gives(course, bag, tmp_path):
+    archive = tmp_path / "archive"
+    with Manifest(archive, is_new=True) as manifest, Workers("threads", 1) as pool:
+        manifest.settings = ArchiveSettings(prognosis=BY_DAMAGE)
+        scan(manifest, [str(bag.parent)])
+        run(manifest, pool)
+        [(_, unit, summary)] = manifest.units()
+    tables = {name: read_unit(archive, name, unit).to_pylist() for name in ("estimates", "health")}
+    assert {
+        **{name: [repr(plain(row)) for row in rows] for name, rows in tables.items()},
+        "growth": sorted(repr(plain(row)) for row in summary["growth"]),
+    } == rows_of(course.steps)
