@@ -70,7 +70,7 @@ class Verified:
         return f"{words} ({self.reason})" if self.reason else words
 
     def compared(self, recorded: Any, again: Estimate, by: str = "") -> Self:
-        """Return the comparison of a recorded estimate with its repetition, ``by`` other software."""
+        """Return the comparison of a recorded estimate with its repetition ``by`` software."""
         if (again.verdict, again.valid) != (recorded.verdict, recorded.valid):
             words = f"the verdict was {recorded.verdict} and is {again.verdict}"
             return replace(self, state=DIFFERENT, reason=words)

@@ -225,7 +225,7 @@ def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, mon
             frames.put(frame)
 
     monkeypatch.setattr(PlaybackControl, "_call", call)
-    monkeypatch.setattr(Hub, "tell_playback", tell)
+    monkeypatch.setattr(Hub, "send_playback", tell)
     node = session.dashboard()
     control = node._playback
     control.note_state(PlaybackState(status=PlaybackState.PLAYING, rate=1.0, position=at(3.0)))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-_MOST_TOLD: Final = 100  # characters of what was asked, in words of refusal
+_MOST_QUOTED: Final = 100  # characters of the request that are quoted in a refusal
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _LOOPBACK_NAMES: Final = frozenset(("localhost", "127.0.0.1", "::1"))
 
@@ -18,8 +18,8 @@ class Access:
     the rule of the same origin: so the origin is checked. A host name that is made to point here
     would give a foreign page the origin of the dashboard: so the host is checked.
 
-    It may be addressed by the names of some hosts beside loopback, and pages of some other origins,
-    as ``https://example.org``, may connect. Clients have to show the token, if there is one.
+    It may be addressed by loopback and by the configured host names, and pages of the configured
+    origins, such as ``https://example.org``, may connect. Clients must present the token, if any.
     """
 
     def __init__(self, hosts: Iterable[str], origins: Iterable[str], token: str) -> None:
@@ -40,20 +40,20 @@ class Access:
     def refuses(self, host: str, reached: str, scheme: str, origin: str | None) -> str:
         """Return why a request is refused, in words; empty when it is not.
 
-        It has the headers ``Host`` and ``Origin``, which programs that are no browsers leave out,
+        It has the headers ``Host`` and ``Origin``, which programs other than browsers omit,
         and reached an address of this machine.
         """
         name = host_name(host)
         if not _HOST.fullmatch(host):
-            return f"host {host[:_MOST_TOLD]!r} is no name with a port"
+            return f"host {host[:_MOST_QUOTED]!r} is no name with a port"
         if name not in self._hosts and name != reached:
-            told = name[:_MOST_TOLD]
-            return f"host {told!r} is not one of this dashboard: see its parameter host_names"
+            quoted = name[:_MOST_QUOTED]
+            return f"host {quoted!r} is not one of this dashboard: see its parameter host_names"
         if origin is not None:
             given = origin.lower().rstrip("/")
             if given != f"{scheme}://{host.lower()}" and given not in self._origins:
-                told = origin[:_MOST_TOLD]
-                return f"origin {told!r} may not connect: see the parameter allowed_origins"
+                quoted = origin[:_MOST_QUOTED]
+                return f"origin {quoted!r} may not connect: see the parameter allowed_origins"
         return ""
 
     def sockets(self, host: str, scheme: str) -> list[str]:

@@ -82,7 +82,7 @@ class Alerts:
                     logging.getLogger("ema_dashboard").error(f"{what}: {self.failure}")
 
     async def _is_taken(self, session: ClientSession, alert: dict[str, Any]) -> bool:
-        """Post an alert until it is taken, or refused for what it is."""
+        """Post an alert until it is accepted, or refused for its content."""
         for wait_s in (*WAITS_S, 0.0):
             status = await self._post(session, alert)
             if not self.failure:

@@ -1,4 +1,4 @@
-"""A client of the dashboard: what it may ask for, and what waits to be sent to it."""
+"""A client of the dashboard: its requests, and its queue of outgoing messages."""
 
 import asyncio
 import contextlib
@@ -26,13 +26,13 @@ class Client:
     """Speaks the protocol of Foxglove with one client, in the event loop of the hub.
 
     A client may subscribe, unsubscribe and control a playback, at a bounded rate, and nothing else.
-    Messages that it does not take in time wait here, bounded: the oldest are dropped; those of the
-    protocol, without which it cannot read the others, never. What is kept of a channel is sent to a
-    new subscriber alone: one at a time, as the client takes it, in turn with what waits. It is
-    looked up when its turn comes, so that nothing of it waits here.
+    Messages that a slow client has not received wait here, up to a limit: then the oldest are
+    dropped, but never messages of the protocol, without which it cannot read the others. The kept
+    messages of a channel are sent to a new subscriber only: one at a time, alternating with waiting
+    messages. They are looked up when they are sent and do not wait here.
 
-    ``control`` is called with what it asks of a playback, and raises ValueError for what is no such
-    request. ``subscriptions`` are their numbers by channel, ``waiting_bytes`` wait for it, and
+    ``control`` is called with a request for a playback, and raises ValueError if it is not one.
+    ``subscriptions`` are their numbers by channel, ``waiting_bytes`` wait for it, and
     ``dropped`` messages were lost because it is slow.
     """
 
@@ -74,7 +74,7 @@ class Client:
                 await asyncio.wait_for(self._socket.close(code=code, message=words), 1.0)
 
     def take(self, frame: str | bytes, *, droppable: bool) -> None:
-        """Send a frame when it is its turn; what is droppable may make room for what is later."""
+        """Queue a frame; droppable frames may be dropped to make room for later ones."""
         if droppable and len(frame) > self._most_bytes:
             self.dropped += 1
             return
@@ -91,7 +91,7 @@ class Client:
             self.dropped += 1
         self._filled.set()
 
-    def tell(self, content: dict[str, Any]) -> None:
+    def send(self, content: dict[str, Any]) -> None:
         """Send a message of the protocol."""
         self.take(json.dumps(content), droppable=False)
 
@@ -101,7 +101,7 @@ class Client:
             self._ended.set_result((code, words))
 
     async def _receive(self) -> tuple[int, bytes]:
-        """Do what the client asks for; return why that ended."""
+        """Serve the client's requests; return why the connection ended."""
         while True:
             message = await self._socket.receive()
             if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED):
@@ -136,7 +136,7 @@ class Client:
                 self._unsubscribe(request["subscriptionIds"])
         except ValueError as error:
             self._hub.totals.refused += 1
-            self.tell({"op": "status", "level": 2, "message": f"refused: {error}"})
+            self.send({"op": "status", "level": 2, "message": f"refused: {error}"})
 
     def _subscribe(self, items: list[dict[str, int]]) -> None:
         known = dict(self.subscriptions)
@@ -147,7 +147,7 @@ class Client:
             if channel in known or subscription in known.values():
                 raise ValueError(f"channel {channel} or subscription {subscription} is in use")
             known[channel] = subscription
-        # First the subscriptions: what is published from now on is sent, or is kept already.
+        # First the subscriptions: later messages are sent, earlier ones are kept already.
         self.subscriptions = known
         for item in items:
             self._unsent[item["channelId"]] = deque(self._hub.kept(item["channelId"]) or ())

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from aiohttp import web
 
 _MOST_WAITING: Final = 16
-# Not those of the machine: a browser runs no script of another type.
+# Not the types of the machine: a browser runs no script of another type.
 _CONTENT_TYPES: Final = {
     ".css": "text/css",
     ".html": "text/html",
@@ -55,7 +55,7 @@ Document = Callable[[Mapping[str, str], str], Made]
 
 
 class Documents:
-    """Texts by their paths, each made in a thread beside the server, for one client after another.
+    """Texts by their paths, each made in a separate thread, for one client after another.
 
     Parameters
     ----------

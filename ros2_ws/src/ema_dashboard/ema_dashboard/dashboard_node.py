@@ -1,4 +1,4 @@
-"""The dashboard: what the nodes publish, for Foxglove and for a web page of its own."""
+"""The dashboard: serves the nodes' topics to Foxglove and to its own web page."""
 
 import os
 import time
@@ -49,7 +49,7 @@ _NICENESS: Final = 5
 
 
 class DashboardNode(ManagedNode):
-    """Serves what the nodes of some namespaces publish, and a page that shows it.
+    """Serves the topics of the nodes of some namespaces, and a page that shows them.
 
     Parameters of the node are the fields of ``DashboardSettings``.
 
@@ -123,7 +123,7 @@ class DashboardNode(ManagedNode):
         return NodeStatus(kind=NodeStatus.DASHBOARD, address=self.address)
 
     def tasks(self) -> list[Task]:
-        """Return where it serves, to how many clients, and what they did not take."""
+        """Return its address, the number of clients, and their dropped messages."""
         own = self._hub.figures()
         values = {
             "address": self.address,
@@ -172,7 +172,7 @@ class DashboardNode(ManagedNode):
         self._end_claims()
 
     def _end_claims(self) -> None:
-        """Show no level for longer than it is good, and than its monitor is heard."""
+        """Publish STALE when a claim expires or its monitor is silent."""
         is_live, now_ns = self._hub.playback_range is None, self._time_ns()
         is_real = self._clock_ns is None
         changes = self._claims.changes(now_ns, time.monotonic(), is_live=is_live, is_real=is_real)
@@ -222,7 +222,7 @@ class DashboardNode(ManagedNode):
         return receive
 
     def _note_node(self, namespace: str, status: NodeStatus) -> None:
-        """Take what a node has counted; of a monitor, how many samples each actuator lost."""
+        """Note a node's counts, and for a monitor the lost samples of each actuator."""
         self._claims.hear(status.node, time.monotonic())
         self._metrics.note_node(namespace, status)
         for counted_of in status.telemetry:
@@ -231,7 +231,7 @@ class DashboardNode(ManagedNode):
             )
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
-        """Take what the history, the metrics, claims and the control of a playback rest on."""
+        """Update the history, metrics, claims and the control of a playback from a message."""
         if topic.relative in (HEALTH, HEALTH_SUMMARY):
             key = topic.name, message.actuator_id
             self._claims.note(key, message, self._time_ns(), time.monotonic())
@@ -247,13 +247,13 @@ class DashboardNode(ManagedNode):
             self._playback.note_state(message)
 
     def _note(self, namespace: str, message: Any) -> None:
-        """Take what metrics and alerts rest on; a playback, which is of the past, alerts nobody."""
+        """Update metrics and alerts from a message; a playback causes no alerts."""
         self._metrics.note(namespace, message)
         if self._alerts and isinstance(message, Health) and not self._is_playback():
             self._alerts.note(namespace, message)
 
     def _is_playback(self) -> bool:
-        """Return whether a player is there; one that has just come has not told its range yet."""
+        """Return whether a player exists; a new player has not published its range yet."""
         names = (one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE)
         return self._hub.playback_range is not None or any(map(self.count_publishers, names))
 

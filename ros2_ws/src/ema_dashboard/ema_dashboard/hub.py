@@ -26,7 +26,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 class KeptMessage(NamedTuple):
-    """A message for clients to come, or what makes it; its times [ns]."""
+    """A message for later clients, or the function that makes it; its times [ns]."""
 
     data: bytes | Callable[[], bytes]
     log_time_ns: int
@@ -56,7 +56,7 @@ class _Channel:
 
 
 class Hub:
-    """Channels by topic, what is kept of each, and the clients.
+    """Channels by topic, the kept messages of each, and the clients.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Hub:
     playback_range
         First and last time of a playback that clients can control [ns]; None without one.
     totals
-        What was sent and refused, without what is counted by the clients that are connected.
+        Sent and refused messages, without the counts of connected clients.
     """
 
     def __init__(self) -> None:
@@ -111,7 +111,7 @@ class Hub:
 
     def publish(self, topic: str, data: bytes, log_time_ns: int) -> None:
         """Send a message to the clients of a topic; any thread may call this."""
-        # Whoever subscribes from now on gets what is kept.
+        # Later subscribers receive the kept messages.
         if self.has_clients(topic):
             self.in_loop(self._send, self._channels[topic].number, data, log_time_ns)
 
@@ -128,7 +128,7 @@ class Hub:
         Parameters
         ----------
         data
-            The message, or what makes it when it is needed, in any thread.
+            The message, or the function that makes it when needed, in any thread.
         stamp_ns
             The time that it is about [ns].
         """
@@ -140,14 +140,14 @@ class Hub:
                 del kept[next(iter(kept))]
 
     def forget(self, topic: str, stamp_ns: int) -> None:
-        """Drop what is kept of a topic and stamped later than a time [ns]."""
+        """Drop the kept messages of a topic with stamps later than a time [ns]."""
         with self._lock:
             kept = self._channels[topic].kept
             for key in [key for key, item in kept.items() if item.stamp_ns > stamp_ns]:
                 del kept[key]
 
     def kept(self, number: int) -> dict[str, KeptMessage] | None:
-        """Return what is kept of a channel now, by its keys; None when there is no such channel."""
+        """Return the kept messages of a channel by their keys; None for an unknown channel."""
         with self._lock:
             for channel in self._channels.values():
                 if channel.number == number:
@@ -157,26 +157,26 @@ class Hub:
     def offer_playback(self, playback_range: tuple[int, int] | None) -> None:
         """Offer the control of a playback, or no more; clients are disconnected.
 
-        What a server offers it tells at the start of a connection.
+        A server announces its capabilities at the start of a connection.
         """
         self.playback_range = playback_range
         self._session = time.time_ns()
         self.in_loop(self.end_all, 1012, b"the dashboard has changed what it serves")
 
     def figures(self) -> Totals:
-        """Return the totals as they are now, with those of the clients that are connected."""
+        """Return the present totals, including connected clients."""
         clients = tuple(self.clients)
         dropped = self.totals.dropped + sum(client.dropped for client in clients)
         waiting = sum(client.waiting_bytes for client in clients)
         return replace(self.totals, dropped=dropped, waiting_bytes=waiting)
 
-    def tell_playback(self, frame: bytes) -> None:
-        """Tell all clients how a playback stands."""
+    def send_playback(self, frame: bytes) -> None:
+        """Send the state of a playback to all clients."""
         if self.playback_range is not None:
             self.in_loop(self._send_all, frame)
 
     def join(self, client: "Client") -> None:
-        """Take a client that has come, and tell it what there is; in the loop."""
+        """Add a new client, and send it the available channels; runs in the loop."""
         information: dict[str, Any] = {
             "op": "serverInfo",
             "name": _NAME,
@@ -189,8 +189,8 @@ class Hub:
             start, end = self.playback_range
             information["capabilities"] = ["playbackControl"]
             information |= {"dataStartTime": _time(start), "dataEndTime": _time(end)}
-        client.tell(information)
-        client.tell(_advertise(list(self._channels.values())))
+        client.send(information)
+        client.send(_advertise(list(self._channels.values())))
         self.clients.add(client)
 
     def end_all(self, code: int, words: bytes) -> None:

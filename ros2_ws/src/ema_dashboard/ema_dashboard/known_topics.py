@@ -26,8 +26,8 @@ _KNOWN: Final = {
 class KnownTopic(NamedTuple):
     """A topic that is shown, by its full name and, in a namespace, its name there.
 
-    ``request`` is the quality of service of the subscription, None for what the dashboard makes
-    itself. A topic that is followed is received all the time, others only while a client looks at
+    ``request`` is the quality of service of the subscription, None for topics that the dashboard
+    makes itself. A followed topic is received all the time, others only while a client looks at
     them; of one that is kept, later clients get the latest message of each actuator.
     """
 

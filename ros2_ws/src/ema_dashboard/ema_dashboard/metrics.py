@@ -35,7 +35,7 @@ COMPUTING_BOUNDS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Upper bounds of the classes in which computing times are counted [s]; there is one beyond."""
 
 MOST_KEPT: Final = 1000
-"""Actuators, and nodes, of which figures are kept; those heard of longest ago make room."""
+"""Most actuators, and most nodes, with figures; the least recently updated are dropped."""
 
 _HOUR_S: Final = 3600.0
 _ACTUATOR: Final = ("namespace", "actuator_id")
@@ -166,12 +166,12 @@ class Metrics(Collector):
         try:
             encode, content_type = choose_encoder(accept)
         except TypeError:
-            # It asks for a version that is no number.
+            # It asks for a version that is not a number.
             encode, content_type = choose_encoder("")
         return Made(encode(self._registry), content_type)
 
     def collect(self) -> Iterator[Metric]:
-        """Yield all metrics, those of the process apart."""
+        """Yield all metrics except those of the process."""
         with self._lock:
             found = [*_of_actuators(self._actuators), *_of_nodes(self._nodes)]
         yield from found
@@ -267,7 +267,7 @@ def _text(words: str) -> str:
 
 
 def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> _Value:
-    """Return an item, a new one if there is none, as the one heard of last."""
+    """Return an item, a new one if there is none, marked as most recently updated."""
     items[key] = item = items.pop(key) if key in items else new()
     if len(items) > MOST_KEPT:
         del items[next(iter(items))]

@@ -15,7 +15,7 @@ from ema_interfaces.msg import PlaybackState
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
-_TOLD_S: Final = 2.0
+_CONFIRMED_S: Final = 2.0
 _MOST_WAITING: Final = 8
 _REQUEST: Final = struct.Struct("<BBfBQI")
 _MOST_BYTES: Final = 512
@@ -25,7 +25,7 @@ _STATUS: Final = {PlaybackState.PLAYING: 0, PlaybackState.PAUSED: 1, PlaybackSta
 
 
 class Request(NamedTuple):
-    """What a client asks of a playback; it is told that it was done by its name."""
+    """A client's request for a playback; its name identifies it in the acknowledgement."""
 
     plays: bool
     rate: float
@@ -34,7 +34,7 @@ class Request(NamedTuple):
 
 
 class PlaybackControl:
-    """Does with a player what clients ask for, one request after the other, in the hub's loop."""
+    """Passes clients' requests to a player, one after the other, in the hub's loop."""
 
     def __init__(self, node: Node, hub: Hub) -> None:
         self._node = node
@@ -43,7 +43,7 @@ class PlaybackControl:
         self._clients: dict[str, Client] = {}
         self._state: PlaybackState | None = None
         self._jumps = 0
-        self._told = asyncio.Event()
+        self._state_changed = asyncio.Event()
         # Of a slider that is drawn, where it was does not matter.
         self._requests: deque[Request] = deque(maxlen=_MOST_WAITING)
         self._work: asyncio.Task[None] | None = None
@@ -67,11 +67,11 @@ class PlaybackControl:
             self._state = None
 
     def note_state(self, state: PlaybackState) -> None:
-        """Take how the player stands, and tell the clients."""
+        """Store the state of the player, and send it to the clients."""
         self._state = state
         self._jumps += state.jumped
-        self._hub.in_loop(self._told.set)
-        self._hub.tell_playback(_frame(state, did_seek=state.jumped))
+        self._hub.in_loop(self._state_changed.set)
+        self._hub.send_playback(_frame(state, did_seek=state.jumped))
 
     def ask(self, data: bytes) -> None:
         """Take a request of a client, as the protocol has it; in the loop.
@@ -100,17 +100,17 @@ class PlaybackControl:
             try:
                 await self._obey(request, before)
                 did_seek = request.seek_ns is not None
-                # The player answers and tells how it stands in two ways: the one may be quicker.
-                async with asyncio.timeout(_TOLD_S):
+                # The player sends its answer and its state separately: either may arrive first.
+                async with asyncio.timeout(_CONFIRMED_S):
                     while not self._is_done(request, jumps + did_seek):
-                        self._told.clear()
-                        await self._told.wait()
+                        self._state_changed.clear()
+                        await self._state_changed.wait()
             except TimeoutError:
                 pass
             except Exception as error:  # the player may go in the midst of a call
                 self._node.get_logger().warning(f"the player does not do as asked: {error}")
             state = self._state or before
-            self._hub.tell_playback(_frame(state, did_seek=did_seek, request=request.name))
+            self._hub.send_playback(_frame(state, did_seek=did_seek, request=request.name))
 
     def _is_done(self, request: Request, jumps: int) -> bool:
         """Return whether the player stands as it was asked to, after so many jumps."""
@@ -121,8 +121,8 @@ class PlaybackControl:
         return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
 
     async def _obey(self, request: Request, state: PlaybackState) -> None:
-        """Do what is asked and not so already."""
-        # What is known of the state may be old: pausing twice does no harm, nor does going on.
+        """Execute the parts of a request that differ from the present state."""
+        # The known state may be old: pausing or resuming twice does no harm.
         if not request.plays:
             await self._call("pause", Trigger.Request())
         if not _has_rate(request, state):

@@ -7,7 +7,7 @@ from rclpy.client import Client
 
 from ema_dashboard.hub import Hub
 
-_ANSWER_S: Final = 10.0  # a seek reads the bag for what is latched
+_ANSWER_S: Final = 10.0  # a seek reads the latched messages of the bag
 
 
 async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None:

@@ -77,7 +77,7 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: str) -> str:
-    """Return the token in a file, empty when none is named; ValueError for what is no token.
+    """Return the token in a file, empty if no file is named; ValueError for an invalid token.
 
     A parameter would not do for the token itself: every node of the graph can read parameters.
     """
@@ -93,7 +93,7 @@ def read_token(path: str) -> str:
 
 
 def read_address(path: str) -> str:
-    """Return the address in a file, empty when none is named; ValueError for what is no address.
+    """Return the address in a file, empty if no file is named; ValueError for an invalid one.
 
     As a token, it may be secret.
     """
@@ -151,7 +151,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """Return what encrypts connections, None without a certificate; ValueError if not usable."""
+    """Return the TLS context, None without a certificate; ValueError if it is not usable."""
     if not certificate:
         return None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)

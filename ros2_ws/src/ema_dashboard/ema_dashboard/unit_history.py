@@ -1,4 +1,4 @@
-"""Histories of units: those that monitors have kept, carried on with what is published."""
+"""Histories of units: stored by monitors, continued with published messages."""
 
 import math
 import threading
@@ -112,7 +112,7 @@ class ActuatorHistory:
         self._estimate = self._health = self._latest = None
 
     def news(self) -> UnitHistory | None:
-        """Return what came since this was called last, for who has the history before it."""
+        """Return the additions since the last call, for clients that have the earlier history."""
         found, self._news = self._news, self._empty(is_addition=True)
         return found if found.tests or found.events else None
 
@@ -137,7 +137,7 @@ class ActuatorHistory:
         )
 
     def _happened(self, stamp: Time, kind: str, text: str) -> None:
-        """Add an event that nobody else tells of."""
+        """Add an event that no message reports."""
         hours = self._health.flight_hours if self._health else math.nan
         text = text[:_MOST_TEXT]
         self._add_events([UnitEvent(stamp=stamp, flight_hours=hours, kind=kind, text=text)])
@@ -175,9 +175,9 @@ class ActuatorHistory:
 class Histories:
     """Histories of the units of one namespace, on the topic ``unit_history`` of the hub.
 
-    Each monitor is asked for that of a unit when either is first seen, and again when a monitor
-    has come or begun anew or the unit was replaced; then it is sent as a whole. In between it is
-    carried on with what is published.
+    Each monitor is asked for the history of a unit when either is first seen, and again when a
+    monitor appears or restarts or the unit was replaced; then it is sent as a whole. In between it
+    is continued with published messages.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ class Histories:
                         self._ask(key, client, now_s)
 
     async def keep_note(self, note: NoteEvent.Request) -> None:
-        """Have the monitor of an actuator keep a note; ValueError where none does."""
+        """Store a note with the monitor of an actuator; ValueError if no monitor accepts it."""
         reason = "there is no monitor"
         for name, client in tuple(self._note_keepers.items()):
             try:
@@ -288,7 +288,7 @@ class Histories:
     def _offer(
         self, actuator_id: str, history: ActuatorHistory, *, as_a_whole: bool = False
     ) -> None:
-        """Keep a history for clients that come, and send those present what is new to them."""
+        """Keep a history for later clients, and send the additions to connected ones."""
         log_time_ns, news = self._time_ns(), history.news()
         self._hub.keep(self._topic, actuator_id, history.serialised, log_time_ns)
         if not self._hub.has_clients(self._topic):

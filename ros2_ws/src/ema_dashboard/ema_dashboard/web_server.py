@@ -26,7 +26,7 @@ _SHUTDOWN_S: Final = 1.0
 _LOG_PERIOD_S: Final = 30.0
 _MOST_LOGGED: Final = 300
 _MOST_BODY_BYTES: Final = 4096
-_SPARE_CONNECTIONS: Final = 32  # for the page's files, beside the clients
+_SPARE_CONNECTIONS: Final = 32  # for the page's files, in addition to the clients
 _SEND_BUFFER_BYTES: Final = 256 * 1024
 _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
@@ -41,7 +41,7 @@ _HEADERS: Final = {
 class WebServer:
     """Serves page, documents by their paths and WebSocket in a thread, in the hub's event loop.
 
-    The listener, a bound socket, is closed with the server; ``control`` is as of ``Client``,
+    The listener, a bound socket, is closed with the server; ``control`` is as in ``Client``,
     ``most_bytes`` may wait for each of ``most_clients``. ``keep_note`` takes the JSON of a note,
     and raises ValueError where it is not kept.
     """
@@ -95,7 +95,7 @@ class WebServer:
         # A thread that had ended by itself has left that call in the loop.
         self._loop.call_soon(self._loop.stop)
         self._loop.run_forever()
-        # In this thread: that of the server may have ended by itself before.
+        # In this thread: the server's thread may have ended before.
         self._loop.run_until_complete(self._close())
         self._loop.close()
 
@@ -133,7 +133,7 @@ class WebServer:
         connections = [protocol.transport for protocol in self._http.connections]
         await self._runner.cleanup()
         for transport in filter(None, connections):
-            transport.abort()  # what clients do not take would keep it open
+            transport.abort()  # unsent data would keep it open
         for waiting in self._waiting.values():
             waiting.cancel()
         await asyncio.sleep(0)  # in which the connections end
@@ -155,7 +155,7 @@ class WebServer:
         return protocol
 
     def _limit(self, protocol: Any, seconds: float | None) -> None:
-        """Give a connection so much time for what comes next [s]; None for as long as it likes."""
+        """Limit the time of a connection until its next step [s]; None for no limit."""
         self._mute.pop(protocol, None)
         waiting = self._waiting.pop(protocol, None)
         if waiting is not None:
@@ -169,11 +169,11 @@ class WebServer:
             del self._mute[protocol]
             self._hub.totals.refused += 1
         if protocol.transport is not None:
-            protocol.transport.abort()  # without what the client does not take
+            protocol.transport.abort()  # without the unsent data
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
-        """Refuse what is not for us, before anything else is done."""
+        """Refuse unauthorised requests before any other step."""
         # Time to take the answer, and to ask for more.
         self._limit(request.protocol, _ANSWER_S)
         reason = self._access.refuses(
@@ -275,7 +275,7 @@ class WebServer:
 
 
 class _Failures(logging.Handler):
-    """Counts requests that are none, and tells of them in a line now and then."""
+    """Counts malformed requests, and logs them at a limited rate."""
 
     def __init__(self, hub: Hub) -> None:
         super().__init__()

@@ -10,7 +10,7 @@ from ema_core.settings_file import load_settings
 
 
 def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescription:
-    """Read a description from a YAML file; a ValueError names the file and what is wrong.
+    """Read a description from a YAML file; a ValueError names the file and its defect.
 
     It has ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
     ``acquisition`` and ``parameters``, the last two mappings of names to values in SI units; with a
@@ -23,7 +23,7 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
     ----------
     is_simulated
         Whether a simulator reads it: a plant needs physical values, so that missing parameters
-        have those of the built-in actuator for every drive.
+        have the built-in actuator's values for every drive.
     """
     return load_settings(
         path,
@@ -35,7 +35,7 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
 
 
 def _completed(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of a file, with neutral values for what is missing of an unknown drive."""
+    """Return the content of a file, with neutral values for an unknown drive's missing ones."""
     given = content.get("parameters") or {}
     if content.get("drive") != "unknown" or not isinstance(given, dict):
         return content

@@ -84,7 +84,7 @@ def _without_ok(item: Any) -> Any:
 
 
 class Claims:
-    """The latest healths, and what is to be shown in their place as their claims end.
+    """The latest healths, and their replacements once their claims have ended.
 
     Times ``now_s`` are of a clock that never goes back.
     """
@@ -100,11 +100,11 @@ class Claims:
         self._shown[key] = health.level
 
     def hear(self, node: str, now_s: float) -> None:
-        """Take the full name of a node that has published its status."""
+        """Note that a node, by its full name, has published its status."""
         self._heard_s[node] = now_s
 
     def rewind(self, time_ns: int) -> None:
-        """Forget what is later than a time to which the clock has gone back [ns]."""
+        """Discard healths later than a time to which the clock has gone back [ns]."""
         for key, one in list(self._healths.items()):
             if stamp_from_message(one.health.header.stamp) > time_ns:
                 del self._healths[key], self._shown[key]
@@ -112,15 +112,15 @@ class Claims:
     def changes(
         self, now_ns: int, now_s: float, *, is_live: bool = True, is_real: bool = True
     ) -> Iterator[tuple[Place, Any]]:
-        """Yield the healths that are worth another level than was shown, as they are to be shown.
+        """Yield the healths whose level differs from the shown level, as they are to be shown.
 
-        In a playback, which is not live, their authors are not to be heard. In simulated time,
-        which is not real, claims end by the clock of stamps alone.
+        A playback is not live: its monitors need not report. In simulated time, which is not real,
+        claims end by the clock of stamps alone.
         """
         for key, one in list(self._healths.items()):
             health = one.health
             heard_s = self._heard_s.get(health.author)
-            # Of one that was never heard nothing is missing.
+            # A monitor that has never reported is not silent.
             is_silent = is_live and heard_s is not None and now_s - heard_s > SILENT_S
             ended_s = one.ended_s(now_ns, now_s, is_real=is_real)
             held = worth(health, ended_s, is_silent=is_silent)

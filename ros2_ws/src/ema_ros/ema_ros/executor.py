@@ -31,11 +31,10 @@ class NodeExecutor(SingleThreadedExecutor):
     with a pool of threads hands out a callback again and again until its thread has begun; at
     hundreds of messages a second that keeps the callbacks themselves from running.
 
-    A subscription that has a message is given what else has come for it as well, up to a hundred
-    messages, and then rests for 5 ms: to wait anew, over all that the node serves, takes longer
-    than a message does.
+    A subscription with a message also receives its other waiting messages, up to a hundred, and
+    then rests for 5 ms: waiting again on all entities of the node takes longer than a message.
 
-    ``on_failure`` is called with what a callback raised.
+    ``on_failure`` is called with the exception of a callback.
     """
 
     def __init__(self, on_failure: Callable[[Exception], None], **kwargs: Any) -> None:

@@ -24,10 +24,11 @@ def subscribe_latched(
 ) -> None:
     """Make subscriptions that together deliver each message once.
 
-    A transient local one alone would never hear a publisher of the default quality of service, a
-    volatile one alone would miss what was latched before, and neither hears best effort.
+    A transient local subscription alone would not match a publisher with the default quality of
+    service, a volatile one alone would miss earlier latched messages, and neither matches best
+    effort.
 
-    Parameters are as of ``rclpy.node.Node.create_subscription``; messages have an
+    Parameters are as in ``rclpy.node.Node.create_subscription``; messages have an
     ``actuator_id``.
     """
     heard: deque[tuple[Any, ...]] = deque(maxlen=_REMEMBERED)

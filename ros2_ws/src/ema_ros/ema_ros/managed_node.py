@@ -1,4 +1,4 @@
-"""A lifecycle node that survives what clients ask of it and reports its status."""
+"""A lifecycle node that survives requests of clients and reports its status."""
 
 import threading
 import time
@@ -78,7 +78,7 @@ class ManagedNode(LifecycleNode):
         self._refused = ""
         self._progress = ""
         self._configured = False
-        # What the node has beside what ``configure`` made, and what ``activate`` made.
+        # Entities not created by ``configure``, and entities created by ``activate``.
         self._kept: list[Any] = []
         self._kept_inactive: list[Any] = []
         self._peers = Peers()
@@ -90,7 +90,7 @@ class ManagedNode(LifecycleNode):
         self.add_timer(_REPORT_S, self._report_regularly)
 
     def configure(self) -> None:
-        """Read the parameters and create what publishes and serves."""
+        """Read the parameters and create publishers, subscriptions and services."""
 
     def activate(self) -> None:
         """Begin to work."""
@@ -99,14 +99,14 @@ class ManagedNode(LifecycleNode):
         """Stop working."""
 
     def clean_up(self) -> None:
-        """Let go of what ``configure`` made."""
+        """Release the resources created by ``configure``."""
 
     def tasks(self) -> list[Task]:
-        """Return the status of what the node does; called while it is configured."""
+        """Return the status of the node's tasks; called while it is configured."""
         return []
 
     def counts(self) -> NodeStatus:
-        """Return what the node counts; called while it is configured."""
+        """Return the node's counts; called while it is configured."""
         return NodeStatus()
 
     @property
@@ -121,12 +121,12 @@ class ManagedNode(LifecycleNode):
 
     @property
     def is_configured(self) -> bool:
-        """Whether what ``configure`` made is there."""
+        """Whether the resources created by ``configure`` exist."""
         return self._configured
 
     @property
     def is_ending(self) -> bool:
-        """Whether the process is to end: what takes long has to return."""
+        """Whether the process is about to end: long operations must return."""
         return self.stopping.is_set() or self.is_interrupted()
 
     @property
@@ -203,7 +203,7 @@ class ManagedNode(LifecycleNode):
             raise ValueError(f"parameter topics = {list(names)!r}: {error}") from error
 
     def tell_progress(self, text: str) -> None:
-        """Tell in log and status how far a transition is that takes long; in that transition."""
+        """Report the progress of a long transition in log and status; called within it."""
         self._progress = text
         self.get_logger().info(text)
         self.report([self._lifecycle_task()])
@@ -211,7 +211,7 @@ class ManagedNode(LifecycleNode):
     def log_failure(self, error: Exception) -> None:
         """Log that a callback failed, one of a kind in half a minute, and count it."""
         if isinstance(error, InvalidHandle):
-            return  # what was to be served has just been destroyed
+            return  # the served entity has just been destroyed
         self.failed_callbacks += 1
         place = traceback.extract_tb(error.__traceback__)[-1:]
         kind = f"a callback failed: {error!r} {place}"
@@ -229,7 +229,7 @@ class ManagedNode(LifecycleNode):
     def report(self, tasks: Sequence[Task] = ()) -> None:
         """Publish the status of some tasks, of all when there are none; any thread may call.
 
-        Of what it does the node knows nothing while it is not active: that is STALE, never OK.
+        While the node is not active the status of its tasks is unknown: STALE, never OK.
         """
         own = [] if tasks else [self._lifecycle_task()]
         counts = None
@@ -247,7 +247,7 @@ class ManagedNode(LifecycleNode):
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
         now = self.get_clock().now()
-        # Simulated time is 0 as long as there is no /clock.
+        # Simulated time is 0 until /clock is received.
         message.header.stamp = (now if now.nanoseconds else Clock().now()).to_msg()
         self._diagnostics.publish(message)
         if counts is not None:
@@ -282,7 +282,7 @@ class ManagedNode(LifecycleNode):
         return self._done("inactive", self._end_activity(state))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of what was configured."""
+        """Release the resources of the configuration."""
         return self._done("unconfigured", self._end_configuration(state))
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -300,7 +300,7 @@ class ManagedNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of whatever is left after a failed transition, and be unconfigured."""
         self._configured = False
-        # The first reason is the one to report; what was not begun cannot be ended.
+        # The first reason is the one to report; steps that were not begun cannot be ended.
         for step in (self.deactivate, self.clean_up):
             try:
                 step()
@@ -328,7 +328,7 @@ class ManagedNode(LifecycleNode):
         return super().on_cleanup(state)
 
     def _attempt(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
-        """Take a step of the lifecycle; rclpy would keep quiet about what goes wrong in it."""
+        """Take a step of the lifecycle; rclpy would not report its errors."""
         try:
             step()
         except (ValueError, OSError) as error:
@@ -395,7 +395,7 @@ class ManagedNode(LifecycleNode):
         return change_if_possible
 
     def _refuse_other_clock(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse another clock while the node is configured: what it has is of the one it had."""
+        """Refuse another clock while the node is configured: its entities use the present one."""
         if self._configured and any(item.name == "use_sim_time" for item in parameters):
             reason = "use_sim_time can be changed while the node is unconfigured"
             return SetParametersResult(successful=False, reason=reason)
@@ -404,20 +404,20 @@ class ManagedNode(LifecycleNode):
 
 def entities_of(node: LifecycleNode) -> list[Any]:
     """Return publishers, subscriptions, services, clients, timers, guard conditions and actions."""
-    return [item for items in _by_way(node).values() for item in items]
+    return [item for items in _by_destroyer(node).values() for item in items]
 
 
 def destroy_entities(node: LifecycleNode, kept: Collection[Any]) -> None:
-    """Destroy what a node has beside ``kept``; with actions first, as services are part of them."""
+    """Destroy a node's entities except ``kept``; actions first, because they contain services."""
     known = {id(item) for item in kept}
-    for way in _by_way(node):
-        for item in list(_by_way(node)[way]):
+    for destroy in _by_destroyer(node):
+        for item in list(_by_destroyer(node)[destroy]):
             if id(item) not in known:
-                way(item)
+                destroy(item)
 
 
-def _by_way(node: LifecycleNode) -> dict[Callable[[Any], Any], list[Any]]:
-    """Return what a node has, by what destroys it."""
+def _by_destroyer(node: LifecycleNode) -> dict[Callable[[Any], Any], list[Any]]:
+    """Return the node's entities by their destroy method."""
     published = list(node.publishers)
     managed = [item for item in published if isinstance(item, LifecyclePublisher)]
     return {

@@ -1,4 +1,4 @@
-"""Messages and what they are converted from and to: telemetry, descriptions, faults, causes.
+"""Conversion of messages from and to telemetry, descriptions, faults and causes.
 
 Reading needs no ROS: a message is any object with the fields of its definition.
 """
@@ -192,7 +192,7 @@ def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFau
 def measured_to_message(
     stamp_ns: int, causes: Iterable[CauseEstimate], actuator_id: str
 ) -> "msg.MeasuredCauses":
-    """Return what was measured at a stamp [ns] as a message."""
+    """Return causes measured at a stamp [ns] as a message."""
     from ema_interfaces.msg import HiddenCause, MeasuredCauses
 
     message = MeasuredCauses(actuator_id=actuator_id)
@@ -207,12 +207,12 @@ def measured_to_message(
 
 
 def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[CauseEstimate]]:
-    """Return when causes were measured [ns], and what they are; their values are not checked.
+    """Return the stamp of measured causes [ns], and the causes; their values are not checked.
 
     Raises
     ------
     ValueError
-        When there is no stamp, or a unit is not that of the registry.
+        When there is no stamp, or a unit differs from the registry.
     """
     stamp_ns = stamp_from_message(message.header.stamp)
     if stamp_ns <= 0:
@@ -227,7 +227,7 @@ def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[Caus
 
 
 def _named(field: str, value: int, names: tuple[str, ...]) -> str:
-    """Return what a constant of the message stands for."""
+    """Return the name of a constant of the message."""
     if value >= len(names):
         raise ValueError(f"{field} = {value}: expected a constant of 0 to {len(names) - 1}")
     return names[value]

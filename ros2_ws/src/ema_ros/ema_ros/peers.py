@@ -12,18 +12,17 @@ FRESH_S: Final = 60.0
 """How long a node that has gone is worth a warning [s]."""
 
 UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
-"""Name of a node of which its publishers and subscriptions alone are known, so far or again."""
+"""Name of a node known only by its publishers and subscriptions."""
 
 _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
 class Peers:
-    """The nodes that a node has, or had, to do with.
+    """The nodes that communicate, or communicated, with a node.
 
-    These are all that data flow from, whatever their namespace, and those of its own namespace that
-    listen to it. A killed node cannot say that it goes, so that the others have to. Tools that
-    listen from elsewhere and come and go are of no concern, nor is a node that is there and only
-    inactive.
+    These are the nodes it receives data from, in any namespace, and the subscribers in its own
+    namespace. A killed node cannot report its own end, so its peers have to. Tools that subscribe
+    from elsewhere are ignored, and so is a node that is present and only inactive.
     """
 
     def __init__(self) -> None:
@@ -43,7 +42,7 @@ class Peers:
         return lost
 
     def task(self, hardware_id: str, now_s: float) -> Task:
-        """Return the status: a warning for a minute after somebody has gone, or is not heard."""
+        """Return the status: a warning for a minute after a node has gone, or if one is unheard."""
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
         values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
         found = [f"no contact with {', '.join(fresh)}"] if fresh else []
@@ -57,7 +56,7 @@ class Peers:
 def nodes_in_touch(node: Node) -> set[str]:
     """Return the full names of the nodes that data flow from, and of near ones that share a topic.
 
-    Near are those of the same namespace. Hidden nodes, as those of the command line, do not count.
+    Near nodes are in the same namespace. Hidden nodes, such as command-line tools, do not count.
     """
     received = {item.topic_name for item in node.subscriptions} - _UNSEEN
     shared = received | {item.topic_name for item in node.publishers} - _UNSEEN
@@ -82,7 +81,7 @@ def nodes_in_touch(node: Node) -> set[str]:
 def unheard_publishers(node: Node) -> list[str]:
     """Return the publishers that no subscription of a node receives for their quality of service.
 
-    Each is named with its topic, its node and what the middleware says of both.
+    Each is named with its topic, its node and the reason given by the middleware.
     """
     wanted: dict[str, list[QoSProfile]] = defaultdict(list)
     for item in node.subscriptions:

@@ -1,7 +1,7 @@
 """What the nodes use of rclpy that has no public name; nothing else in the repository does.
 
-Receiving what waits for one subscription, the state of a lifecycle in its own process, the end of a
-state machine, what ``change_state`` raises, and given parameters. Checked with 7.1 (Jazzy).
+Receiving the waiting messages of a subscription, the state of a lifecycle in its own process, the
+end of a state machine, errors of ``change_state``, and given parameters. Checked with 7.1 (Jazzy).
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ def release_state_machine(node: Any) -> None:
 
 
 def wrap_change_state(node: Any, wrap: Callable[[Any], Any]) -> None:
-    """Replace the callback of the service ``change_state`` by what ``wrap`` makes of it."""
+    """Wrap the callback of the service ``change_state`` with ``wrap``."""
     service = node._service_change_state
     service.callback = wrap(service.callback)
 

@@ -35,7 +35,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     Parameters
     ----------
     args
-        Command line; that of the process when None.
+        Command line; the process's own when None.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = 
         descriptor = _descriptor(parameter, constraint)
         override = given[parameter.name].value if parameter.name in given else None
         number = parameter.number_of(override)
-        # A number that was given as another type is declared as that of the field.
+        # A number given as another type is declared with the type of the field.
         is_read = number is not override
         value = number if is_read else parameter.to_node(default)
         try:
@@ -149,7 +149,7 @@ class LiveSettings(Generic[Definition]):
 def _read_numbers(
     node: Node, known: Mapping[str, SettingsParameter], parameters: list[Parameter]
 ) -> list[Parameter]:
-    """Return the parameters, numbers as the types of their fields; refuse what is not declared."""
+    """Return the parameters, numbers with their fields' types; refuse undeclared ones."""
     for item in parameters:
         # rclpy would not name it.
         if not node.has_parameter(item.name):

@@ -35,14 +35,14 @@ class Task:
     name
         Name of the task, always the same.
     level
-        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` for what is not
-        known, or not any more.
+        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` if it is unknown
+        or outdated.
     hardware_id
         Unit concerned, of ``hardware_name``.
     values
         Figures by name; the unit is part of the name, as in ``lag [s]``.
     category
-        Category of NAMUR NE 107; that of the level when empty.
+        Category of NAMUR NE 107; the level's category when empty.
     """
 
     name: str
@@ -73,10 +73,10 @@ def status_message(node_name: str, task: Task) -> DiagnosticStatus:
 def fault_code(name: str) -> str:
     """Return the code of a status: always the same, and unique as its name is.
 
-    It does not depend on the level, so that who collects faults by their code sees them end.
+    It does not depend on the level, so that a collector of faults by code sees them end.
 
-    It is of capitals, digits and single underscores: ``EMA_MONITOR_FLAP_FRICTION`` is that of
-    ``/ema/monitor: flap friction``. What is longer is cut, and ends in a digest of the name.
+    It consists of capitals, digits and single underscores: ``EMA_MONITOR_FLAP_FRICTION`` for
+    ``/ema/monitor: flap friction``. A longer code is cut, and ends in a digest of the name.
     """
     code = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
     if len(code) <= LONGEST_CODE:

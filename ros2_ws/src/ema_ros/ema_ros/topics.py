@@ -64,10 +64,10 @@ ACTUATOR_TOPICS: Final = {
     JOINT_STATES: (JointState, STATE),
     USAGE: (Usage, LATCHED),
 }
-"""Message class and quality of service of what a simulated actuator publishes, by topic."""
+"""Message class and quality of service of a simulated actuator's topics, by name."""
 
 SYSTEM_TOPICS: Final = {MEASURED_CAUSES: (MeasuredCauses, STREAM)}
-"""Message class and quality of service of what the system around may tell a monitor, by topic."""
+"""Message class and quality of service of topics that other systems publish for a monitor."""
 
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),
@@ -77,10 +77,10 @@ MONITOR_TOPICS: Final = {
     ADVICE: (Advice, LATCHED),
     WINDOW_FIT: (WindowFit, LATCHED),
 }
-"""Message class and quality of service of what a monitor publishes, by topic."""
+"""Message class and quality of service of a monitor's topics, by name."""
 
 PLAYER_TOPICS: Final = {PLAYBACK_STATE: (PlaybackState, LATCHED)}
-"""Message class and quality of service of what a player publishes about itself, by topic."""
+"""Message class and quality of service of a player's topics about itself, by name."""
 
 NODE_TOPICS: Final = {NODE_STATUS: (NodeStatus, STATE)}
-"""Message class and quality of service of what every node publishes about itself, by topic."""
+"""Message class and quality of service of every node's topics about itself, by name."""
