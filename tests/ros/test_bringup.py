@@ -19,7 +19,7 @@ from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_ros.rclpy_private import given_parameters
-from ema_ros.topics import ACTUATOR_TOPICS, MONITOR_TOPICS, PLAYER_TOPICS
+from ema_ros.topics import ACTUATOR_TOPICS, MONITOR_TOPICS, NODE_TOPICS, PLAYER_TOPICS
 
 from ..packages import FOLDERS
 from .spinning import ros_context
@@ -185,7 +185,7 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
 
 def test_rosbag2_is_told_the_quality_of_service_of_each_topic_with_a_depth_that_loses_none():
     file = FOLDERS["ema_bringup"] / "config" / "record_qos.yaml"
-    offered = ACTUATOR_TOPICS | MONITOR_TOPICS | PLAYER_TOPICS
+    offered = ACTUATOR_TOPICS | MONITOR_TOPICS | PLAYER_TOPICS | NODE_TOPICS
     told = yaml.safe_load(file.read_text(encoding="utf-8"))
     assert set(told) == {f"/ema/{name}" for name in offered}
     for name, (_, qos) in offered.items():

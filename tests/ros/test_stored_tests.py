@@ -236,6 +236,14 @@ def test_telemetry_that_arrives_as_it_is_measured_is_live(blocks: int, pace, is_
     assert arrivals(blocks, pace).are_live(blocks * BLOCK_NS) == is_live
 
 
+@pytest.mark.parametrize(
+    ("pace", "streams"), [(0.1, True), (0.12, True), (0.06, False), (0.3, False)]
+)
+def test_sender_that_keeps_no_pace_does_not_stream(pace: float, streams: bool):
+    """Stored telemetry that a busy machine sends slowly is not by the clock of the actuator."""
+    assert arrivals(30, lambda _: pace).has_streamed == streams
+
+
 def test_telemetry_of_a_time_that_came_twice_is_live_if_both_were():
     twice = arrivals(30, lambda _: 0.1)
     assert twice.are_live(25 * BLOCK_NS)

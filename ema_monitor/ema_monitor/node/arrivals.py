@@ -12,6 +12,9 @@ _LEAST_BLOCKS: Final = 5
 _LEAST_PACE: Final = 0.5
 """Least time of reception over that of the measurement, if both are at the same time [-]."""
 
+_STEADY_PACE: Final = (0.8, 1.25)
+"""The same of an actuator that streams by its clock: a slow sender of stored telemetry does not."""
+
 _MOST_BLOCKS: Final = 1000
 
 
@@ -43,7 +46,8 @@ class Arrivals:
         """Note a block by its stamps, and its reception by a clock that never goes back [ns]."""
         self._blocks.append(Arrival(start_ns, end_ns, steady_ns))
         if not self.has_streamed:
-            self.has_streamed = _is_live(self._run(0))
+            low, high = _STEADY_PACE
+            self.has_streamed = all(low <= pace <= high for pace in _paces(self._run(0)))
 
     def are_live(self, end_ns: int) -> bool:
         """Return whether the telemetry up to a stamp [ns] was received as it was measured.
@@ -81,10 +85,15 @@ def _is_live(run: Sequence[Arrival]) -> bool:
 
     After a pause, stored telemetry fills one half of it at most.
     """
+    return min(_paces(run)) >= _LEAST_PACE
+
+
+def _paces(run: Sequence[Arrival]) -> tuple[float, float]:
+    """Return the paces of both halves of a run; 0 if it has too few blocks."""
+    if len(run) < _LEAST_BLOCKS:
+        return 0.0, 0.0
     middle = len(run) // 2
-    return len(run) >= _LEAST_BLOCKS and min(_pace(run[: middle + 1]), _pace(run[middle:])) >= (
-        _LEAST_PACE
-    )
+    return _pace(run[: middle + 1]), _pace(run[middle:])
 
 
 def _pace(run: Sequence[Arrival]) -> float:

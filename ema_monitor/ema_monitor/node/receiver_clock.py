@@ -21,7 +21,7 @@ _BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 def boot_id() -> str:
     """Return what names the present run of the machine; empty where it is not known."""
     try:
-        return _BOOT_ID.read_text().strip()
+        return _BOOT_ID.read_text(encoding="utf-8").strip()
     except OSError:
         return ""
 
@@ -111,7 +111,7 @@ class ReceiverClock:
         if self._kept is None or not self._boot_id:
             return None
         with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-            record = json.loads(self._kept.read_text())
+            record = json.loads(self._kept.read_text(encoding="utf-8"))
             if record["boot_id"] == self._boot_id:
                 return int(record["offset_ns"])
         return None
@@ -127,7 +127,8 @@ class ReceiverClock:
         with contextlib.suppress(OSError):
             self._kept.parent.mkdir(parents=True, exist_ok=True)
             with complete_file(self._kept) as partial:
-                partial.write_text(json.dumps({"boot_id": self._boot_id, "offset_ns": offset_ns}))
+                kept = json.dumps({"boot_id": self._boot_id, "offset_ns": offset_ns})
+                partial.write_text(kept, encoding="utf-8")
 
     def _read_simulated(self, clock_ns: int) -> tuple[Moment, int]:
         # Here the offset is the sum of the backward steps, and the latest time is kept beside it.

@@ -1,6 +1,7 @@
 """The status of one monitored actuator on ``/diagnostics``."""
 
 from collections.abc import Iterable
+from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
@@ -21,6 +22,9 @@ from ema_ros.status import (
     Task,
 )
 
+_LARGEST_COUNT: Final = 2**64 - 1
+"""Largest count of a message: sample numbers that jump to and fro may add up to more."""
+
 
 def telemetry_status(unit: Actuator, dropped: int = 0) -> TelemetryStatus:
     """Return what is counted of an actuator, of which ``dropped`` windows had to give way."""
@@ -28,7 +32,7 @@ def telemetry_status(unit: Actuator, dropped: int = 0) -> TelemetryStatus:
         actuator_id=unit.actuator_id,
         serial_number=unit.description.serial_number if unit.description else "",
         blocks=unit.finder.blocks,
-        samples_lost=unit.finder.lost_samples,
+        samples_lost=min(unit.finder.lost_samples, _LARGEST_COUNT),
         windows=unit.finder.windows,
         windows_dropped=dropped,
         estimates_valid=unit.valid,
