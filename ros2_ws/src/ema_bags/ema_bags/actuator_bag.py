@@ -17,7 +17,7 @@ from ema_ros.stamps import stamp_from_message
 
 
 class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None]):
-    """Records what a simulated actuator node would publish, in simulated time.
+    """Records the messages of a simulated actuator node, in simulated time.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None])
         self._write({topics.DESCRIPTION: description_to_message(description, start_ns)})
 
     def begin_cycle(self, cycle: int, faults: ArrayLike, hours: float) -> None:
-        """Record the start of a test cycle; arguments as of ``messages_of_cycle``."""
+        """Record the start of a test cycle; arguments as in ``messages_of_cycle``."""
         self._write(messages_of_cycle(self._description, self._end_ns, cycle, hours, faults))
 
     def note_causes(self, causes: Mapping[str, Profile]) -> None:
@@ -46,7 +46,7 @@ class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None])
             self._bag.custom_data["hidden_causes"] = " ".join(texts)
 
     def write_block(self, block: Telemetry, motor_torque: float | None = None) -> None:
-        """Record a block; arguments as of ``messages_of_block``."""
+        """Record a block; arguments as in ``messages_of_block``."""
         self._end_ns = block.stamp_at(len(block) - 1)
         self._write(messages_of_block(self._description, block, motor_torque))
 

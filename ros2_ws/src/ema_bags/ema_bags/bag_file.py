@@ -22,7 +22,7 @@ from ema_interfaces.msg import ActuatorDescription, Usage
 
 
 class WrittenTopic:
-    """A topic that is written, with what its publisher offers.
+    """A written topic, with the quality of service of its publisher.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class WrittenTopic:
     says_state
         Whether its latest message holds until the next one.
     trim
-        What cuts off what is behind the content of a message.
+        Function that removes the bytes after the content of a message.
     """
 
     def __init__(self, name: str, message_class: Any, qos: QoSProfile) -> None:
@@ -68,11 +68,11 @@ class HeldFile:
         return len(data)
 
     def tell(self) -> int:
-        """Return how many bytes were taken."""
+        """Return the number of bytes accepted."""
         return self._written + len(self.held)
 
     def flush(self) -> None:
-        """Hand what is held to the system."""
+        """Write the held bytes to the operating system."""
         while self.held:
             count = self._file.write(self.held) or 0
             if not count:
@@ -81,7 +81,7 @@ class HeldFile:
             del self.held[:count]
 
     def close(self) -> None:
-        """Close the file; what is held is lost."""
+        """Close the file; held bytes are lost."""
         self._file.close()
 
     def is_at(self, path: Path) -> bool:
@@ -93,12 +93,12 @@ class HeldFile:
 
 
 class BagFile:
-    """One MCAP file; what does not fit on the disk waits in memory until there is room.
+    """An MCAP file; data that do not fit on the disk wait in memory until there is room.
 
     Attributes
     ----------
     information
-        Its name, and the extent of what is in it.
+        Its name, and the time range and size of its messages.
     counts
         How many messages of each topic.
     disk
@@ -107,8 +107,8 @@ class BagFile:
     Raises
     ------
     OSError
-        When there is such a file, or it cannot be made; of its methods, when what waits could not
-        be written: it still waits.
+        When the file exists, or cannot be created. Methods raise it when waiting data could not be
+        written: they continue to wait.
     """
 
     def __init__(self, path: Path, chunk_bytes: int) -> None:
@@ -118,7 +118,7 @@ class BagFile:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self.disk = HeldFile(path)
-        # It writes, tells where it is and flushes: more is not asked of a stream.
+        # It has write, tell and flush: the writer needs no more of a stream.
         self._mcap = Writer(cast(BufferedWriter, self.disk), chunk_bytes)
         self._mcap.start(profile="ros2", library=f"ema_bags {__version__}")
         with suppress(OSError):  # whoever looks at a bag that has just begun finds one
@@ -157,6 +157,6 @@ class BagFile:
         self._mcap.finish()
 
     def close(self) -> None:
-        """Write what waits, and close; a file that cannot be written stays open."""
+        """Write the waiting data, and close; a file that cannot be written stays open."""
         self.disk.flush()
         self.disk.close()

@@ -8,7 +8,7 @@ from ema_core.wording import counted
 
 # The name that it has in all bags, also of before the package was renamed.
 GAP: Final = "ema_recording gap"
-"""Name of the metadata record of a file that tells of a gap before it."""
+"""Name of the metadata record that describes a gap before it in a file."""
 
 
 @dataclass

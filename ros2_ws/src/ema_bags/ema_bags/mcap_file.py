@@ -1,7 +1,7 @@
 """What an MCAP file holds, by its index, or read through as far as it is intact.
 
 mcap parses the records. Its readers refuse a file that is cut off or has no index, and a recorder
-that is killed leaves such files: what they hold is found out here.
+that is killed leaves such files: this module reads them.
 """
 
 import io
@@ -41,7 +41,7 @@ _FAILURES: Final = (
 
 
 class DamageError(Exception):
-    """Something in a file is cut off or not what it should be."""
+    """A part of a file is cut off or invalid."""
 
 
 @dataclass(eq=False)
@@ -89,7 +89,7 @@ class Contents:
     is_whole: bool = True
 
     def define(self, record: object) -> None:
-        """Take a schema or channel, which must not differ from what is known of it."""
+        """Add a schema or channel, which must not differ from an earlier definition."""
         if isinstance(record, Schema):
             if self.schemas.setdefault(record.id, record) != record:
                 raise DamageError(f"schema {record.id} is defined otherwise elsewhere")
@@ -99,7 +99,7 @@ class Contents:
                 raise DamageError(f"channel {record.id} is {record.topic} here, else {known.topic}")
 
     def note_gap(self, record: Metadata) -> None:
-        """Take what a recorder tells of a gap; other metadata are passed over."""
+        """Add a gap from a recorder's metadata; other metadata are ignored."""
         if record.name != GAP:
             return
         try:
@@ -109,7 +109,7 @@ class Contents:
 
 
 def read_contents(file: BinaryIO) -> Contents:
-    """Find out what a file holds, which may be cut off anywhere.
+    """Return the contents of a file, which may be cut off anywhere.
 
     Raises
     ------

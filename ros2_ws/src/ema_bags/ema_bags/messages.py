@@ -42,9 +42,9 @@ class Topic:
     qos: str
 
     def upgrade(self) -> Callable[[bytes], bytes] | None:
-        """Return what makes messages of the installed type of its own; None if they are such.
+        """Return the function that upgrades its messages to the installed type; None if equal.
 
-        None as well where the type is not installed; ValueError as of ``to_installed``, and where
+        None as well where the type is not installed; ValueError as in ``to_installed``, and where
         they are not CDR.
         """
         if self.encoding != "cdr":
@@ -81,18 +81,18 @@ class Recorded(NamedTuple):
 
 
 class MalformedMessages:
-    """Messages that are none of their type: by topic why the first is none, and where all are."""
+    """Malformed messages by topic: the reason for the first, and the position of each."""
 
     def __init__(self) -> None:
         self._found: dict[str, tuple[str, set[MessagePlace]]] = {}
 
     def note(self, item: Recorded, reason: str) -> None:
-        """Take a message, which counts once however often it is read."""
+        """Add a message, which counts once however often it is read."""
         first = f"the first of log time {item.log_time_ns} ns: {reason}"
         self._found.setdefault(item.topic, (first, set()))[1].add(item.place)
 
     def remarks(self) -> list[str]:
-        """Return how many there are, a remark a topic."""
+        """Return their number, one remark per topic."""
         return [
             f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
             for name, (first, places) in self._found.items()
@@ -124,7 +124,7 @@ class Recording(ABC):
 
     @property
     def damage(self) -> str:
-        """Where the recording is damaged and what is lost; empty as long as it seems whole."""
+        """Position of damage and the loss; empty as long as the recording seems intact."""
         return "; ".join(self.malformed.remarks())
 
     @property

@@ -98,7 +98,7 @@ def write_metadata(folder: Path, information: dict[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class FolderContents:
-    """MCAP files in a folder, how many messages are promised, if known, and what is wrong."""
+    """MCAP files in a folder, their announced number of messages, if known, and defects."""
 
     files: list[Path]
     message_count: int | None

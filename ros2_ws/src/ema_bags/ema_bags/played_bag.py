@@ -65,7 +65,7 @@ class PlayedBag:
     remarks
         Why other topics cannot be played, by topic.
     skipped
-        How many messages were skipped, as they are none of their type.
+        Number of skipped messages, which are malformed.
     start_ns, end_ns
         Log time of the first message that is played, and the one at which playing ends [ns].
 
@@ -113,7 +113,7 @@ class PlayedBag:
         self.start_ns = first.log_time_ns
 
     def leave_out(self, name: str, reason: str) -> None:
-        """Play a topic not; ValueError when there is no other one."""
+        """Exclude a topic from playback; ValueError if it is the only one."""
         self.remarks[name] = f"not played, {reason}"
         del self.topics[name]
         if not self.topics:
@@ -125,11 +125,11 @@ class PlayedBag:
         return sum(topic.count for topic in self.topics.values())
 
     def messages(self, start_ns: int) -> Iterator[Recorded]:
-        """Read what is played from a log time on [ns], of the installed types."""
+        """Read the played messages from a log time on [ns], with the installed types."""
         return self._upgraded(self.bag.raw_messages(self.topics, start_ns, self.end_ns))
 
     def latched_before(self, time_ns: int) -> list[Recorded]:
-        """Read what is latched before a log time [ns], of each actuator; the bag is read once."""
+        """Read each actuator's latched messages before a log time [ns]; the bag is read once."""
         if time_ns > self._latched_until_ns:
             latched = DurabilityPolicy.TRANSIENT_LOCAL
             topics = [name for name, offer in self.offers.items() if offer.durability == latched]
@@ -180,7 +180,7 @@ class PlayedBag:
         raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
 
     def _upgraded(self, items: Iterable[Recorded]) -> Iterator[Recorded]:
-        """Yield messages of the installed types; what is none is skipped, counted and named."""
+        """Yield messages of the installed types; malformed ones are skipped, counted and named."""
         for item in items:
             upgrade = self._upgrades[item.topic]
             try:

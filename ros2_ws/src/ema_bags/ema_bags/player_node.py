@@ -54,10 +54,10 @@ class PlayerNode(ManagedNode):
 
     While it is inactive the recorded time stands still. It has done its work at the end of the
     bag, when all reliable subscriptions have acknowledged every message, unless it is to stay or to
-    begin again. A new pass is a jump back in time, told on ``/clock`` and in the state like a seek.
+    repeat. A new pass is a jump back in time, published on ``/clock`` and in the state like a seek.
 
     While it is active it can be paused, stepped, moved and played at another rate by services; a
-    seek publishes what is latched at the new time first. ``playback_state`` tells how it stands.
+    seek first publishes the messages latched at the new time. ``playback_state`` reports the state.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -68,7 +68,7 @@ class PlayerNode(ManagedNode):
         self._steered = threading.RLock()  # over start and stop of the worker
 
     def configure(self) -> None:
-        """Open the bag and create the publishers of what is in it."""
+        """Open the bag and create the publishers of its topics."""
         self._settings = read(self, PlayerSettings)
         self._played = PlayedBag(self._settings, self.full_topic_names(self._settings.topics))
         self._outputs = PlayerOutputs(self, self._played)
@@ -105,7 +105,7 @@ class PlayerNode(ManagedNode):
         self._halt()
 
     def tasks(self) -> list[Task]:
-        """Return how far the bag is played, and what is wrong."""
+        """Return the progress of the playback, and its defects."""
         playback, played = self._playback, self._played
         bag = played.bag
         remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
@@ -127,7 +127,7 @@ class PlayerNode(ManagedNode):
         return [Task("playback", level, message, self.hardware_id, values)]
 
     def _go_on(self, *, jumped: bool = False, latched: Iterable[Recorded] = ()) -> None:
-        """Tell how it stands and what is latched; play in a thread where it is to play."""
+        """Publish the state and latched messages; if playing, play in a thread."""
         self._publish_state(jumped=jumped)
         self._outputs.publish_latched(latched)
         if self._status == PlaybackState.PLAYING:
@@ -144,7 +144,7 @@ class PlayerNode(ManagedNode):
                 self._worker.join()
 
     def _answerer(self, name: str) -> Callable[[Any, Any], Any]:
-        """Return what serves a request."""
+        """Return the callback of a service."""
         act: Callable[[Any], Mapping[str, Any] | None] = getattr(self, f"_{name}")
 
         def answer(request: Any, response: Any) -> Any:
@@ -266,7 +266,7 @@ class PlayerNode(ManagedNode):
         self._warn_of_damage(damage)
 
     def _begin(self) -> None:
-        """Publish what is latched before the first message that is played, once."""
+        """Publish the messages latched before the first played message, once."""
         if not self._is_begun and self._settings.start_offset:
             self._outputs.publish_latched(self._played.latched_before(self._played.start_ns))
         self._is_begun = True

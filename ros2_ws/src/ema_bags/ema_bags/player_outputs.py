@@ -47,7 +47,7 @@ class PlayerOutputs:
         self.publishers[item.topic].publish(item.message)
 
     def publish_latched(self, items: Iterable[Recorded]) -> None:
-        """Publish what is latched, each when the one before it of another actuator has arrived."""
+        """Publish latched messages, each after another actuator's previous one has arrived."""
         for item in items:
             self.publishers[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
             self.publish(item)
@@ -72,14 +72,14 @@ class PlayerOutputs:
         waits = round(wait_s / _POLL_S)
         while waits and self.missing() and not stop.wait(_POLL_S):
             waits -= 1
-        # A recorder finds what is published, and subscribes to one topic after the other.
+        # A recorder discovers the publishers, and subscribes to one topic after the other.
         quiet, known = 0, -1
         while quiet < round(_SETTLE_S / _POLL_S) and not self.missing() and not stop.wait(_POLL_S):
             found = sum(one.get_subscription_count() for one in self.publishers.values())
             quiet, known = quiet + 1 if found == known else 0, found
 
     def await_acknowledgement(self, stop: threading.Event) -> list[str]:
-        """Wait until all has arrived, for some seconds; return the topics of which not all has."""
+        """Wait some seconds for acknowledgement; return the topics with missing ones."""
         waits = round(_ACKNOWLEDGE_S / _POLL_S)
         pending = list(self.publishers.items())
         while pending and waits and not stop.is_set():
@@ -90,7 +90,7 @@ class PlayerOutputs:
         return [name for name, _ in pending]
 
     def live_monitors(self) -> list[str]:
-        """Return which nodes take what is played for new tests, as they do not follow its time."""
+        """Return the nodes that take played data for new tests, because they ignore its time."""
         listeners = {
             (item.node_name, item.node_namespace)
             for name in self._telemetry

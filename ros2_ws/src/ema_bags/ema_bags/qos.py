@@ -64,7 +64,7 @@ def recorded_qos(text: str) -> list[QoSProfile]:
     Raises
     ------
     ValueError
-        When it is no such list.
+        When it is not such a list.
     """
     try:
         return [_profile(item) for item in parse_yaml(text.encode()) or ()]
@@ -75,7 +75,7 @@ def recorded_qos(text: str) -> list[QoSProfile]:
 
 
 def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the profile of what every publisher of a topic offers; there is at least one."""
+    """Return the profile that every publisher of a topic offers, for at least one publisher."""
     is_reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offers)
     is_latched = all(item.durability == DurabilityPolicy.TRANSIENT_LOCAL for item in offers)
     return QoSProfile(
@@ -86,14 +86,14 @@ def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
 
 
 def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the one profile that is written for a topic: where its publishers agree, theirs."""
+    """Return the profile to write for a topic: its publishers' if they agree, or a common one."""
     if all(item == offers[0] for item in offers):
         return offers[0]
     return common_offer(offers, _UNKNOWN_DEPTH)
 
 
 def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return what a player offers in place of the publishers that were recorded.
+    """Return a player's quality of service in place of the recorded publishers'.
 
     A latched topic keeps its depth, so that a late subscription receives what it would have
     received. Any other reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing

@@ -39,7 +39,7 @@ class Bag(Recording):
     Raises
     ------
     FileNotFoundError
-        When there is no such file or folder, or no recording in it.
+        When the file or folder does not exist, or holds no recording.
     ValueError
         When a file is empty or not MCAP, the recording is stored or compressed in a way that is
         not read here, or a topic has two types.
@@ -86,19 +86,19 @@ class Bag(Recording):
 
     @property
     def gaps(self) -> list[Gap]:
-        """What the recorder told that it did not record."""
+        """Gaps reported by the recorder."""
         return [gap for contents in self._files.values() for gap in contents.gaps]
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of the recording so far: damage and gaps."""
+        """Remarks on the recording so far: damage and gaps."""
         gaps = self.gaps
-        told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
+        texts = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
         if more := gaps[_MOST_GAPS:]:
             lacking = counted(sum(gap.messages for gap in more), "message")
             unknown = "" if all(gap.messages for gap in more) else ", and others may be missing"
-            told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
-        return list(filter(None, (self.damage, *told)))
+            texts.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
+        return list(filter(None, (self.damage, *texts)))
 
     def readable_counts(self) -> dict[str, int]:
         """Return how many messages of each topic can be read: all chunks are read for it."""
@@ -240,8 +240,8 @@ class Bag(Recording):
         self, chosen: Mapping[str, Topic], first: MessagePlace | None, last: MessagePlace | None
     ) -> Iterator[Recorded]:
         found: Counter[str] = Counter()
-        # The stretches may overlap in time: what is read waits until no stretch to come can hold
-        # anything earlier, the earliest last. Equal times stay in the order of the files.
+        # The stretches may overlap in time: messages wait until no later stretch can hold earlier
+        # ones, the earliest last. Equal times stay in the order of the files.
         waiting: list[Recorded] = []
         for file_number, path, stretch in self._stretches(chosen):
             if first and stretch.end_ns < first.log_time_ns:

@@ -1,4 +1,4 @@
-"""A topic that is recorded: what is requested of its publishers, who they are, what is lost."""
+"""A recorded topic: the requested quality of service, its publishers, and its losses."""
 
 import threading
 from collections.abc import Hashable, Sequence
@@ -18,8 +18,8 @@ class SequenceGaps:
 
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
     counts once the publisher is the same after it as before it, or has gone: a second publisher
-    that has just started is no loss. One that is out of reach for a while, as either side stood
-    still, and comes back goes on with its numbers.
+    that has just started is not a loss. A publisher that returns after either side stood still
+    continues its numbers.
     """
 
     def __init__(self) -> None:
@@ -45,14 +45,14 @@ class SequenceGaps:
         self._unconfirmed = 0
 
     def pause(self) -> None:
-        """Expect no number to go on from the last one: what comes meanwhile is not wanted."""
+        """Do not expect numbers to continue: messages during a pause are not recorded."""
         self._last, self._unconfirmed = None, 0
 
 
 class SampleGaps:
     """Counts the blocks of telemetry that are missing by the index of their samples.
 
-    An index that goes back is that of an actuator that was started again: nothing is missing.
+    An index that goes back means that the actuator was restarted: nothing is missing.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class SampleGaps:
         """Count a serialised block that was received."""
         try:
             block: Any = deserialize_message(data, TelemetryBlock)
-        except Exception:  # whatever the middleware makes of what is no message
+        except Exception:  # the middleware raises various errors for malformed messages
             return
         length = len(block.position)
         missing = block.first_index - self._next.get(block.actuator_id, block.first_index)
@@ -79,8 +79,8 @@ class SampleGaps:
 class RecordedTopic:
     """A topic that is recorded, with the request that all its publishers meet, as rosbag2 has it.
 
-    Losses are counted by the sequence numbers of its publisher. Those of several publishers cannot
-    be distinguished: of telemetry, the index of the samples tells then.
+    Losses are counted by the sequence numbers of its publisher. The numbers of several publishers
+    cannot be distinguished: for telemetry, the index of the samples is used instead.
 
     Parameters
     ----------

@@ -28,23 +28,24 @@ _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
 
 
 class RecorderNode(ManagedNode):
-    """Records what is published, as it is received.
+    """Records published messages as they are received.
 
     Parameters of the node are the fields of ``RecorderSettings``; topics are full names, or names
     relative to the namespace. By default everything in the namespace is recorded, and
     /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
     domain, and hidden topics have to be chosen.
 
-    With ``snapshot_duration`` it keeps what it receives for so long, and writes it to a file of its
-    own when the level of a health or of a status on /diagnostics changes, or when ``~/snapshot``
-    asks for it; what is kept at the end is not written.
+    With ``snapshot_duration`` it keeps received messages for that time, and writes them to a
+    separate file when the level of a health or of a status on /diagnostics changes, or when
+    ``~/snapshot`` is called; messages kept at the end are not written.
 
     While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
     is closed when it is cleaned up.
 
-    While the bag cannot be written, as the disk is full, the status is ERROR; it goes on when there
-    is room, and status and bag tell what was not recorded. They also tell when the recorder itself
-    stood still, as it was stopped, the machine asleep or a disk slow: what it missed is unknown.
+    While the bag cannot be written, for example because the disk is full, the status is ERROR.
+    Recording continues when there is room; status and bag report the gap. They also report when the
+    recorder itself stood still because it was stopped, the machine slept or a disk was slow: the
+    missed messages are unknown.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -116,7 +117,7 @@ class RecorderNode(ManagedNode):
         return status
 
     def tasks(self) -> list[Task]:
-        """Return what is recorded and what is not."""
+        """Return the status of recorded topics and of gaps."""
         recorded = self._recorded
         if recorded is None:
             return []
@@ -197,7 +198,7 @@ class RecorderNode(ManagedNode):
                 return
             self._report_trouble(recorded)
             if self._uses_sim_time and not self.get_clock().now().nanoseconds:
-                return  # before simulated time begins there are no log times
+                return  # there are no log times before simulated time begins
             self._note_standstill()
             for name, types in self.get_topic_names_and_types():
                 if self._is_wanted(name) and name not in self._topics | self._skipped:
@@ -260,7 +261,7 @@ class RecorderNode(ManagedNode):
                     self._write_snapshot(recorded, reason)
 
     def _write_snapshot(self, recorded: Recording, reason: str) -> str:
-        """Write a snapshot, and log what became of it; errors as of ``Recording``."""
+        """Write a snapshot, and log the outcome; errors are as in ``Recording``."""
         try:
             done = recorded.write_snapshot()
         except OSError as error:

@@ -1,4 +1,4 @@
-"""Where what a recorder receives goes: into the bag, or into memory until there is a reason."""
+"""Destination of received messages: the bag, or memory until there is a reason to write."""
 
 from collections import deque
 from collections.abc import Callable
@@ -103,7 +103,7 @@ class Recording:
     snapshots
         How many snapshots were written.
     kept_bytes
-        Memory of what is kept for the next one [B].
+        Memory of the messages kept for the next snapshot [B].
     is_short
         Whether messages of the span to keep had to go for want of room.
     """
@@ -155,15 +155,15 @@ class Recording:
         return change if self._kept else ""
 
     def write_snapshot(self) -> str:
-        """Write what is kept to a file of its own, and say what was written.
+        """Write the kept messages to a separate file; return a summary.
 
         Raises
         ------
         ValueError
             When nothing is kept.
         OSError
-            When the bag cannot be written: what it has room for waits in memory, is counted as
-            written, and is written when it can be.
+            When the bag cannot be written: messages wait in memory up to its limit, count as
+            written, and are written later.
         """
         if not self._settings.snapshot_duration:
             raise ValueError("all is written: snapshot_duration is 0")
@@ -205,16 +205,16 @@ class Recording:
         kind = self.bag.topics[topic].message_class
         try:
             return deserialize_message(data, kind) if issubclass(kind, _READ) else None
-        except Exception:  # whatever the middleware makes of what is no message
+        except Exception:  # the middleware raises various errors for malformed messages
             return None
 
     def _level_change(self, message: Any) -> str:
-        """Return which levels a message changes, in words; the first of a status is no change."""
+        """Return the level changes of a message, in words; a status's first level is no change."""
         levels: dict[str, int] = {}
         if isinstance(message, DiagnosticArray):
             levels = {item.name: ord(item.level) for item in message.status}
         elif isinstance(message, Health | HealthSummary):
-            # Both topics tell of the same level.
+            # Both topics publish the same level.
             levels = {f"health of {message.actuator_id}": message.level}
         changes = []
         for name, level in levels.items():

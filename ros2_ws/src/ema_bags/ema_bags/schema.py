@@ -1,6 +1,6 @@
 """Message schemas in recordings: their text, their comparison, and decoding by them without ROS.
 
-The text is made here: what rosbags generates leaves out comments, so that it is not the text that
+The text is made here: rosbags generates a text without comments, which differs from the text that
 rosbag2 stores.
 """
 
@@ -62,7 +62,7 @@ def _fields(text: str, package: str) -> list[tuple[str, str, str]]:
 def to_installed(
     name: str, recorded_text: str, recorded_hash: str
 ) -> Callable[[bytes], bytes] | None:
-    """Return what makes messages of the installed type of recorded ones; None if they are such.
+    """Return the function that upgrades recorded messages to the installed type; None if equal.
 
     The hash decides. Recordings from before ROS 2 Iron have none: there the fields of the
     definitions are compared. A definition that is older than the installed one lacks fields for
@@ -78,8 +78,8 @@ def to_installed(
     Raises
     ------
     ValueError
-        When they differ in another way, naming the fields, or the installed type cannot be found;
-        what is returned, when a message is none of the recorded type.
+        When they differ in another way, naming the fields, or the installed type cannot be found.
+        The returned function raises it for a message that is malformed.
     """
     installed_hash = type_hash(name)
     if recorded_hash == installed_hash:
@@ -106,7 +106,7 @@ def to_installed(
 def _upgrade(
     name: str, recorded_text: str, kept: list[str], lacking: dict[str, bool | int | float | str]
 ) -> Callable[[bytes], bytes]:
-    """Return what adds the fields that a recorded type lacks to its messages."""
+    """Return the function that adds the missing fields of a recorded type to its messages."""
     decode, store = decoder(name, recorded_text), typestore(name, schema_text(name))
     installed = store.types[name]
 
@@ -133,7 +133,7 @@ def _defaults(text: str) -> dict[str, bool | int | float | str]:
 
 @cache
 def trimmer(name: str) -> Callable[[bytes], bytes]:
-    """Return what cuts off what is behind the content of a message of an installed type.
+    """Return the function that removes the bytes after the content of an installed type's message.
 
     ROS reserves the padding of empty sequences, does not use it, and leaves it behind the message.
     Readers that check where a message ends refuse more than 3 bytes there.
@@ -156,8 +156,8 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     """Return the function that decodes messages of a type.
 
     The messages have the attributes that the definition names; sequences of numbers are arrays.
-    ValueError when the definition (``ros2msg``, with those of all that it contains) cannot be read;
-    of the function, when a message is none of the type.
+    ValueError when the definition (``ros2msg``, with all contained definitions) cannot be read; the
+    function raises it for a malformed message.
     """
     store = typestore(type_name, schema)
 

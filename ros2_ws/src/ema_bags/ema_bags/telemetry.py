@@ -26,7 +26,7 @@ def described_actuators(bag: Recording) -> list[str]:
 
 @dataclass(frozen=True)
 class Malformed:
-    """A block that is no telemetry, or a description of an impossible actuator."""
+    """A block that is not telemetry, or a description of an impossible actuator."""
 
     stamp_ns: int
     reason: str
@@ -64,7 +64,7 @@ class RecordedTelemetry:
         Raises
         ------
         ValueError
-            When there is a block of another actuator and it was not said which one is wanted.
+            When there is a block of another actuator and no actuator was chosen.
         """
         topics = [self.topic, *self.bag.topics_of(DESCRIPTION_TYPE)]
         for item in self.bag.messages(topics, first, last):
@@ -96,9 +96,9 @@ def read_telemetry(
     Raises
     ------
     ValueError
-        When there is no telemetry, not of that actuator or not on that topic; when there is a
-        choice and it was not made; when a type is not the installed one. The message also names
-        what is damaged.
+        When there is no telemetry, not of that actuator or not on that topic; when there are
+        several and none was chosen; when a type is not the installed one. The message also names
+        damage.
     """
     try:
         return _find_telemetry(bag, topic, actuator_id)

@@ -8,7 +8,7 @@ from ema_ros.stamps import stamp_from_message
 
 
 def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
-    """Return what was counted of a unit, and what is wrong with the counts in a bag.
+    """Return the counts of a unit, and the defects of the counts in a bag.
 
     Parameters
     ----------

@@ -30,9 +30,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     killed loses what it wrote in the last ``flush_s`` seconds, and the file can be read up to
     there. (When the machine itself loses power, more may be lost.) Any thread may write.
 
-    With ``waits_for_room`` a disk that is full or fails ends nothing: what cannot be written waits
-    in memory, 16 MiB of it, what comes beyond that is counted and lost, and all goes on in the same
-    file when there is room. The metadata of the file tell of the gap.
+    With ``waits_for_room`` the recording survives a disk that is full or fails: up to 16 MiB wait
+    in memory, later messages are counted and lost, and the recording continues in the same file
+    when there is room. The metadata of the file describe the gap.
 
     A folder may have several files. Each begins with the latest message of each topic that is
     latched, or describes an actuator, so that it can be read alone. The metadata of a folder list
@@ -71,15 +71,15 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     topics
         The topics that were added.
     removed
-        What of it was removed or moved while it was recorded, in words.
+        Files that were removed or moved during recording, in words.
     gaps
-        What was received and could not be recorded, the last one open while ``failure`` is set, and
-        what :meth:`note_gap` told of.
+        Received messages that could not be recorded, and gaps added by :meth:`note_gap`; the last
+        gap is open while ``failure`` is set.
 
     Raises
     ------
     FileExistsError
-        When the target is there already and is not to be replaced, or is no recording.
+        When the target exists and must not be replaced, or is not a recording.
     ValueError
         When a setting is impossible, or the recording is closed.
     OSError
@@ -142,7 +142,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         return sum(len(file.disk.held) for file in (self._file, *self._unwritten))
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
-        """Add a topic with what its publisher offers; it must be added before it is written.
+        """Add a topic with its publisher's quality of service, before it is written.
 
         Raises
         ------
@@ -188,8 +188,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     ) -> bool:
         """Write a message that is serialised already, as a raw subscription gives it.
 
-        Parameters and errors are those of :meth:`write`. Return whether it is, or will be,
-        recorded: always, but while there is no room.
+        Parameters and errors are as in :meth:`write`. Return whether it is, or will be, recorded:
+        always, except while there is no room.
         """
         if publish_time_ns is None:
             publish_time_ns = log_time_ns
@@ -335,7 +335,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         return bool(is_large or (self._max_duration_s and age_s >= self._max_duration_s))
 
     def _begin_next(self, log_time_ns: int) -> None:
-        """Begin the next file; if there is no room for it, this one goes on."""
+        """Begin the next file; without room for it, continue this one."""
         if self._file.information.count:
             following = self._next_file()
             self._end_file()
@@ -356,21 +356,21 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         if topic.has_actuator:
             try:
                 message: Any = deserialize_message(data, topic.message_class)
-            except Exception:  # whatever the middleware makes of what is no message
+            except Exception:  # the middleware raises various errors for malformed messages
                 return
             actuator = message.actuator_id
         self._states.pop((topic.name, actuator), None)  # it becomes the last one
         self._states[topic.name, actuator] = data, publish_time_ns
 
     def _end_file(self) -> None:
-        """End the file; what is left of it waits to be written."""
+        """End the file; the remaining data wait to be written."""
         self._ended.append(self._file.information)
         self._metadata = bag_information(self._ended, self.topics.values(), self.custom_data)
         self._file.finish(self._metadata)
         self._unwritten.append(self._file)
 
     def _write_ended(self) -> None:
-        """Write what waits of the files that have ended, and the metadata of the folder."""
+        """Write the waiting data of ended files, and the metadata of the folder."""
         while self._unwritten:
             self._unwritten[0].close()
             del self._unwritten[0]

@@ -19,9 +19,9 @@ class ArrivalClock:
 
     Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. It is
     assumed that samples arrive in their order, and that a queue that stood still is emptied within
-    0.2 s of its first late sample: these samples are counted. What stays late for longer has lost
-    samples. Hence a sample is only settled when those of the next 0.2 s, and at least eight, have
-    arrived.
+    0.2 s of its first late sample: these samples are counted. Samples that stay late for longer
+    follow a loss. Hence a sample is only settled when the samples of the next 0.2 s, and at least
+    eight, have arrived.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ArrivalClock:
         return self._settled(len(self._waiting))
 
     def _count(self) -> int:
-        """Return how many samples have those of the next 0.2 s, and the next eight, behind them."""
+        """Return how many samples are followed by 0.2 s of samples, and by at least eight."""
         elapsed = _elapsed(self._waiting)
         count = int(np.searchsorted(elapsed, elapsed[-1] - _SETTLE_NS)) if len(elapsed) else 0
         return min(count, len(elapsed) - _SETTLE_LEAST)
@@ -127,7 +127,7 @@ class ArrivalClock:
         usual = float(np.quantile(y - (offset + slope * x), 0.1))
         while True:
             late = (arrivals - (offset + slope * numbers) - usual) / slope
-            # The least lateness from here on: what stays late has lost something.
+            # The least lateness from here on: lasting lateness indicates a loss.
             least = np.minimum.accumulate(late[::-1])[::-1]
             lasting = np.flatnonzero(least[: max(1, len(least) - _SETTLE_LEAST + 1)] > _LOST)
             if not len(lasting):

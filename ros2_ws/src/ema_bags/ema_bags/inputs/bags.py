@@ -67,7 +67,7 @@ class SqliteBag:
         wanted = list(topics)
         with self._opened() as reader:
             chosen = [item for item in reader.connections if item.topic in wanted]
-            # A message has the same place in each read, whatever topics are read beside it.
+            # A message has the same place in each read, whatever other topics are read.
             numbers = Counter[str]()
             for connection, received_ns, data in reader.messages(chosen):
                 topic, kind = connection.topic, connection.msgtype
@@ -83,7 +83,7 @@ class SqliteBag:
 
     @contextmanager
     def _opened(self) -> Iterator["AnyReader"]:
-        """Yield a reader; a bag without definitions of its types is read with those of Jazzy."""
+        """Yield a reader; a bag without type definitions is read with the types of Jazzy."""
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
 
@@ -110,7 +110,7 @@ def open_bag(path: Path) -> AnyBag:
 
 
 def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
-    """Return what a mapping wants of a bag, by topic, and what was left out.
+    """Return the mapped series of a bag by topic, and a remark on omitted messages.
 
     Raises
     ------

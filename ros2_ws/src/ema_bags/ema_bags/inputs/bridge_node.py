@@ -31,11 +31,11 @@ _DEPTH: Final = 5000
 
 
 class BridgeNode(ManagedNode):
-    """Publishes telemetry and description of an actuator from what other makes publish.
+    """Publishes telemetry and description of an actuator from third-party topics.
 
     Parameters of the node are the fields of ``BridgeSettings``; ``docs/inputs.md`` describes the
-    mapping file. Types of messages are looked up by name, in the mapping or in the graph: no
-    package of messages is needed but those of the topics that are mapped.
+    mapping file. Types of messages are looked up by name, in the mapping or in the graph: only the
+    message packages of the mapped topics are needed.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -89,7 +89,7 @@ class BridgeNode(ManagedNode):
         self._inputs.clear()
 
     def tasks(self) -> list[Task]:
-        """Return what comes in, and what is wrong with it."""
+        """Return the status of the input, and of the mapping."""
         return [self._input_task(), self._mapping_task()]
 
     def _begin(self) -> None:
@@ -182,7 +182,7 @@ class BridgeNode(ManagedNode):
         return OK, "; ".join([rate, *(f"{text} is held" for text in silent.values())])
 
     def _silent(self, recent: dict[str, float]) -> dict[str, str]:
-        """Return what was not received for 3 s, by topic."""
+        """Return the topics without messages for 3 s, with the reason."""
         silent: dict[str, str] = {}
         for key, _, item in self._mapping.wanted():
             if not recent[item.topic]:
@@ -256,7 +256,7 @@ class BridgeNode(ManagedNode):
             self._counts[_LEFT_OUT] += 1
 
     def _advance(self) -> None:
-        """Publish what is complete, after the description that it is of."""
+        """Publish the complete samples, after their description."""
         bridge = self._bridge
         try:
             blocks = bridge.advance()

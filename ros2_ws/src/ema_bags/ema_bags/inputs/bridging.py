@@ -132,8 +132,8 @@ class Bridge:
     def block_s(self) -> float:
         """Time between two blocks [s].
 
-        A block costs the monitor as much as many samples. Before the rate is known, it is that of
-        the settings.
+        A block costs the monitor as much as many samples. Before the rate is known, the settings'
+        value is used.
         """
         block_s = self._settings.block_s
         if self.description is None:
@@ -171,7 +171,7 @@ class Bridge:
         Raises
         ------
         ValueError
-            When the rate of the samples is no possible sample rate.
+            When the rate of the samples is not a possible sample rate.
         """
         primary = self._mapping.position.topic
         for topic, series in self.collector.take().items():
@@ -231,7 +231,7 @@ class Bridge:
         self._settled = np.concatenate([self._settled, stamps])
 
     def _complete(self, count: int) -> int:
-        """Return how many samples have what the other topics sent before them."""
+        """Return how many samples have the earlier messages of all other topics."""
         primary = self._waiting[self._mapping.position.topic]
         # A slow temperature is not waited for.
         awaited = {item.topic for _, item in self._mapping.telemetry_sources()}

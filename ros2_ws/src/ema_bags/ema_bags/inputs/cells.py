@@ -101,7 +101,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
     grouped = texts.str.match(_grouped(decimal)).to_numpy(bool)
     plain = texts.where(~grouped, texts.str.replace(rf"[ '{mark}]", "", regex=True))
     if decimal == ",":
-        # A point is no decimal sign here.
+        # A point is not a decimal sign here.
         plain = plain.where(~plain.str.contains(".", regex=False), "x0")
         plain = plain.str.replace(",", ".")
     values = pd.to_numeric(plain.where(~missing), errors="coerce").to_numpy(float)
@@ -113,7 +113,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
         problem = f"{_place(texts, int(np.argmax(bad)))} is no number"
     elif np.any(marked):
         example = _place(texts, int(np.argmax(marked)))
-        # A writer of thousands separates those of all numbers of so many digits.
+        # A program that separates thousands does so in all numbers with that many digits.
         least = np.min(np.abs(values[marked]))
         bare = ~grouped & np.isfinite(values) & (np.abs(values) >= least)
         bare &= ~texts.str.contains("e", case=False, regex=False).to_numpy(bool)

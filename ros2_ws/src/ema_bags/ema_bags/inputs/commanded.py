@@ -1,4 +1,4 @@
-"""Columns that hold what was commanded instead of what was measured."""
+"""Columns with commanded instead of measured values."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -84,7 +84,7 @@ def _lag_of_copy(command: NDArray[np.float64], position: NDArray[np.float64]) ->
 def _follows(
     speed: NDArray[np.float64], commanded: NDArray[np.float64], moved: NDArray[np.float64]
 ) -> bool:
-    """Return whether a speed is the derivative of the command, and not that of the position."""
+    """Return whether a speed is the derivative of the command, not of the position."""
     of_command, of_position = (_residual(speed, (term,)) for term in (commanded, moved))
     return of_command < _EXACT and of_position > _CLEARLY * of_command
 

@@ -1,4 +1,4 @@
-"""Columns of telemetry in SI units from what the sources hold."""
+"""Columns of telemetry in SI units from the values of the sources."""
 
 import math
 from collections.abc import Mapping as Columns
@@ -43,7 +43,7 @@ _SLOW: Final = 0.3
 def with_lead(description: ActuatorDescription, mapping: Mapping) -> ActuatorDescription:
     """Return the description of an unknown drive with the lead by which a mapping converts lengths.
 
-    It is that of the description or of the mapping. A drive that is not modelled needs none: a
+    It comes from the description or the mapping. A drive that is not modelled needs none: a
     linear motor or a prismatic joint has no screw.
     """
     parameters, position = description.parameters, mapping.position
@@ -59,12 +59,12 @@ def convert(
     description: ActuatorDescription,
     breaks: Sequence[int] = (),
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of telemetry, ``(n,)`` each; what is not measured is empty.
+    """Return the columns of telemetry, ``(n,)`` each; unmeasured columns are empty.
 
     Parameters
     ----------
     raw
-        What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)``. A temperature is no
+        Values of the sources, by the keys of ``Mapping.wanted``, ``(n,)``. A temperature is not a
         column of telemetry, and is not needed.
     description
         Gives torque constant, gear ratio, lead and drive.
@@ -126,7 +126,7 @@ def _turned(
 
 
 def _current_factor(source: CurrentSource, description: ActuatorDescription, lead: float) -> float:
-    """Return the equivalent current over the source [A]; of phases that of their magnitude."""
+    """Return the equivalent current per unit of the source, or of the phases' magnitude [A]."""
     p = description.parameters
     is_effort = source.kind in ("equivalent", "magnitude") and source.unit not in CURRENTS
     if is_effort and description.drive != "unknown":
@@ -178,7 +178,7 @@ def _decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
 
 
 def _way(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
-    """Return the direction of a speed or position, 1 or -1: at rest that of the nearest motion."""
+    """Return the direction of a speed or position, 1 or -1; at rest, of the nearest motion."""
     if len(motion) < 2:
         return np.where(motion < 0.0, -1.0, 1.0) if is_speed else np.ones(len(motion))
     speed = motion if is_speed else np.gradient(motion)

@@ -51,7 +51,7 @@ class WrittenTimes:
     exchanged
         The values with day and month exchanged, if the cells allow both; else None.
     problem
-        Row and cell that are no time; empty if all are.
+        Row and cell that are not a time; empty if all are times.
     example
         The first row and cell with a date.
     """

@@ -1,4 +1,4 @@
-"""What is wrong with a mapping or with what it maps, named before anything is estimated."""
+"""Defects of a mapping or of its data, reported before any estimate."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -46,9 +46,10 @@ def find_defects(
     mapping: Mapping,
     description: ActuatorDescription,
 ) -> list[InputDefect]:
-    """Return what is wrong with the columns of telemetry that a mapping gives.
+    """Return the defects of a mapping's columns of telemetry.
 
-    What needs motion to be told, as a sign or a unit, is only looked for where there is motion.
+    Defects that only motion can show, such as a sign or a unit, are only sought where there is
+    motion.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def find_defects(
 def stream_defects(
     losses: Losses, rebuilt: int, *, of_table: bool = False, is_unknown: bool = False
 ) -> Iterator[InputDefect]:
-    """Yield what is wrong with the stamps and the completeness of samples.
+    """Yield the defects of stamps and completeness of samples.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ def stream_defects(
 
 
 def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
-    """Yield which columns, as of ``find_defects``, have values that are not finite numbers."""
+    """Yield the columns, as in ``find_defects``, with values that are not finite numbers."""
     bad = {name: ~np.isfinite(values) for name, values in columns.items() if len(values)}
     is_bad = np.any(list(bad.values()), axis=0)
     if not np.any(is_bad):
@@ -257,7 +258,7 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
     beside = np.max(np.delete(around, _BESIDE, axis=1), axis=1)
     far = max(_JUMP * float(np.percentile(moving, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
-    # The step before that of the first rows is unknown.
+    # The step before the first rows is unknown.
     jumps = moving[(moving > np.maximum(far, _JUMP * beside)) & (rows >= _KNOWN_BEFORE)]
     if 0 < len(jumps) <= _MANY * len(steps):
         text = (
@@ -279,7 +280,7 @@ def _frozen(
     for name in ("command", "position", "speed", "current"):
         values = columns[name]
         others = [column for column, moving in moves.items() if moving and column != name]
-        # A blocked shaft stands still in position and speed alike, and is no defect of the data.
+        # A blocked shaft stands still in position and speed alike: not a defect of the data.
         if name in ("position", "speed") and not moves["position" if name == "speed" else "speed"]:
             continue
         finite = values[np.isfinite(values)]
@@ -334,7 +335,7 @@ def _wrong_factors(
 
 
 def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
-    """Yield how columns of an unknown drive differ by what no unit explains."""
+    """Yield differences between columns of an unknown drive that no unit explains."""
     if not motion.is_ample:
         return
     strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain

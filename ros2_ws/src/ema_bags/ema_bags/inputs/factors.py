@@ -35,7 +35,7 @@ _OVER_SPEED: Final = 3.0
 
 @dataclass(frozen=True)
 class MappingChange:
-    """A change of an entry of a quantity of a mapping, and what the data say for it."""
+    """A change of an entry of a mapped quantity, and the evidence for it."""
 
     quantity: str
     entry: str
@@ -49,7 +49,7 @@ class MappingChange:
 
 
 class _Option(NamedTuple):
-    """One way to read a quantity; ``factor`` is on top of that of the mapping."""
+    """One interpretation of a quantity; ``factor`` multiplies the mapping's factor."""
 
     factor: float
     changes: tuple[tuple[str, Any], ...]
@@ -64,7 +64,7 @@ def explain(
     Empty where they agree as they are; None where no change explains them.
     """
     p = description.parameters
-    # Of a drive of which nothing is known, neither are the limits.
+    # The limits of an unknown drive are unknown as well.
     is_known = description.drive != "unknown"
     gain = motion.gain
     ratio = motion.speed_ratio if is_known else motion.stroke_ratio

@@ -13,10 +13,10 @@ class FieldPath:
     """Where a number stands in a message.
 
     Names of fields are separated by dots. An element of an array is chosen by its number,
-    ``data[0]``, or by a name, ``position[name=flap_joint]``: its number is that of ``flap_joint``
-    in the array ``name``, which stands in the same message or in one that contains it. Names that
-    are published on a topic of their own are looked up in their latest message. Where the path
-    leads to an array of numbers and a joint is given, its element is that of the joint.
+    ``data[0]``, or by a name, ``position[name=flap_joint]``: its number is the index of
+    ``flap_joint`` in the array ``name``, which is in the same message or in one that contains it.
+    Names published on a separate topic are looked up in their latest message. If the path leads to
+    an array of numbers and a joint is given, the joint's element is chosen.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class FieldPath:
     Raises
     ------
     ValueError
-        When it is no path.
+        When it is not a path.
     """
 
     def __init__(self, text: str, joint: str = "") -> None:
@@ -53,7 +53,7 @@ class FieldPath:
         Raises
         ------
         ValueError
-            When there is no number at the path; the text says what is there instead.
+            When there is no number at the path; the message names the value found there.
         """
         value: Any = message
         outer: list[Any] = [] if names is None else [names]

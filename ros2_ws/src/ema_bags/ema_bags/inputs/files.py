@@ -1,4 +1,4 @@
-"""A file or bag of any make, with what it holds."""
+"""A file or bag of any make, and its content."""
 
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as ByTopic
@@ -55,7 +55,7 @@ class InputFile:
         return [remark for remark in ("; ".join(damage), self._problem) if remark]
 
     def series(self, mapping: Mapping) -> ByTopic[str, Series]:
-        """Return what a mapping wants, by topic; that of a table has the topic ``""``.
+        """Return the mapped series by topic; a table has the topic ``""``.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class InputFile:
         Raises
         ------
         ValueError
-            When it is no table, or has no such column.
+            When it is not a table, or has no such column.
         """
         if not isinstance(self._held, TableColumns):
             raise ValueError(f"{self.path} is a bag: a table has columns")
@@ -100,7 +100,7 @@ class InputFile:
             yield values, part
 
     def guess(self, description: ActuatorDescription, clock: Clock | None = None) -> Guess:
-        """Return a mapping guessed from what the file holds.
+        """Return a mapping guessed from the content of the file.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class InputFile:
         return refine(first, join_topics(series, first.mapping, stamps), stamps, description)
 
     def contents(self) -> list[str]:
-        """Return what the file holds, a line a column or topic."""
+        """Return the content of the file, one line per column or topic."""
         if not isinstance(self._held, TableColumns):
             topics = list(self._held.topics.items())[:_MOST_LISTED]
             return [f"topic {name}: {topic.count} of {topic.type_name}" for name, topic in topics]

@@ -24,7 +24,7 @@ class GapFiller:
     Parameters
     ----------
     period_ns, widest_ns
-        Period of the samples, and the longest step that is no gap [ns].
+        Period of the samples, and the longest step that is not a gap [ns].
     most
         How many lost samples in a row are filled.
     columns

@@ -96,7 +96,7 @@ _UNLIKE: Final[dict[str, set[str]]] = {
 
 @dataclass(frozen=True)
 class Guess:
-    """A guessed mapping and what it rests on, one remark a line."""
+    """A guessed mapping and its reasons, one remark per line."""
 
     mapping: Mapping
     remarks: list[str]
@@ -118,7 +118,7 @@ def guess_columns(
     ------
     ValueError
         When no column seems to be the position, or a command or position error that is needed, or
-        a column looks like the time and is no clock.
+        a column looks like the time and is not a clock.
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
     if clock is None:
@@ -134,7 +134,7 @@ def guess_columns(
             if quantity in quantities and not quantities & without and name not in taken.values()
         ]
         if able:
-            # Where a table has several joints, what has the words of the position is of its joint.
+            # In a table with several joints, columns with the position's words belong to its joint.
             position = _words_of(taken.get("position", ""))
             taken[quantity] = max(able, key=lambda name: len(_words_of(name) & position))
             able.remove(taken[quantity])
@@ -208,7 +208,7 @@ def guess_topics(
     Raises
     ------
     ValueError
-        When there is no joint state, or nothing that seems to be a command that is needed.
+        When there is no joint state, or no topic that seems to be the required command.
     """
     remarks: list[str] = []
     states = [name for name, names in joints.items() if names]
@@ -446,7 +446,7 @@ def _counts(values: NDArray[Any]) -> bool:
 
 
 def _disorder(columns: TableColumns, name: str) -> str:
-    """Return why times that do not grow are no clock."""
+    """Return why times that do not grow are not a clock."""
     if name in columns.texts:
         cells = columns.texts[name]
         return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
@@ -540,7 +540,7 @@ def _unit_in_name(name: str) -> str:
 
 
 def _kinds_of(name: str) -> set[str]:
-    """Return what a column may be by its name: keys of a mapping, "time" or "phase_a" to "c"."""
+    """Return the possible roles of a column by its name: mapping keys, "time", "phase_a" to "c"."""
     words = _words(_BRACKETS.sub(" ", name))
     text = " ".join(words)
     roles = {

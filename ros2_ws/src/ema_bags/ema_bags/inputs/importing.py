@@ -37,7 +37,7 @@ _BLOCK_SAMPLES: Final = 20
 
 
 class SampleStream:
-    """Turns series into runs of telemetry: those of a file at once, live ones part by part.
+    """Turns series into runs of telemetry: a file at once, live series part by part.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class SampleStream:
     ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
         """Return the columns of the next samples in SI units, and the runs that they make.
 
-        Arguments are those of ``join_topics`` and ``Resampler.push``.
+        Arguments are as in ``join_topics`` and ``Resampler.push``.
         """
         return self.push_joined(
             join_topics(by_topic, self._mapping, stamps_ns), stamps_ns, is_last=is_last
@@ -92,7 +92,7 @@ class SampleStream:
         *,
         is_last: bool = False,
     ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
-        """Do as ``push`` with what ``join_topics`` returned for the stamps."""
+        """Do as ``push`` with the result of ``join_topics`` for the stamps."""
         raw = dict(raw)
         temperature = raw.pop("temperature", None)
         if self.rises is not None and temperature is not None:
@@ -184,7 +184,7 @@ def import_series(
     Parameters
     ----------
     by_topic
-        Series by topic; of a table that of the topic ``""``.
+        Series by topic; a table has the topic ``""``.
     description
         Description of the actuator; its sample period and acquisition are replaced by those found.
     period
@@ -202,7 +202,7 @@ def import_series(
     stamps, rebuilt = primary_stamps(primary, mapping)
     rate = find_rate(stamps, mapping.clock.rate_hz)
     if rebuilt == len(primary):
-        # They are on a line: what it moves as it follows the clock is no jitter of the samples.
+        # They are on a line, whose motion as it follows the clock is not jitter of the samples.
         rate = replace(rate, jitter=0.0)
     raw, notes = join_topics(by_topic, mapping, stamps), list(other_rate(rate, description))
     doubled = [] if mapping.is_table or rebuilt else list(two_publishers(stamps))
@@ -255,7 +255,7 @@ def _renewed_rate(stamps_ns: NDArray[np.int64], published: Rate, mapping: Mappin
 
 
 def uses_arrival(series: Series, mapping: Mapping) -> bool:
-    """Return whether the samples of a topic have no stamps other than those of their arrival."""
+    """Return whether the samples of a topic have no stamps except their times of arrival."""
     return mapping.clock.source in ("sent", "arrival") or not series.is_stamped
 
 

@@ -38,9 +38,9 @@ class ImpossibleSamples:
     """Finds samples that no actuator can give, and puts them on the line between their neighbours.
 
     Such a sample is beyond 1e15, or 0 in all columns between samples that are not. Or its position
-    is off for three samples at most: by 10 usual steps and, of a modelled drive, twice what its
-    top speed allows in a sample; of another one by half a turn or the usual range, and 1 % of a
-    turn. Of a modelled drive, a speed or current beyond 3 times the limit is impossible, too. More
+    is off for three samples at most: by 10 usual steps and, for a modelled drive, twice the travel
+    at top speed in a sample; for another drive by half a turn or the usual range, and 1 % of a
+    turn. For a modelled drive, a speed or current beyond 3 times the limit is impossible, too. More
     than three in a row are left as they are.
 
     Parameters
@@ -70,7 +70,7 @@ class ImpossibleSamples:
         self._open = 0
 
     def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        """Return columns, ``(n,)`` each, without such samples, those of one block after another.
+        """Return columns, ``(n,)`` each, without such samples; call it for each block in order.
 
         If a block ends before the position of a modelled drive comes back from a jump, the value
         before is held.
@@ -156,7 +156,7 @@ class ImpossibleSamples:
     def _is_held(self, step: float) -> bool:
         """Return whether a value is held until it shows whether the position comes back.
 
-        Not that of an unknown drive, whose motion may begin so fast, and not over a wrap.
+        It is not held for an unknown drive, whose motion may begin so fast, or over a wrap.
         """
         turn = 2.0 * self._half_turn
         is_wrap = math.isfinite(turn) and abs(step - turn) < _WRAP * turn
@@ -177,7 +177,7 @@ class ImpossibleSamples:
 def limits_of(
     mapping: Mapping, description: ActuatorDescription, period: float
 ) -> dict[str, float]:
-    """Return what no motor of a description exceeds, as ``ImpossibleSamples`` takes it.
+    """Return the limits that no motor of a description exceeds, for ``ImpossibleSamples``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A defect of a mapping or of what it maps."""
+"""A defect of a mapping or of its data."""
 
 from dataclasses import dataclass
 

@@ -86,7 +86,7 @@ _KINDS: Final = (
     *("equivalent", "i_q", "phase_currents", "motor_torque", "joint_torque", "magnitude"),
     "force",
 )
-# i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of the
+# i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) by the
 # power-invariant transformation.
 _AMPLITUDES: Final = ("", "peak", "rms", "power")
 # Shown in the text of a mapping even if they have their default.
@@ -168,7 +168,7 @@ class CurrentSource(Source):
     Raises
     ------
     ValueError
-        When the unit is not one of the kind, or what a kind needs is missing or given for another.
+        When the unit does not fit the kind, or an entry of the kind is missing or does not apply.
     """
 
     unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES, *FORCES))
@@ -261,7 +261,7 @@ class Mapping(Checked):
     ------
     ValueError
         When command and error are both given, sources are partly columns and partly topics, or a
-        name to accept is not that of a defect.
+        name to accept is not a defect's name.
     """
 
     position: AngleSource
@@ -348,20 +348,20 @@ class Mapping(Checked):
 
     @property
     def measured_current(self) -> CurrentSource | None:
-        """Source of the current, unless it is said not to be measured."""
+        """Source of the current, unless it is declared as not measured."""
         if self.current is None or self.current.sampling == "none":
             return None
         return self.current
 
     def telemetry_sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of what telemetry is made of."""
+        """Yield name and source of the columns of telemetry."""
         for name in _QUANTITIES:
             item = self.measured_current if name == "current" else getattr(self, name)
             if item is not None:
                 yield name, item
 
     def sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of what is mapped."""
+        """Yield name and source of all mapped quantities."""
         yield from self.telemetry_sources()
         if self.temperature is not None:
             yield "temperature", self.temperature
@@ -379,13 +379,13 @@ def load_mapping(path: Path) -> Mapping:
     Raises
     ------
     ValueError
-        When the file cannot be read or is no mapping; the message names the file.
+        When the file cannot be read or is not a mapping; the message names the file.
     """
     return load_settings(path, "mapping file", Mapping)
 
 
 def mapping_text(mapping: Mapping) -> str:
-    """Return a mapping as the text of a file: what has its default is left out, units are not."""
+    """Return a mapping as the text of a file, without default values except units."""
     return yaml.safe_dump(_shown(mapping), sort_keys=False, allow_unicode=True)
 
 

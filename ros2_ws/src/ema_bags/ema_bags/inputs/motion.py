@@ -109,7 +109,7 @@ class ThinnedMotion:
 
     @property
     def fastest(self) -> float:
-        """Largest speed of the user shaft by that of the motor [rad/s]; 0 without."""
+        """Largest speed of the user shaft, from the motor's [rad/s]; 0 without a speed."""
         return float(np.max(np.abs(self.angle) / self.seconds)) if self.has_speed else 0.0
 
     def travel(self, name: str) -> float:
@@ -135,7 +135,7 @@ class ThinnedMotion:
 
     @property
     def speed_ratio(self) -> float | None:
-        """Motion of the position over that of the motor by its speed; 1 if all is right.
+        """Motion of the position divided by the motor's motion from its speed; ideally 1.
 
         None without speed or fast motion. In fast motion the gear rests on one flank.
         """
@@ -143,7 +143,7 @@ class ThinnedMotion:
             return None
         size = np.abs(self.angle)
         fast = size > _FAST * np.max(size)
-        # Both steps beside it are fast and go the same way: no flank changes within.
+        # Both adjacent steps are fast and in the same direction: no reversal within.
         inner = fast.copy()
         inner[1:] &= fast[:-1] & (np.sign(self.angle[1:]) == np.sign(self.angle[:-1]))
         chosen = inner if np.count_nonzero(inner) >= _LEAST_POINTS // 2 else fast
@@ -158,7 +158,7 @@ class ThinnedMotion:
 
         A stroke is a motion between two reversals of the position. Reversals below 5 % of the
         range, and strokes below 20 % of the longest, do not count. Without speed the second column
-        is 0. A lag, an elastic gear and the play hardly change what a whole stroke travels.
+        is 0. A lag, an elastic gear and the play hardly change the travel of a whole stroke.
         """
         ends = _reversals(self.position[:, 1])
         steps = self.position[:, 1] - self.position[:, 0]
@@ -226,7 +226,7 @@ class ThinnedMotion:
         return float(np.sum(work)) / size if size > 0.0 else 0.0
 
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
-        """Return the current over what inertia and friction need, and their correlation.
+        """Return the current divided by the need of inertia and friction, and their correlation.
 
         None without current or motion.
         """

@@ -17,7 +17,7 @@ from ema_monitor.joint.moves import Move
 
 @dataclass(frozen=True)
 class MovesMapping(Checked):
-    """Which columns of a table of moves are what.
+    """The meaning of the columns of a table of moves.
 
     Raises
     ------
@@ -50,12 +50,12 @@ def load_moves_mapping(path: Path) -> MovesMapping:
 
 
 def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:
-    """Return the tests of each unit, in order of time; a figure is named with what it is of.
+    """Return the tests of each unit, in order of time; figures are named with their conditions.
 
     Raises
     ------
     ValueError
-        When the file is no table, a column is missing or holds no numbers, or a row has no time.
+        When the file is not a table, a column is missing or not numeric, or a row has no time.
     OSError
         When it cannot be read.
     """

@@ -28,7 +28,7 @@ class Rate:
     Attributes
     ----------
     period
-        Nominal sample period: that of a common rate, if the stamps give one [s].
+        Nominal sample period: the period of a common rate, if the stamps fit one [s].
     measured_period
         Sample period as the stamps give it [s].
     jitter
@@ -44,7 +44,7 @@ class Rate:
 
     @property
     def is_regular(self) -> bool:
-        """Whether samples are as regular as can be told, so that none has to be interpolated."""
+        """Whether samples are regular within the resolution, so that none must be interpolated."""
         rounded = self.jitter <= 0.5 * self.resolution
         return (rounded or self.jitter <= _STILL * self.period) and abs(
             self.measured_period / self.period - 1.0

@@ -70,8 +70,8 @@ class Resampler:
     """Turns samples with stamps into runs at a fixed period, in the order they come.
 
     Samples that are regular stay as they are; others are interpolated on their stamps. A gap, a
-    pause or a clock that goes back ends a run: the index of the next one leaves room for what is
-    missing, and for one sample at least. The index of the first sample is 1.
+    pause or a clock that goes back ends a run: the index of the next run leaves room for the
+    missing samples, at least one. The index of the first sample is 1.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class Resampler:
         return [GaplessRun(int(indices[i[0]]), stamps_ns[i], values[i]) for i in parts]
 
     def _note_gaps(self, steps: NDArray[np.float64]) -> None:
-        """Count what is missing by the steps between stamps, in periods."""
+        """Count the missing samples from the steps between stamps, in periods."""
         wide = steps[steps * self._period_ns > self._widest_ns]
         is_pause = wide * self._rate.period > PAUSE_S
         self.losses.pauses += int(np.count_nonzero(is_pause))

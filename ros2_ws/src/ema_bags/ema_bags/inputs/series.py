@@ -1,4 +1,4 @@
-"""What one table or topic holds of what a mapping wants, and topics joined to one series."""
+"""Mapped series of a table or topic, and topics joined to a single series."""
 
 from collections.abc import Mapping as ByName
 from dataclasses import dataclass, field
@@ -90,7 +90,7 @@ class _Topic:
 
 
 class Collector:
-    """Reads what a mapping wants from messages as they come, live or from a bag.
+    """Reads the mapped fields of messages as they arrive, live or from a bag.
 
     Parameters
     ----------
@@ -140,11 +140,11 @@ class Collector:
 
     @property
     def topics(self) -> list[str]:
-        """Topics that are wanted, those of names as well."""
+        """Mapped topics, including topics of names."""
         return [*self._topics, *self._names]
 
     def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> bool:
-        """Take a message; one that does not have what is wanted is counted and left out: False.
+        """Add a message; one without the mapped fields is counted and omitted: False.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class Collector:
         return True
 
     def take(self) -> dict[str, Series]:
-        """Return what has been collected since the last time, by topic."""
+        """Return the series collected since the last call, by topic."""
         return {name: topic.taken() for name, topic in self._topics.items()}
 
     def problem(self) -> str:
@@ -196,7 +196,7 @@ class Collector:
 def join_topics(
     by_topic: ByName[str, Series], mapping: Mapping, stamps_ns: NDArray[np.int64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return what the sources hold at the samples of the position, by the keys of ``wanted``.
+    """Return the sources' values at the samples of the position, by the keys of ``wanted``.
 
     Each is ``(n,)``; not a number where a source has nothing.
 

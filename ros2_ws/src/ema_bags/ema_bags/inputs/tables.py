@@ -225,12 +225,12 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     Parameters
     ----------
     table
-        How a CSV file is written; what it leaves open is found out.
+        Format of a CSV file; unspecified entries are detected.
 
     Raises
     ------
     ValueError
-        When the file is no table of numbers.
+        When the file is not a table of numbers.
     OSError
         When it cannot be opened.
     """
@@ -301,7 +301,7 @@ def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableC
 
 
 def table_series(columns: TableColumns, mapping: Mapping) -> Series:
-    """Return what a mapping wants of a file; the stamps are of its clock, without it of the rate.
+    """Return the mapped series of a file, stamped by its clock or else by the rate.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Measured temperatures beside telemetry, as the measured cause ``winding_temperature``."""
+"""Temperatures measured with telemetry, as the measured cause ``winding_temperature``."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -67,7 +67,7 @@ class RiseSampler:
         self._rises += map(MeasuredRise, stamps_ns[first].tolist(), rises[first].tolist())
 
     def take(self) -> list[MeasuredRise]:
-        """Return what was measured since the last call."""
+        """Return the rises measured since the last call."""
         rises, self._rises = self._rises, []
         return rises
 

@@ -28,9 +28,9 @@ class _Angle:
     Attributes
     ----------
     last, offset
-        Last value as the source gives it, and what is added to it.
+        Last value of the source, and the offset added to it.
     steps
-        Latest steps that are no wraps.
+        Latest steps that are not wraps.
     lowest, highest, is_whole
         Range of the values, and whether all are whole numbers.
     """
@@ -70,7 +70,7 @@ class Unwrapper:
                 self._angles[name] = _Angle(math.inf if is_length else 2.0 * math.pi / size)
 
     def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        """Return columns with continuous angles; arguments are those of ``convert``."""
+        """Return columns with continuous angles; arguments are as in ``convert``."""
         changed = dict(raw)
         if "command" in self._angles:
             self._align(raw)
@@ -119,7 +119,7 @@ class Unwrapper:
         return continued
 
     def _periods(self, angle: _Angle) -> list[float]:
-        """Return after what an angle may wrap: a turn, or the counts of its register."""
+        """Return the possible wrap periods of an angle: a turn, or the counts of its register."""
         periods = [angle.turn] if math.isfinite(angle.turn) else []
         if angle.is_whole and angle.lowest >= 0.0:
             counts = (2.0**bits for bits in _BITS)
