@@ -1,5 +1,6 @@
 """What explains a window: faults, hidden causes, or what it does not tell apart."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -233,11 +234,12 @@ def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibr
     assert (objective.unit_evaluations, other.unit_evaluations) == (2 * (1 + 6), 1 + 21)
 
 
-@pytest.mark.parametrize("sigmas", [0.5, 10.0])
+@pytest.mark.parametrize("sigmas", [0.5, 2.4, -10.0, 10.0])
 def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
     """One sigma of a cause costs what the noise of one effective residual does.
 
-    A sensor that has failed may read anything: ten sigma of it cost 15, those of the plant 100.
+    A sensor that has failed may read anything: ten sigma of it cost 24, those of the plant 100.
+    Its usual errors cost as much as those of the plant.
     """
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
@@ -249,12 +251,28 @@ def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
     away = sigmas * np.array([one.sigma for one in causes])
     point[-n:] += away / np.array([2.0 * one.reach for one in causes])
     reached = np.abs(objective.causes(point) - away) < 1e-9
-    assert np.all(reached | (sigmas > 1.0))
-    squares = objective.residuals(point[None])[0, -n:] ** 2 / objective.noise
+    assert np.all(reached | (abs(sigmas) > 1.0))
+    priors = objective.residuals(point[None])[0, -n:]
+    assert np.all(np.sign(priors) == np.sign(sigmas))
+    squares = priors**2 / objective.noise
     of_sensors = np.array([one.cause.place == Place.SENSOR for one in causes])
     assert squares[~of_sensors] == pytest.approx(sigmas**2)
     assert np.sum(of_sensors) == 9
-    assert squares[of_sensors] == pytest.approx(5.0 * np.log1p(sigmas**2 / 5.0))
+    tail = 2.5**2 * (1.0 + 2.0 * np.log(abs(sigmas) / 2.5))
+    assert squares[of_sensors] == pytest.approx(sigmas**2 if abs(sigmas) < 2.5 else tail)
+
+
+def test_prior_of_a_sensor_is_smooth_where_its_tail_begins(healthy_windows, calibration):
+    """So that a linear model about either side holds on the other."""
+    window = healthy_windows[0]
+    causes = hidden_causes(PARAMETERS, window.excitation)
+    objective = Objective(window, calibration, causes=causes)
+    spans = np.array([2.0 * one.reach / one.sigma for one in causes])
+    points = np.tile(objective.healthy, (3, 1))
+    points[:, -len(causes) :] += np.array([[2.499], [2.5], [2.501]]) / spans
+    priors = objective.residuals(points)[:, -len(causes) :] / math.sqrt(objective.noise)
+    assert priors[1] == pytest.approx(np.full(len(causes), 2.5))
+    assert np.diff(priors, axis=0) == pytest.approx(np.full((2, len(causes)), 1e-3), rel=1e-3)
 
 
 def test_healthy_window_costs_its_effective_residuals(unseen_window, calibration):

@@ -313,12 +313,15 @@ class Objective:
     def _unusual(self, point: Array) -> Array:
         """Return residuals of unit variance by the priors of hidden causes, ``(..., n_causes)``.
 
-        Their squares are -2 ln of the density over the highest one.
+        Their squares are -2 ln of the density over the highest one: normal up to the tail, a power
+        law beyond, with a continuous slope.
         """
-        away, heavy = self.cause_sigmas(point), np.isfinite(self._tails)
-        if np.any(heavy):
-            tails, far = self._tails[heavy], away[..., heavy]
-            away[..., heavy] = np.copysign(np.sqrt(tails * np.log1p(far**2 / tails)), far)
+        away = self.cause_sigmas(point)
+        distances = np.abs(away)
+        if np.any(is_far := distances > self._tails):
+            tails = np.broadcast_to(self._tails, away.shape)[is_far]
+            lengths = tails * np.sqrt(1.0 + 2.0 * np.log(distances[is_far] / tails))
+            away[is_far] = np.copysign(lengths, away[is_far])
         return away
 
     def cause_sigmas(self, point: Array) -> Array:

@@ -87,16 +87,16 @@ USUAL_SIGMA: Final = {
 """Usual change between two tests of causes that a healthy unit has within narrow bounds [-]."""
 
 _NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
-# Of sensors: one that has failed may read anything.
-_TAIL: Final = 5.0
+# Of sensors: one that has failed may read anything. Narrower, offsets take the place of loads.
+_TAIL: Final = 2.5
 
 
 class Prior(NamedTuple):
     """A deviation as a parameter of a fit.
 
     What is ``expected`` of it, with which standard deviation ``sigma``, and the bounds ``lowest``
-    and ``reach``, in its unit. With a finite ``tail``, which is as the degrees of freedom of
-    Student's distribution, a value far from the expected one is not much less likely than others.
+    and ``reach``, in its unit. It is normal up to ``tail`` sigma. Beyond, its density falls as a
+    power of the distance: a value that is far from the expected one may occur.
     """
 
     name: str
