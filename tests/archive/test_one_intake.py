@@ -4,7 +4,7 @@ Its duty counts in growth, each window has measured causes, and each test a coun
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,9 +81,12 @@ def cycles() -> list[Received]:
 
 @pytest.fixture(scope="module")
 def bag(cycles: list[Received], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("recording") / "unit.mcap"
+    return write_bag(tmp_path_factory.mktemp("recording") / "unit.mcap", cycles)
+
+
+def write_bag(path: Path, cycles: list[Received]) -> Path:
     writer, topic = BagWriter(path), f"{topics.NAMESPACE}/{topics.MEASURED_CAUSES}"
-    with SimulatedActuatorBag(writer, UNIT, START_NS) as recording:
+    with SimulatedActuatorBag(writer, UNIT, cycles[0].measured_ns) as recording:
         writer.add_topic(topic, *topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES])
         for cycle in cycles:
             recording.begin_cycle(cycle.number, fault_vector({}), cycle.count.hours)
@@ -122,8 +125,8 @@ def monitored(cycles: list[Received]) -> Iterator[tuple[Estimate, Outlook]]:
                     yield estimate, event
 
 
-def predicted(bag: Path, prognosis: PrognosisSettings):
-    return diagnose_unit([bag], Predicting(search=COLD, prognosis=prognosis))
+def predicted(path: Path, prognosis: PrognosisSettings):
+    return diagnose_unit([path], Predicting(search=COLD, prognosis=prognosis))
 
 
 def rows_of(steps) -> dict[str, list[str]]:
@@ -167,15 +170,35 @@ def test_monitor_gives_what_the_command_gives(course, cycles):
     assert rows_of(list(monitored(cycles))) == rows_of(course.steps)
 
 
-def test_archive_holds_what_the_command_gives(course, bag, tmp_path):
-    archive = tmp_path / "archive"
-    with Manifest(archive, is_new=True) as manifest, Workers("threads", 1) as pool:
+def archived(archive: Path, folder: Path) -> dict[str, list[str]]:
+    """Rows of an archive after a scan of a folder, and a run."""
+    is_new = not archive.exists()
+    with Manifest(archive, is_new=is_new) as manifest, Workers("threads", 1) as pool:
         manifest.settings = ArchiveSettings(prognosis=BY_DAMAGE)
-        scan(manifest, [str(bag.parent)])
+        scan(manifest, [str(folder)])
         run(manifest, pool)
         [(_, unit, summary)] = manifest.units()
     tables = {name: read_unit(archive, name, unit).to_pylist() for name in ("estimates", "health")}
-    assert {
+    return {
         **{name: [repr(plain(row)) for row in rows] for name, rows in tables.items()},
         "growth": sorted(repr(plain(row)) for row in summary["growth"]),
-    } == rows_of(course.steps)
+    }
+
+
+def test_archive_holds_what_the_command_gives(course, bag, tmp_path):
+    assert archived(tmp_path / "archive", bag.parent) == rows_of(course.steps)
+
+
+def test_archive_continued_by_a_later_bag_holds_what_the_command_gives(cycles, tmp_path):
+    """The first bag ends within a cycle: the duty since its last window is of the next test."""
+    folder, archive = tmp_path / "bags", tmp_path / "archive"
+    folder.mkdir()
+    *before, cut, last = cycles
+    write_bag(folder / "first.mcap", [*before, replace(cut, blocks=cut.blocks[:5])])
+    assert len(archived(archive, folder)["health"]) == CYCLES - 2
+    write_bag(folder / "second.mcap", [replace(cut, blocks=cut.blocks[5:]), last])
+    rows = archived(archive, folder)
+    course = predicted(folder, BY_DAMAGE)
+    assert len(course.steps) == CYCLES
+    health = rows_of(course.steps)["health"]
+    assert (rows["health"], len(rows["estimates"])) == (health, CYCLES)
