@@ -410,7 +410,7 @@ class Manifest(Database):
                 "UPDATE unit SET is_due = 0, made_by = ?, model = ?, summary = ? WHERE unit = ?",
                 (result.made_by, entry.model, json.dumps(result.summary), entry.unit),
             )
-            # Of one whose bags are all of others now nothing is known.
+            # A unit whose bags all belong to other units is unknown.
             db.execute("DELETE FROM unit WHERE unit NOT IN (SELECT unit FROM part)")
 
     def _forget_health(self, unit: str) -> None:

@@ -1,4 +1,4 @@
-"""Questions to the tables of an archive, in SQL; nothing else can be read, and nothing written."""
+"""SQL queries of the tables of an archive, without access to other files or to writing."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

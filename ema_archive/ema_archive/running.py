@@ -54,7 +54,7 @@ class RunTally:
     not_followed
         Units whose health and life could not be found, with the reason.
     mended
-        What was wrong with the tables, in words.
+        Defects of the tables, in words.
     """
 
     bags: int = 0
@@ -70,7 +70,7 @@ class RunTally:
 def scan(
     manifest: Manifest, sources: Sequence[str], follow: Callable[[int], None] = lambda _: None
 ) -> int:
-    """List the bags of the sources of an archive, those given anew included; return how many.
+    """List the bags of the sources of an archive, including new sources; return their number.
 
     The tables that are one file each are then as the archive is.
 
@@ -158,7 +158,7 @@ def _bag_result(outcome: Outcome) -> BagResult:
     if error is None and outcome.value.software == estimation_software():
         return outcome.value
     words = _OTHER_SOFTWARE if error is None else f"{type(error).__name__}: {error}"
-    # Of a bag that ends its worker nothing is known: the machine may have run out of memory.
+    # A bag that ends its worker has no result: the machine may have run out of memory.
     return BagResult(task, FAILED, str(error) if isinstance(error, WorkerLostError) else words)
 
 
@@ -237,7 +237,7 @@ def write_summaries(manifest: Manifest) -> None:
         path = folder / f"{name}.parquet"
         write_table(path, pa.Table.from_pylist(found, WHOLE[name]))
         manifest.note_table(path)
-    # By parts: of millions of bags there is no need to hold all.
+    # In parts: millions of bags need not be held in memory.
     schema = WHOLE["bags"]
     with (
         complete_file(folder / "bags.parquet") as partial,

@@ -1,4 +1,4 @@
-"""Hidden causes over time: constant, a step, or a ramp, and the text that stands for each."""
+"""Hidden causes over time: constant, a step, or a ramp, and their textual form."""
 
 import re
 from collections.abc import Iterable, Mapping

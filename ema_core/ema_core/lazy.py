@@ -14,7 +14,7 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
     def get(name: str) -> Any:
         if name == "__all__":  # of `from package import *`
             return import_module(f"{package}.api").__all__
-        # Names of Python's own are asked for by whoever looks at a module; they mean no use of it.
+        # Inspecting a module requests Python's special names, which does not mean that it is used.
         if not name.startswith("_"):
             api = import_module(f"{package}.api")
             if name in api.__all__:

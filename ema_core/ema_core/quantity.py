@@ -143,7 +143,7 @@ def check_length(count: float, what: str, columns: int = 1) -> None:
 
 
 def is_finite_number(value: Any) -> bool:
-    """Return whether a value is a finite number; True and False are none."""
+    """Return whether a value is a finite number; True and False are not."""
     try:
         return not isinstance(value, bool | np.bool_) and math.isfinite(value)
     except (TypeError, OverflowError):

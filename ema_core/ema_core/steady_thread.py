@@ -1,4 +1,4 @@
-"""A thread that is started again when it ends by itself, and says so."""
+"""A thread that is restarted and reported when it ends unexpectedly."""
 
 import threading
 import time

@@ -201,7 +201,7 @@ class ActuatorBench:
 
     @property
     def _drive(self) -> str:
-        """The simulated drive; six-step commutation stands for one that nobody knows."""
+        """The simulated drive; an unknown drive is simulated with six-step commutation."""
         drive = self.description.drive
         return "six_step" if drive == "unknown" else drive
 

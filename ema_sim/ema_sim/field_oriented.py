@@ -247,7 +247,7 @@ def field_oriented_at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> FieldO
 
 
 def unlike_causes(names: Container[str]) -> str:
-    """Return why causes of an inverter that switches are none here; empty if there is none."""
+    """Return why causes of a switching inverter cannot be simulated; empty if there are none."""
     wrong = [name for name in _NOT_AVERAGED if name in names]
     if not wrong:
         return ""

@@ -35,7 +35,7 @@ SEED_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Identifying(Source):
-    """What of a bag to look at, and how to identify it, as the options say.
+    """Part of a bag to read, and settings of identification, from the options.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Identifying(Source):
         return replace(self, calibration_file=files[0] if files else None)
 
     def calibration(self) -> AnyCalibration:
-        """Return the calibration; ValueError or OSError when its file is none."""
+        """Return the calibration; ValueError or OSError if its file is not one."""
         file = self.calibration_file
         return Calibration.builtin() if file is None else load_calibration(file)
 

@@ -34,7 +34,7 @@ ACTUATOR_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Source(Checked):
-    """What of a bag to look at, as the options say.
+    """Part of a bag to read, from the options.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ def _show(found: BagWindows) -> None:
     click.echo(", ".join(filter(None, words)))
     nominal = unit.parameters.as_mapping()
     if unit.drive == "unknown":
-        # All other parameters are of the built-in actuator, and nothing reads them.
+        # All other parameters come from the built-in actuator and are not used.
         used = (name for name in _OF_UNKNOWN if nominal[name] not in (0.0, NEUTRAL.get(name)))
         nominal = {name: nominal[name] for name in used}
     if nominal:

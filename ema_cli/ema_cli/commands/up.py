@@ -59,9 +59,9 @@ def up(
 ) -> None:
     """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
 
-    The dashboard prints its address. The others live on when one ends. Exit code 1 when one of them
-    failed, or one of the same name runs already. A simulated actuator is a new unit at each start:
-    beside it the monitor keeps its history in memory, unless history_folder says otherwise.
+    The dashboard prints its address. If one node exits, the others keep running. Exit code 1 when a
+    node failed, or a node of the same name runs already. A simulated actuator is a new unit at each
+    start: with it the monitor keeps its history in memory, unless history_folder is set.
     """
     with (
         deferred_signals(*ENDING) as stop,

@@ -306,7 +306,7 @@ class Calibration(StoredCalibration):
         Raises
         ------
         ValueError
-            When the file is no calibration; the message names file and defect.
+            When the file is not a calibration; the message names file and defect.
         OSError
             When it cannot be read.
         """

@@ -401,7 +401,7 @@ def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> Unit
     # What was left out may still be there, as far as the windows and the priors let it.
     left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))
     known: Array = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
-    # What was measured was taken for known in all of it.
+    # Measured causes were assumed known throughout.
     shifts = np.linalg.solve(normal, slopes.T @ problem.effects_of_measured(x) / noise**2)
     return UnitFit(problem.deviations(x), problem.covariance(known + shifts @ shifts.T))
 

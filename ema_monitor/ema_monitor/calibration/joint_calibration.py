@@ -83,7 +83,7 @@ class JointCalibration(StoredCalibration):
     FORMAT: ClassVar = "joint_1"
 
     form = "joint"
-    """There are no kernels to compile for it."""
+    """Do nothing: it has no kernels to compile."""
 
     unit_parameters = None
     """Nothing is known of the unit in the units of the parameters."""

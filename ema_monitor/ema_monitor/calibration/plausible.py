@@ -28,7 +28,7 @@ FAULTY: Final = (
     "eccentricity_cos",
     "eccentricity_sin",
 )
-"""Deviations that a fault is taken for."""
+"""Deviations that can be mistaken for a fault."""
 
 
 def implausible(calibration: Calibration, window: Window) -> str:

@@ -36,7 +36,7 @@ _WIDTH: Final = 100
 
 
 class CauseProspect(NamedTuple):
-    """What a healthy actuator with one hidden cause of a usual size is taken for.
+    """Estimate of a healthy actuator with one hidden cause of a usual size.
 
     ``size`` is in the unit of the cause, ``verdict`` in words: "named", "does not show",
     "named, not separated from ...", "taken for ..." or "refused".
@@ -78,7 +78,7 @@ class Certificate:
         return next(one.sigma for one in self.faults if one.name == name)
 
     def unmet(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return in words which of the largest standard deviations wanted, by fault, are passed."""
+        """Return the wanted standard deviations, by fault, that are exceeded, in words."""
         words = []
         for name, sigma in wanted.items():
             reached = self.sigma(name)

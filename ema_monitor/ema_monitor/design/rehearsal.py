@@ -130,7 +130,7 @@ class Prospect(NamedTuple):
 
 
 class FaultProspect(NamedTuple):
-    """What a test shows of one fault.
+    """Result of a rehearsal for one fault.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ def checked_causes(given: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ...]:
 
 
 def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
-    """Return the measured causes that texts of the form `GRAMMAR` stand for.
+    """Return the measured causes described by texts of the form `GRAMMAR`.
 
     Raises
     ------

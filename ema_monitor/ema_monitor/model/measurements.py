@@ -43,7 +43,7 @@ class MeasurementLog:
         Raises
         ------
         ValueError
-            As of `checked_causes`; then nothing is kept.
+            As in `checked_causes`; then nothing is kept.
         """
         measured = checked_causes(measured)
         by_name = self._by_actuator[actuator_id] = self._by_actuator.pop(actuator_id, {})

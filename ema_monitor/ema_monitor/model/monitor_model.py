@@ -224,7 +224,7 @@ def form_of(drive: str, form: str | None = None) -> str:
     Raises
     ------
     ValueError
-        When there is no model of such a drive, or the form is not one of its.
+        When there is no model of such a drive, or it does not have the form.
     """
     known = FORMS_OF_DRIVES.get(drive)
     if known is None:

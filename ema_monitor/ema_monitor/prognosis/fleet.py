@@ -1,4 +1,4 @@
-"""What the histories of other units say of growth: gathered, put together, and kept in a file."""
+"""Growth evidence from the histories of other units: collected, merged, and stored in a file."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -30,7 +30,7 @@ _MOST_BYTES: Final = 500_000_000
 
 
 class FleetUnit(NamedTuple):
-    """What a unit says.
+    """Evidence of a unit.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class FleetUnit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """What units say of growth, each by the digest of its actuator and serial number.
+    """Growth evidence of units, each by the digest of its actuator and serial number.
 
     Attributes
     ----------

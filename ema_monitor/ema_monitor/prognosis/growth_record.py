@@ -117,7 +117,7 @@ class GrowthRecord:
         return self.service.add(entry)
 
     def _restore(self, kept: bytes) -> None:
-        """Go on from a kept state; without it, or from one of something else, begin anew."""
+        """Continue from a stored state; without one, or with an unrelated one, start anew."""
         try:
             with np.load(BytesIO(kept), allow_pickle=False) as file:
                 state = dict(file)

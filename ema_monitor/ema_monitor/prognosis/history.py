@@ -275,7 +275,7 @@ class History:
         """
         self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-        # Bytes that are no text have a wrong checksum: the row is reported and left out.
+        # Bytes that are not text have a wrong checksum: the row is reported and omitted.
         db.text_factory = lambda text: text.decode(errors="replace")
         try:
             # Held until the connection is closed, or the process ends.

@@ -31,7 +31,7 @@ class Claim(NamedTuple):
     received_ns
         When the author had that test [ns]; 0 when it is not known, as after a restart.
     author
-        Node that says so; empty for a command.
+        Node that published it; empty for a command.
     good_for_s
         How long it is good for from the test on [s]; 0 of a record, whose level is that at its end.
     oldest_ns

@@ -1,4 +1,4 @@
-"""Health and remaining life in sentences for those who plan."""
+"""Health and remaining life in sentences for maintenance planners."""
 
 import math
 from typing import Final

@@ -26,7 +26,7 @@ class PrognosisSettings:
     service
         What is assumed of use.
     fleet
-        What other units say of growth; None when there are none.
+        Growth evidence of other units; None without any.
     damage
         How duty does damage.
     scenario

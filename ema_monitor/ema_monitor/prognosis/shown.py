@@ -13,7 +13,7 @@ RECENT_TESTS: Final = 3
 
 
 class LastShown:
-    """The latest test that has shown each fault, by itself.
+    """The latest single test that has shown each fault.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ class WindowFinder:
 
     @property
     def shortfall(self) -> str:
-        """Why the piece with the longest motion is no record; empty without such a piece."""
+        """Why the piece with the longest motion is not a record; empty without such a piece."""
         return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else ""
 
     @property
@@ -223,7 +223,7 @@ class WindowFinder:
         return events
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
-        """Begin anew with other settings, for this reason; a window that is open ends."""
+        """Restart with other settings, for this reason; an open window ends."""
         self._settings = settings
         self._windows_before, self._samples = self.windows, 0
         self._run = self._longest_run = 0
@@ -255,7 +255,7 @@ class WindowFinder:
         return self._scan(block, self._trigger, self.description)
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Process a block, stamped so [ns], that is no valid telemetry for this reason."""
+        """Process a block with this stamp [ns] that is invalid telemetry for this reason."""
         self.blocks += 1
         if self._trigger is None:
             defect = Defect(stamp_ns, reason)

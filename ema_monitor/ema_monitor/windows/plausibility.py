@@ -1,4 +1,4 @@
-"""Samples that no motor of a description can give: telemetry is wrong, and nothing wears."""
+"""Samples that no motor of a description can produce: the telemetry is wrong, not the actuator."""
 
 from typing import Final
 
@@ -20,7 +20,7 @@ def top_speed(parameters: ActuatorParameters) -> float:
 
 
 def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> str:
-    """Return which samples no motor of the description can give; empty if there are none.
+    """Return the samples that no motor of the description can produce; empty without any.
 
     These are a position that steps by more than twice the top speed allows and ten times its usual
     step, and a speed that for one sample is off by more than 1.5 times what the largest torque

@@ -105,7 +105,7 @@ class RecordTrigger(WindowTrigger):
     Attributes
     ----------
     shortfall
-        Why the piece with the longest motion that was passed over is no record; empty without one.
+        Why the skipped piece with the longest motion is not a record; empty without one.
     interpolated
         Number of lost samples that were interpolated.
     """
@@ -313,7 +313,7 @@ class RecordTrigger(WindowTrigger):
         return Window(telemetry)
 
     def _shortfall(self, moved_s: float, travel: float) -> str:
-        """Return why a piece of motion [s] with a travel [rad] is no record; empty if it is."""
+        """Return why a piece of motion [s] with a travel [rad] is not a record; empty if it is."""
         if moved_s < LEAST_MOTION_S:
             return (
                 f"a record needs {LEAST_MOTION_S:g} s of motion, and the longest piece has "

@@ -1,4 +1,4 @@
-"""What the sensors of a window say of each other: the travel, and the law of the drive (M27)."""
+"""Relations between the sensors of a window: the travel, and the law of the drive (M27)."""
 
 from typing import Final, NamedTuple
 

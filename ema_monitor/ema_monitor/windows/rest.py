@@ -21,7 +21,7 @@ _FOURTH_DIFFERENCE_GAIN: Final = 70.0**0.5
 _NOISE_S: Final = 0.25
 _NOISE_SAMPLES: Final = 25
 _NOISE_WINDOWS: Final = 64
-# Rounding errors of a position are no resolution.
+# Rounding errors of a position are not a resolution.
 _RELATIVE_ROUNDING: Final = 1e-9
 
 

@@ -55,12 +55,12 @@ class StretchTrigger(WindowTrigger):
         self._play: float | None = None
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop the blocks kept; a stretch that is cut off is no loss."""
+        """Drop the kept blocks; a stretch that is cut off is not a loss."""
         self._start = None
         return super().interrupt(stamp_ns, reason)
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """Return nothing: a stretch that the end of the telemetry cuts off is no loss."""
+        """Return nothing: a stretch cut off by the end of the telemetry is not a loss."""
         return []
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:

@@ -70,7 +70,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Defect:
-    """Something wrong with the stream outside of any window, at ``stamp_ns`` [ns]."""
+    """A defect of the stream outside of any window, at ``stamp_ns`` [ns]."""
 
     stamp_ns: int
     reason: str

@@ -10,7 +10,7 @@ from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 LEAST_PROBABILITY: Final = 1e-280
-"""What stands for a probability below it, so that its logarithm is finite [-]."""
+"""Lower bound of probabilities, so that their logarithm is finite [-]."""
 
 _TAIL: Final = -6.0
 _ROOT_2: Final = math.sqrt(2.0)

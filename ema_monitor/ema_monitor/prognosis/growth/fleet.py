@@ -1,4 +1,4 @@
-"""What the growth of units says of the next one: curves and rates over a fleet (P26).
+"""Prior of a unit's growth from other units: curves and rates over a fleet (P26).
 
 Each unit gives, for each fault that grows, the likelihood of its tests under every curve and rate
 of the grid. The distribution over the units is fitted to these by empirical Bayes (Laird 1978),
@@ -32,7 +32,7 @@ _STEPS: Final = 60
 
 
 class GrownFault(NamedTuple):
-    """What the tests of a unit say of the growth of one of its faults.
+    """Evidence of a unit's tests about the growth of one of its faults.
 
     Attributes
     ----------

@@ -73,7 +73,7 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     # The grid's rates and paces also represent the values between them.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
-    # What was seen for u hours goes on for t more with a probability of u / (u + t).
+    # Growth observed for u hours continues for t more with a probability of u / (u + t).
     change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
     changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
     changed[is_wave | cells.is_random[cell] | (mixture.is_known | (observed == 0.0))[:, None]] = 1.0

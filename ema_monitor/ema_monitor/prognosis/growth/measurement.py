@@ -40,7 +40,7 @@ class Measurement:
     Raises
     ------
     ValueError
-        When the hours are no number of at least 0, a shape is wrong, or an observable component
+        When the hours are negative or not a number, a shape is wrong, or an observable component
         has no finite value or variance.
     """
 
@@ -78,7 +78,7 @@ class Measurement:
         Raises
         ------
         ValueError
-            When the estimate is not valid, or the hours are no number of at least 0.
+            When the estimate is not valid, or the hours are negative or not a number.
         """
         if not estimate.valid:
             raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")

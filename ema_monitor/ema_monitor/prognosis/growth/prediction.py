@@ -42,7 +42,7 @@ _ANY_LIMIT: Final = "first fault limit"
 
 @dataclass(frozen=True)
 class TrackedFault:
-    """What is known of one component.
+    """Estimate of one component.
 
     Attributes
     ----------

@@ -196,7 +196,7 @@ class FleetPrior:
 
 @dataclass(frozen=True)
 class TrackerSettings(Checked):
-    """What a tracker assumes; each number says its unit, range and meaning.
+    """Assumptions of a tracker; each field has its unit, range and meaning.
 
     Of components that ``laws`` does not name the law is unknown, and all are averaged. ``fleet``
     is the growth of other units; a known law takes precedence. ``forgetting`` is a power applied

@@ -195,7 +195,7 @@ class Tracker(Kept):
         return [one.event(COMPONENTS[number]) for number, one in changes.items() if one is not None]
 
     def _keep_prediction(self, own_hours: Array) -> None:
-        """Keep a prediction of what later tests will show, to hold it against them."""
+        """Store a prediction of later tests, to compare it with them."""
         rng = np.random.default_rng([1, self.updates])
         sample = draw(self._mixture, SAMPLES, self._observed(), rng)
         ahead = self._check.hours_ahead(self.hours)

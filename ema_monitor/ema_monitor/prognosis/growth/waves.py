@@ -101,7 +101,7 @@ class Waves(Kept):
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Let the filters go on over hours of their component, ``(7,)`` [h]; growth may begin."""
+        """Advance the filters by hours of their component, ``(7,)`` [h]; growth may begin."""
         self._begin(weight)
         hours = hours[:, None]
         rate, turn = self.rates(), hours * self.omega

@@ -14,14 +14,14 @@ __all__ = ["Bag", "BagWindows", "RecordedWindow", "read_telemetry", "read_window
 def read_telemetry(
     path: str | Path, *, topic: str | None = None, actuator_id: str | None = None
 ) -> Iterator[Telemetry]:
-    """Read the telemetry of one actuator block by block; malformed blocks are left out.
+    """Read the telemetry of one actuator block by block, without malformed blocks.
 
     Parameters
     ----------
     path
         The recording: an ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
     topic, actuator_id
-        Which telemetry; needed where there is a choice.
+        Selection of the telemetry; needed if there are several actuators or topics.
 
     Raises
     ------

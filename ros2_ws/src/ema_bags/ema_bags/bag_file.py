@@ -121,7 +121,7 @@ class BagFile:
         # It has write, tell and flush: the writer needs no more of a stream.
         self._mcap = Writer(cast(BufferedWriter, self.disk), chunk_bytes)
         self._mcap.start(profile="ros2", library=f"ema_bags {__version__}")
-        with suppress(OSError):  # whoever looks at a bag that has just begun finds one
+        with suppress(OSError):  # a reader of a bag that has just begun finds a valid file
             self.disk.flush()
 
     def add_topic(self, topic: WrittenTopic) -> None:

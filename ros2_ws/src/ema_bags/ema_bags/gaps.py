@@ -32,7 +32,7 @@ class Gap:
 
     @classmethod
     def from_metadata(cls, record: Mapping[str, str]) -> Self:
-        """Return a gap of a record; KeyError or ValueError if it is none."""
+        """Return the gap of a metadata record; KeyError or ValueError if it is not one."""
         numbers = (int(record[key]) for key in ("start_ns", "end_ns", "messages"))
         return cls(record.get("reason", ""), *numbers)
 

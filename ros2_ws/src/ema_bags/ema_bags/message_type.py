@@ -65,7 +65,7 @@ def _shared_file(name: str, suffix: str) -> Path:
     return _found_file(name, suffix, os.environ.get("AMENT_PREFIX_PATH", ""))
 
 
-# Of a short bag, asking the disk for each topic anew took a twentieth of its estimates.
+# For a short bag, reading the disk again for each topic took a twentieth of the estimation time.
 @lru_cache(maxsize=1024)
 def _found_file(name: str, suffix: str, prefixes: str) -> Path:
     package, kind, short = _parts(name)

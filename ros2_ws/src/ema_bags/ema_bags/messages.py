@@ -109,7 +109,7 @@ class Recording(ABC):
     topics
         What was recorded, by topic.
     malformed
-        Messages that cannot be used; ``damage`` says why, and counts each once.
+        Messages that cannot be used; ``damage`` gives the reason, and counts each once.
     """
 
     def __init__(self, path: Path) -> None:
@@ -129,7 +129,7 @@ class Recording(ABC):
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of the recording so far."""
+        """Remarks on the recording so far."""
         return list(filter(None, [self.damage]))
 
     def readable_counts(self) -> dict[str, int]:

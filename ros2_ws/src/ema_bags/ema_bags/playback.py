@@ -59,7 +59,7 @@ class Playback:
         self.start_ns = self.reached_ns = self._next.log_time_ns
 
     def go_to(self, time_ns: int, messages: Iterable[Recorded]) -> None:
-        """Stand at another log time [ns], with the messages from then on, while nothing plays."""
+        """Move to another log time [ns], with the messages from there, while paused."""
         self._messages = iter(messages)
         self._next = next(self._messages, None)
         self.reached_ns = time_ns

@@ -49,7 +49,7 @@ class PlayerSettings(Checked):
 
 
 class PlayedBag:
-    """A bag with the topics and the time that are played of it.
+    """A bag with its played topics and time range.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class PlayedBag:
     Raises
     ------
     ValueError
-        When there is nothing to play, with the reasons, or a topic that is wanted is not there.
+        When there is nothing to play, with the reasons, or a wanted topic is missing.
     """
 
     def __init__(self, settings: PlayerSettings, wanted: set[str] | None) -> None:

@@ -32,7 +32,7 @@ from ema_ros.topics import LATCHED, PLAYBACK_STATE
 
 _STATE_S: Final = 0.5
 _BETWEEN_PASSES_S: Final = 0.05
-# Names and fields of rosbag2's player; types of our own, whose answers say why one is refused.
+# Names and fields of rosbag2's player, with own types, whose answers give a reason of refusal.
 _SERVICES: Final = {
     "pause": Trigger,
     "resume": Trigger,
@@ -272,7 +272,7 @@ class PlayerNode(ManagedNode):
         self._is_begun = True
 
     def _run(self, stop: threading.Event) -> bool:
-        """Play on, first of all wait for subscribers, and return whether all has arrived."""
+        """Wait for subscribers at the start, then play; return whether all has arrived."""
         if not self._is_begun:
             self._wait_for_subscribers(stop)
         if stop.is_set():

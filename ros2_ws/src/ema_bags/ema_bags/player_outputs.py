@@ -1,4 +1,4 @@
-"""The publishers of a player, and who listens to them."""
+"""The publishers of a player, and their subscribers."""
 
 import threading
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ class PlayerOutputs:
         self._clock.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
 
     def missing(self) -> str:
-        """Return the topics without a subscription that is waited for, in words."""
+        """Return the topics that still lack an expected subscription, in words."""
         subscribed = {
             name
             for name, publisher in self.publishers.items()

@@ -34,7 +34,7 @@ class Bag(Recording):
     start_ns, end_ns
         Log times of the first and last message [ns]; None when there is none.
     malformed
-        Messages that cannot be used; ``damage`` says why, and counts each once.
+        Messages that cannot be used; ``damage`` gives the reason, and counts each once.
 
     Raises
     ------

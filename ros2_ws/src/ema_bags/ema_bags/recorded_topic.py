@@ -72,7 +72,7 @@ class SampleGaps:
         self._next[block.actuator_id] = block.first_index + length
 
     def pause(self) -> None:
-        """Expect no index to go on from the last one."""
+        """Do not expect indices to continue from the last one."""
         self._next.clear()
 
 
@@ -96,7 +96,7 @@ class RecordedTopic:
     is_received
         Whether the node has a subscription to it.
     incompatible
-        Nodes that publish it and offer less than is requested: nothing is received from them.
+        Publishing nodes with an incompatible quality of service: nothing is received from them.
 
     Raises
     ------

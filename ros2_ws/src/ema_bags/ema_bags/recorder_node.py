@@ -39,7 +39,7 @@ class RecorderNode(ManagedNode):
     separate file when the level of a health or of a status on /diagnostics changes, or when
     ``~/snapshot`` is called; messages kept at the end are not written.
 
-    While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
+    While it is inactive it records nothing; activated again, it continues in the same bag. The bag
     is closed when it is cleaned up.
 
     While the bag cannot be written, for example because the disk is full, the status is ERROR.

@@ -92,7 +92,7 @@ class Recording:
     path
         Where to record.
     own
-        Full name of the recorder, whose own statuses are no reason for a snapshot.
+        Full name of the recorder, whose own statuses do not trigger a snapshot.
     on_failure
         Called as by ``BagWriter``, whose errors are raised, too.
 
@@ -191,7 +191,7 @@ class Recording:
         self.kept_bytes += item.size
         duration_ns = round(self._settings.snapshot_duration * 1e9)
         while self._kept:
-            # A clock that was set back makes nothing old.
+            # A clock that was set back makes no message old.
             is_old = item.log_time_ns - self._kept[0].log_time_ns > duration_ns
             if not is_old and self.kept_bytes <= self._settings.max_cache_size:
                 break
@@ -201,7 +201,7 @@ class Recording:
             self.bag.note_state(gone.topic, gone.data, gone.publish_time_ns or gone.log_time_ns)
 
     def _read(self, topic: str, data: bytes) -> Any:
-        """Return a message that says something to the recorder; None of any other type."""
+        """Return a message that is relevant to the recorder; None for other types."""
         kind = self.bag.topics[topic].message_class
         try:
             return deserialize_message(data, kind) if issubclass(kind, _READ) else None

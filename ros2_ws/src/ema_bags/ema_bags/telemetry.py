@@ -113,7 +113,7 @@ def _find_telemetry(
     first_ids = {name: next(_actuator_ids(bag, name), "") for name in candidates}
     there = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
     if actuator_id is not None:
-        # Only where an actuator is not the first of any topic, topics are searched through.
+        # Topics are only searched if an actuator is not the first of any topic.
         candidates = [name for name, first in first_ids.items() if first == actuator_id] or [
             name for name in candidates if actuator_id in _actuator_ids(bag, name)
         ]

@@ -57,7 +57,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     waits_for_room
         Whether to wait where the recording cannot be written, instead of giving up.
     on_failure
-        Called as by ``SteadyThread`` when the thread that writes by time has ended by itself.
+        Called as by ``SteadyThread`` when the thread that writes by time has ended unexpectedly.
 
     Attributes
     ----------
@@ -391,7 +391,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             self._file.flush()
 
     def _begin_anew(self) -> None:
-        """Begin another file in the place of one that somebody has removed."""
+        """Begin another file in place of a removed one."""
         gone, span = self._file, self._file.information
         reason = f"{gone.path} was removed or moved while it was recorded"
         if not self._waits_for_room:
@@ -410,7 +410,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._write_states(span.end_ns)
 
     def _end_gap(self) -> None:
-        """Tell of the gap that has just ended, if there is one."""
+        """Report the gap that has just ended, if there is one."""
         gap, self._gap = self._gap, None
         if gap is not None:
             self._tell(gap)

@@ -34,7 +34,7 @@ class Access:
 
     @property
     def cookie(self) -> str:
-        """What a browser that has shown the token keeps instead of it."""
+        """Cookie that a browser keeps after it has presented the token."""
         return hmac.new(self._token.encode(), b"dashboard cookie", hashlib.sha256).hexdigest()
 
     def refuses(self, host: str, reached: str, scheme: str, origin: str | None) -> str:

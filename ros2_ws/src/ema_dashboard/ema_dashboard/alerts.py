@@ -61,7 +61,7 @@ class Alerts:
             self._loop.call_soon_threadsafe(self._add, alert)
 
     def close(self) -> None:
-        """Post nothing any more."""
+        """Stop posting."""
         self._task.cancel()
 
     def _add(self, alert: dict[str, Any]) -> None:

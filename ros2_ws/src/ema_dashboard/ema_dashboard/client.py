@@ -48,7 +48,7 @@ class Client:
         self._most_bytes = most_bytes
         self._protocol: deque[str | bytes] = deque()
         self._messages: deque[bytes] = deque()
-        self._unsent: dict[int, deque[str]] = {}  # keys of what is kept, by channel
+        self._unsent: dict[int, deque[str]] = {}  # keys of kept messages, by channel
         self._filled = asyncio.Event()
         self._ended: asyncio.Future[tuple[int, bytes]] = asyncio.Future()
         self._allowance = _REQUESTS_AT_ONCE

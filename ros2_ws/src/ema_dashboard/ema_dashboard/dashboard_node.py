@@ -109,7 +109,7 @@ class DashboardNode(ManagedNode):
         self.add_timer(_DISCOVERY_S, self._discover)
 
     def deactivate(self) -> None:
-        """Receive nothing any more; clients stay connected."""
+        """Stop receiving; clients stay connected."""
         self._inputs.clear()
 
     def clean_up(self) -> None:
@@ -186,7 +186,7 @@ class DashboardNode(ManagedNode):
                 self._note(topic.namespace, held)
 
     def _find_player(self) -> None:
-        """Let clients control a player that has come; there is one at a time."""
+        """Let clients control a new player; there is one at a time."""
         states = [one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE]
         for name in states:
             for item in self.get_publishers_info_by_topic(name):
@@ -265,7 +265,7 @@ class DashboardNode(ManagedNode):
         await histories.keep_note(note)
 
     def _note_time(self, time_ns: int) -> None:
-        """Take the time of the graph; where it jumps back, nothing of later stays."""
+        """Note the time of the graph; if it jumps back, discard everything later."""
         before_ns, self._clock_ns = self._clock_ns, time_ns
         if before_ns is None or time_ns >= before_ns - _JUMP_NS:
             return

@@ -1,4 +1,4 @@
-"""The hub: topics as channels of Foxglove's protocol, their latest messages, and who looks at them.
+"""The hub: topics as channels of Foxglove's protocol, their latest messages, and their clients.
 
 Nodes of the graph publish into it from any thread; clients live in its event loop.
 """

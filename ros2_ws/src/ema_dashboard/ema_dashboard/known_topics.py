@@ -41,7 +41,7 @@ class KnownTopic(NamedTuple):
 
 
 def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
-    """Return the topics that are shown of some namespaces, and those outside of any."""
+    """Return the shown topics of some namespaces, and topics outside of any namespace."""
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     found = [
         KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),

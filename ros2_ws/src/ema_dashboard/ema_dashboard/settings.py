@@ -1,4 +1,4 @@
-"""Where the dashboard listens and how, who may look, and how much of the machine it takes."""
+"""Settings of the dashboard: addresses, access, and limits of resources."""
 
 import errno
 import ipaddress

@@ -33,7 +33,7 @@ _SERVICE_TYPE: Final = "ema_interfaces/srv/GetHistory"
 
 
 class ActuatorHistory:
-    """What is known of the tests of one actuator's unit; any thread may ask for ``serialised``.
+    """History of the tests of one actuator's unit; any thread may ask for ``serialised``.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class ActuatorHistory:
             self._happened(next(iter(history.tests)).stamp, "history", text)
 
     def note_estimate(self, estimate: FaultEstimate) -> bool:
-        """Take an estimate; return whether the monitor has begun anew since the one before.
+        """Add an estimate; return whether the monitor has restarted since the previous one.
 
         Such a restart is an event, and so is a calibration that cannot be used.
         """
@@ -105,7 +105,7 @@ class ActuatorHistory:
         self._happened(stamp, "gap", f"{counted(samples, 'sample')} of telemetry missing")
 
     def rewind(self, time_ns: int) -> None:
-        """Forget what is later than a time [ns]."""
+        """Discard entries later than a time [ns]."""
         with self._lock:
             self._tests = {key: test for key, test in self._tests.items() if key <= time_ns}
             self._events = {key: item for key, item in self._events.items() if key[0] <= time_ns}
@@ -229,7 +229,7 @@ class Histories:
                 self._offer(actuator_id, history)
 
     def rewind(self, time_ns: int) -> None:
-        """Forget what is later than a time to which the graph has jumped back [ns]."""
+        """Discard entries later than a time to which the graph has jumped back [ns]."""
         with self._lock:
             for actuator_id, history in self._histories.items():
                 history.rewind(time_ns)
@@ -300,7 +300,7 @@ class Histories:
 
 
 def read_note(content: Any) -> tuple[str, NoteEvent.Request]:
-    """Return the namespace and the note in the JSON of a client; ValueError where it is none."""
+    """Return the namespace and the note in a client's JSON; ValueError if it is not a note."""
     match content:
         case {
             "namespace": str(namespace),

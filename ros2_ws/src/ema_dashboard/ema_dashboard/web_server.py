@@ -92,7 +92,7 @@ class WebServer:
         # Also while it is about to run, or to run again.
         self._loop.call_soon_threadsafe(self._loop.stop)
         self.thread.end()
-        # A thread that had ended by itself has left that call in the loop.
+        # A thread that had ended unexpectedly has left that call in the loop.
         self._loop.call_soon(self._loop.stop)
         self._loop.run_forever()
         # In this thread: the server's thread may have ended before.

@@ -1,4 +1,4 @@
-"""What healths are worth that nodes have published: a level is good for a time, and of one node."""
+"""Validity of published healths: a level holds for a limited time, and while its node reports."""
 
 import copy
 import math
@@ -59,7 +59,7 @@ def worth(health: Any, ended_s: float, *, is_silent: bool = False) -> Any:
     """
     if health.level == STALE or not (is_silent or ended_s > 0.0):
         return health
-    # The parts that change are copied, of the rest only who has them.
+    # Changing parts are copied; the rest is shared.
     held = copy.copy(health)
     held.level, held.last_level = STALE, health.level
     why = f"{health.author or 'its monitor'} is silent"

@@ -49,7 +49,7 @@ class ManagedNode(LifecycleNode):
     What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
     may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``: the
     state is then the one before. After any other exception, and one in ``deactivate`` or
-    ``clean_up``, the node lets go of all that it has and is unconfigured. Subscriptions and timers
+    ``clean_up``, the node releases all its resources and is unconfigured. Subscriptions and timers
     that it makes while it is active end with that, and all that it makes while it is configured
     with that.
 
@@ -172,7 +172,7 @@ class ManagedNode(LifecycleNode):
         return super().create_service(srv_type, srv_name, answer, **kwargs)
 
     def add_timer(self, period_s: float, callback: Callable[[], object]) -> Timer:
-        """Return a new timer whose time goes on where simulated time stands still."""
+        """Return a new timer that also runs while simulated time stands still."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def add_publisher(
@@ -222,7 +222,7 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(f"a callback failed{held_back}:\n{trace}")
 
     def report_end(self, failure: str, trace: str) -> None:
-        """Tell that a thread has ended by itself, with the traceback."""
+        """Report that a thread has ended unexpectedly, with the traceback."""
         self.get_logger().error(f"{failure}\n{trace}")
         self.report()
 

@@ -1,4 +1,4 @@
-"""Who else is in the graph, and who has gone."""
+"""Other nodes in the graph, and nodes that have gone."""
 
 from collections import defaultdict
 from typing import Final
@@ -32,7 +32,7 @@ class Peers:
         """Publishers whose messages do not arrive, as ``unheard_publishers`` gives them."""
 
     def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
-        """Take note of who is there and return who has gone since the last time."""
+        """Note the present nodes, and return the nodes that have gone since the last call."""
         present = in_touch | (alive & (self._present | self._gone.keys()))
         lost = sorted(self._present - present)
         known = {name: since for name, since in self._gone.items() if name not in present}

@@ -1,4 +1,4 @@
-"""What the nodes use of rclpy that has no public name; nothing else in the repository does.
+"""Private parts of rclpy that the nodes use; only this module uses any.
 
 Receiving the waiting messages of a subscription, the state of a lifecycle in its own process, the
 end of a state machine, errors of ``change_state``, and given parameters. Checked with 7.1 (Jazzy).

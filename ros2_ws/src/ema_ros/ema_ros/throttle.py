@@ -8,7 +8,7 @@ _MOST_KINDS: Final = 1000
 
 
 class Throttle:
-    """Lets a line through once in a while [s]; numbers in it make no other line of it."""
+    """Passes a line at most once in a period [s]; lines that differ in numbers count as equal."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s

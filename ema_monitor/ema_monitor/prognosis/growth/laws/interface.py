@@ -45,7 +45,7 @@ class Levels(NamedTuple):
 
 
 class Future(NamedTuple):
-    """How growth goes on, at some hours of samples, ``(m, n)`` each."""
+    """Continuation of growth at some hours of samples, ``(m, n)`` each."""
 
     hours: Array  # of growth from now on, ascending [h]
     paced: Array  # the same at a pace that may wander [h]

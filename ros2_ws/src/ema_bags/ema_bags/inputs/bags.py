@@ -115,8 +115,8 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
     Raises
     ------
     ValueError
-        When a topic is not there, its type is another one than the mapping says, or not one
-        message has what is wanted.
+        When a topic is missing, its type differs from the mapping, or no message has the mapped
+        fields.
     """
     collector = Collector(mapping)
     for name in collector.topics:

@@ -165,7 +165,7 @@ class BridgeNode(ManagedNode):
             expected = f"expected at least {LEAST_SAMPLES} in {self._settings.learn_s:g} s or more"
             return WARN, f"learning the rate: {self._counts[source]} messages; {expected}"
         is_idle = is_long and not recent[_PUBLISHED]
-        # Of the first messages after a silence nothing can be published yet.
+        # The first messages after a silence cannot be published yet.
         middle = self._past[len(self._past) // 2][1]
         is_resumed = middle[source] == self._past[0][1][source]
         if bridge.refused or self._problem or (is_idle and not is_resumed):
@@ -192,7 +192,7 @@ class BridgeNode(ManagedNode):
         return silent
 
     def _has_source(self, topic: str) -> bool:
-        # Names that are latched outlive who published them.
+        # Latched names outlive their publisher.
         is_latched = topic in self._bridge.collector.names_topics
         count = is_latched or self.count_publishers(self.resolve_topic_name(topic))
         return topic in self._inputs and bool(count)
@@ -277,7 +277,7 @@ class BridgeNode(ManagedNode):
                 f"{1.0 / rate.period:g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}"
             )
         for rise in bridge.take_rises():
-            # Before the telemetry that it holds for.
+            # Published before the telemetry to which it applies.
             measured = measured_to_message(
                 rise.stamp_ns, [rise.cause], self._description.actuator_id
             )

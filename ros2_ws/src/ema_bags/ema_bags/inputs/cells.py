@@ -60,9 +60,9 @@ def may_be_number(cell: str) -> bool:
 
 
 def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | None:
-    """Return the numbers of a column of texts; None if most cells are none.
+    """Return the numbers of a column of texts; None if most cells are not numbers.
 
-    A cell with digits that is no number makes a ``problem``; a word is not a number.
+    A cell with digits that is not a number makes a ``problem``; a word becomes NaN.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | Non
 
 
 def shows_decimals(values: NDArray[Any]) -> bool:
-    """Return whether numbers have fractions that no separator of thousands can be taken for."""
+    """Return whether numbers have fractions that cannot be thousands with a separator."""
     parts = np.abs(values[np.isfinite(values)])
     parts = parts[parts % 1.0 != 0.0]
     thousands = parts * 1e3

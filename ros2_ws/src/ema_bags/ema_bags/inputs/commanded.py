@@ -68,7 +68,7 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
 
 
 def _lag_of_copy(command: NDArray[np.float64], position: NDArray[np.float64]) -> int | None:
-    """Return by how many samples a position repeats the command later; None if it does not."""
+    """Return the delay in samples with which a position repeats the command, or None."""
     moving = np.abs(np.diff(command, prepend=command[0])) > 0.0
     if np.count_nonzero(moving) < _LEAST_SAMPLES // 2:
         return None

@@ -64,7 +64,7 @@ class WrittenTimes:
 
 
 def read_times(column: "pd.Series[Any]") -> WrittenTimes | None:
-    """Return the times of a column of dates or texts; None if its first cells are none."""
+    """Return the times of a column of dates or texts; None if its first cells are not times."""
     if pd.api.types.is_datetime64_any_dtype(column.dtype):
         return WrittenTimes(_stamps(column))
     if pd.api.types.is_numeric_dtype(column.dtype):

@@ -181,7 +181,7 @@ def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]
             factor *= to_other
         if sign < 0:
             changes.append(("sign", -source.sign))
-        # Units that nobody uses for the whole of an angle only where nothing else explains it.
+        # Units unusual for a whole angle are considered only if nothing else explains it.
         rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_other
         yield _Option(factor, tuple(changes), len(changes) + rare)
     for scale in (1e3, 1e-3):

@@ -27,7 +27,7 @@ class InputFile:
     path
         The file, or the folder of a bag.
     mapping
-        Mapping that says how a CSV file is written; None finds out.
+        Mapping with the format of a CSV file; None detects it.
 
     Raises
     ------
@@ -85,7 +85,7 @@ class InputFile:
         return series
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the rows of a table between which none of some columns changes, and their values.
+        """Yield the runs of rows in which some columns are constant, and these columns' values.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Short gaps between samples, filled where the motion goes on in one direction."""
+"""Short gaps between samples, filled where the motion continues in one direction."""
 
 from typing import Final
 

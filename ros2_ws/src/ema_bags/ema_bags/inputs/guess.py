@@ -1,4 +1,4 @@
-"""A mapping guessed from names, magnitudes and relations, to be confirmed by who knows."""
+"""A mapping guessed from names, magnitudes and relations, to be confirmed by the user."""
 
 import re
 from collections.abc import Mapping as ByName
@@ -518,7 +518,7 @@ def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
 
 
 def _unit_of(text: str) -> str:
-    """Return the unit that is meant by a text, such as "1/min"; empty where it is none known."""
+    """Return the unit denoted by a text, such as "1/min"; empty if it is unknown."""
     plain = text.strip().lower().replace("²", "^2").replace("·", ".")
     for unit, spellings in _UNITS.items():
         if plain in spellings or plain == unit.lower():

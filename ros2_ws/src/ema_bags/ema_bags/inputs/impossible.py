@@ -146,7 +146,7 @@ class ImpossibleSamples:
         return bad
 
     def _far(self, positions: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
-        """Return by how much a position is off that comes back, in the unit of the source."""
+        """Return the deviation of a position that comes back, in the unit of the source."""
         usual = _STEPS * float(np.percentile(steps, 98.0))
         if "position" in self._limits:
             return max(usual, self._limits["position"])

@@ -44,7 +44,7 @@ def load_moves_mapping(path: Path) -> MovesMapping:
     Raises
     ------
     ValueError
-        When it cannot be read or is none; the message names the file.
+        When it cannot be read or is not a mapping; the message names the file.
     """
     return load_settings(path, "mapping file", MovesMapping)
 

@@ -16,7 +16,7 @@ _MOST_DIGITS: Final = 18  # of any whole number of 64 bits
 def read_plain_csv(
     path: Path, names: Sequence[str], rows: Sequence[Sequence[str]], separator: str, **given: Any
 ) -> dict[str, NDArray[Any]] | None:
-    """Return the columns of a CSV file whose cells are all plain numbers; None of any other file.
+    """Return the columns of a CSV file whose cells are all plain numbers; None for other files.
 
     Parameters
     ----------

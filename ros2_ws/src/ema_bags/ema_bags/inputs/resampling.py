@@ -141,7 +141,7 @@ class Resampler:
     def _increasing(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Yield stretches whose stamps grow, and begin anew before each that the clock went to."""
+        """Yield stretches with growing stamps, and restart before each backward clock step."""
         nearest = NEAR * self._period_ns if self._rate.is_regular else 1.0
         while len(stamps_ns):
             first = stamps_ns[0] if self._last_ns is None else self._last_ns
@@ -215,7 +215,7 @@ class Resampler:
         values: NDArray[np.float64],
         last_ns: np.int64,
     ) -> list[GaplessRun]:
-        """Divide samples where an index is missing, and go on from the last one."""
+        """Divide samples where an index is missing, and continue from the last one."""
         self._last_ns = int(last_ns)
         if not len(indices):
             return []

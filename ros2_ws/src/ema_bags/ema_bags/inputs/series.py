@@ -72,7 +72,7 @@ class Series:
 
 @dataclass
 class _Topic:
-    """How the samples of one topic are read, and those that have been since the last time."""
+    """Reader of the samples of one topic, with the samples since the last call."""
 
     clock: FieldPath | None
     readers: dict[str, tuple[FieldPath, str]] = field(default_factory=dict)
