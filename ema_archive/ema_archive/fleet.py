@@ -95,7 +95,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
         raise ValueError(f"{archive} has no tables: `ema archive run` makes them")
     text = files("ema_archive").joinpath("fleet_queries.sql").read_text(encoding="utf-8")
     _, *parts = re.split(r"^-- name: (\w+)$", text, flags=re.MULTILINE)
-    end_s, found = time.monotonic() + limit_s, {}
+    end_s, summary = time.monotonic() + limit_s, {}
     with opened(archive, has_tests=False) as db:
         for name, query in zip(parts[::2], parts[1::2], strict=True):
             timer = Timer(max(end_s - time.monotonic(), 0.0), db.interrupt)
@@ -104,22 +104,22 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
                 answer = db.execute(query, {"most": most} if "$most" in query else None)
                 names = [column[0] for column in answer.description or []]
                 rows = answer.fetchall()
-                found[name] = [_plain(dict(zip(names, row, strict=True))) for row in rows]
+                summary[name] = [_plain(dict(zip(names, row, strict=True))) for row in rows]
             except duckdb.InterruptException:
                 end_s = 0.0
             finally:
                 timer.cancel()
             if time.monotonic() > end_s:
                 raise ValueError(f"the summary takes more than {limit_s:g} s")
-    [found["levels"]], [found["bags"]] = found["levels"], found["bags"]
-    lives = found.pop("lives")
+    [summary["levels"]], [summary["bags"]] = summary["levels"], summary["bags"]
+    lives = summary.pop("lives")
     columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
     steps = [_plain(step._asdict()) for step in survival(*columns)]
     # Not more than a picture can show, the last among them.
     every = max(1, math.ceil(len(steps) / _MOST_STEPS))
-    found["months"].reverse()
+    summary["months"].reverse()
     return FleetSummary(
-        **found,
+        **summary,
         survival=steps[::-every][::-1],
         lives=len(lives),
         failures=sum(life["has_failed"] for life in lives),
@@ -136,8 +136,8 @@ def state_of_tables(archive: Path) -> tuple[int, ...]:
         When there are no tables.
     """
     # Of the tables that are one file each this one is written last.
-    found = (archive / TABLES / "bags.parquet").stat()
-    return found.st_mtime_ns, found.st_ino
+    status = (archive / TABLES / "bags.parquet").stat()
+    return status.st_mtime_ns, status.st_ino
 
 
 def _plain(row: Row) -> Row:

@@ -251,11 +251,11 @@ class Manifest(Database):
 
     def moved(self, results: Iterable[BagResult]) -> list[str]:
         """Return the addresses of bags that are gone and whose content one of the results has."""
-        found = set[str]()
+        urls = set[str]()
         for one in results:
             query = f"SELECT url FROM bag WHERE sha256 = ? AND url <> ? AND NOT {_THERE}"
-            found.update(url for (url,) in self._rows(query, (one.sha256, one.task.url)))
-        return sorted(found)
+            urls.update(url for (url,) in self._rows(query, (one.sha256, one.task.url)))
+        return sorted(urls)
 
     def commit(
         self,
@@ -366,13 +366,13 @@ class Manifest(Database):
             "AS latest WHERE latest.unit = unit.unit ORDER BY last_ns DESC, url DESC LIMIT 1) "
             "LEFT JOIN bag USING (url) ORDER BY unit.unit"
         )
-        found = []
+        entries = []
         for unit, actuator_id, serial_number, model, beside, is_due, maker in rows:
             source = settings.calibration or beside
             calibration = calibration_of(source, (actuator_id, serial_number))
             if is_due or maker != made_by(settings, identity_of(calibration)):
-                found.append(UnitEntry(unit, actuator_id, serial_number, model, source))
-        return found
+                entries.append(UnitEntry(unit, actuator_id, serial_number, model, source))
+        return entries
 
     def lost_after(self, unit: str) -> str:
         """Return why the newest test of a unit may be lost; "" where it is not.

@@ -61,15 +61,15 @@ def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPy
 
 def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
     """Return name and type of each column, by table and view."""
-    found: dict[str, list[tuple[str, str]]] = {}
+    columns: dict[str, list[tuple[str, str]]] = {}
     with opened(archive) as db:
         for view, column, kind in db.execute(
             "SELECT view_name, column_name, data_type FROM duckdb_views() AS view "
             "JOIN duckdb_columns() ON table_name = view_name WHERE NOT view.internal "
             "ORDER BY view_name, column_index"
         ).fetchall():
-            found.setdefault(view, []).append((column, kind))
-    return found
+            columns.setdefault(view, []).append((column, kind))
+    return columns
 
 
 def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:

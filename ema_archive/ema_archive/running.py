@@ -80,16 +80,16 @@ def scan(
         As in `list_bags`; entries noted before remain.
     """
     every = list(dict.fromkeys([*manifest.sources, *(full_url(source) for source in sources)]))
-    number, found = manifest.next_scan, 0
+    number, count = manifest.next_scan, 0
     for source in every:
         for bags in list_bags(source, manifest.archive.resolve()):
             manifest.note(bags, number)
-            found += len(bags)
-            follow(found)
+            count += len(bags)
+            follow(count)
     # Only now: where a store is out of reach, its bags are not gone.
     manifest.end_scan(number, every)
     write_summaries(manifest)
-    return found
+    return count
 
 
 def run(
@@ -178,9 +178,9 @@ def write_results(
     parts = {(one.task.url, part.model, part.unit): part for one in kept for part in one.units}
     places = manifest.begin([*kept, *left])
     for (model, unit, month), urls in sorted(places.items()):
-        found = [part for url in sorted(urls) if (part := parts.get((url, model, unit)))]
+        parts_of_unit = [part for url in sorted(urls) if (part := parts.get((url, model, unit)))]
         for table, stamp in STAMPS.items():
-            rows = [row for part in found for row in getattr(part, table)]
+            rows = [row for part in parts_of_unit for row in getattr(part, table)]
             rows = [row for row in rows if month_of(row[stamp]) == month]
             path = path_of(manifest.archive, table, model, unit, month)
             replace_rows(path, table, urls, rows)
@@ -231,11 +231,11 @@ def write_summaries(manifest: Manifest) -> None:
     folder = manifest.archive / TABLES
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in WHOLE if name != "bags"}
     for model, unit, summary in manifest.units():
-        for name, found in summary.items():
-            rows[name] += [row | {"model": model, "unit": unit} for row in found]
-    for name, found in rows.items():
+        for name, table_rows in summary.items():
+            rows[name] += [row | {"model": model, "unit": unit} for row in table_rows]
+    for name, table_rows in rows.items():
         path = folder / f"{name}.parquet"
-        write_table(path, pa.Table.from_pylist(found, WHOLE[name]))
+        write_table(path, pa.Table.from_pylist(table_rows, WHOLE[name]))
         manifest.note_table(path)
     # In parts: millions of bags need not be held in memory.
     schema = WHOLE["bags"]
@@ -245,7 +245,7 @@ def write_summaries(manifest: Manifest) -> None:
     ):
         bags = manifest.bags()
         while page := bags.fetchmany(_ROWS):
-            found = [dict(zip(schema.names, row, strict=True)) for row in page]
-            found = [row | {"is_there": bool(row["is_there"])} for row in found]
-            writer.write_table(pa.Table.from_pylist(found, schema))
+            table_rows = [dict(zip(schema.names, row, strict=True)) for row in page]
+            table_rows = [row | {"is_there": bool(row["is_there"])} for row in table_rows]
+            writer.write_table(pa.Table.from_pylist(table_rows, schema))
     manifest.note_table(folder / "bags.parquet")

@@ -83,18 +83,18 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
 
 def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
     """Return the bags of a folder; subfolders that are bags are not walked further."""
-    found = [(info, [info]) for name, info in entries.items() if name.endswith(_BAG_SUFFIXES)]
+    bags = [(info, [info]) for name, info in entries.items() if name.endswith(_BAG_SUFFIXES)]
     for name, info in sorted(folders.items()):
         inside = files.ls(info["name"], detail=True)
         if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):
             del folders[name]
-            found.append((info, sorted(inside, key=lambda item: item["name"])))
+            bags.append((info, sorted(inside, key=lambda item: item["name"])))
     beside = entries.get(CALIBRATION_FILE)
     calibration = _url(files, beside["name"]) if beside else ""
-    sizes = [sum(int(item["size"] or 0) for item in parts) for _, parts in found]
+    sizes = [sum(int(item["size"] or 0) for item in parts) for _, parts in bags]
     return [
         Listed(_url(files, info["name"]), size, _mark(parts), calibration)
-        for (info, parts), size in zip(found, sizes, strict=True)
+        for (info, parts), size in zip(bags, sizes, strict=True)
     ]
 
 

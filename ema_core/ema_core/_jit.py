@@ -40,12 +40,12 @@ def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
         config.CACHE_DIR = folder  # pyright: ignore[reportAttributeAccessIssue]
         compiled = numba.njit(error_model="numpy", nogil=nogil)(function)
         try:
-            found = _KernelCache(function)
-            if not Path(found.cache_path).is_relative_to(folder):
+            cache = _KernelCache(function)
+            if not Path(cache.cache_path).is_relative_to(folder):
                 # Elsewhere it would go stale when a kernel changes that this one calls.
-                raise RuntimeError(found.cache_path)
+                raise RuntimeError(cache.cache_path)
             # numba has no other way to a cache of one's own.
-            cast(Any, compiled)._cache = found
+            cast(Any, compiled)._cache = cache
         except RuntimeError:
             root = Path(folder).parent
             _log_once(f"{root} cannot be written: kernels are compiled at each start")

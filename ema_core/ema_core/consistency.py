@@ -173,12 +173,12 @@ def remarks(description: "ActuatorDescription") -> tuple[str, ...]:
         "between two terminals",
     )
     couplings = (of_drive, *_OF_BOTH, *(_OF_SIX_STEP if drive == "six_step" else ()))
-    found = []
+    unusual = []
     for one in couplings:
         ratio = one.ratio(p)
         if ratio < one.lowest or ratio > one.highest:
-            found.append(
+            unusual.append(
                 f"{one.name} = {_in_words(ratio, one.unit)}, usually "
                 f"{_in_words(one.lowest)} to {_in_words(one.highest, one.unit)}: {one.look_at}"
             )
-    return tuple(found)
+    return tuple(unusual)

@@ -78,9 +78,9 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     converted = dict(values)
     texts = {
-        name: found.groups()
+        name: match.groups()
         for name, value in values.items()
-        if isinstance(value, str) and (found := _WITH_UNIT.fullmatch(value.strip()))
+        if isinstance(value, str) and (match := _WITH_UNIT.fullmatch(value.strip()))
     }
     if texts.get("lead", ("", ""))[1] == "mm":
         converted["lead"] = 1e-3 * float(texts.pop("lead")[0])

@@ -20,9 +20,9 @@ def source_digest(names: Iterable[str]) -> str:
         name = waiting.pop()
         if name not in sources and (source := _source(name)):
             sources[name] = source
-            for module, found in _IMPORT.findall(source):
+            for module, imported in _IMPORT.findall(source):
                 # What is imported from a package may be a module.
-                waiting += [module, *(f"{module}.{one}" for one in re.findall(r"\w+", found))]
+                waiting += [module, *(f"{module}.{one}" for one in re.findall(r"\w+", imported))]
     digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
     for name in sorted(sources):
         digest.update(sources[name].encode())

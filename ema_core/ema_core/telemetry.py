@@ -202,8 +202,8 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
 
 def bridged(blocks: Sequence[Telemetry]) -> list[Telemetry]:
     """Return blocks with the samples that are lost between them (`lost_between`)."""
-    found = [blocks[0]]
+    joined = [blocks[0]]
     for block in blocks[1:]:
-        lost = lost_between(found[-1], block)
-        found += [block] if lost is None else [lost, block]
-    return found
+        lost = lost_between(joined[-1], block)
+        joined += [block] if lost is None else [lost, block]
+    return joined

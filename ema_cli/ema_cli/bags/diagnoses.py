@@ -119,13 +119,13 @@ class DiagnosisLog:
     def diagnoses(self) -> list[DiagnosedWindow]:
         """Return the diagnoses, each with the truth of its cycle if recorded."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
-        found = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
-        for one in found:
+        windows = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
+        for one in windows:
             truth = truth_at(truths, one.start_ns)
             if truth is not None:
                 one.cycle, one.truth = truth.cycle, truth.faults
             one.level, one.cause = self._levels.get(one.end_ns, (None, ""))
-        return found
+        return windows
 
 
 def quantity_of(message: Any) -> QuantityChange:

@@ -127,7 +127,7 @@ class Identifying(Source):
         """
         # So that the computing time of the first estimate does not include compilation.
         compile_kernels([calibration.form])
-        diagnosis, found = Diagnosis(), list[Diagnosed]()
+        diagnosis, estimates = Diagnosis(), list[Diagnosed]()
         combining = self.combining if self.any_motion else None
         with progress_bar() as progress:
             task = progress.add_task("identifying", total=len(windows))
@@ -136,7 +136,7 @@ class Identifying(Source):
                     window, calibration, self.search, combining, force=self.accept_defects
                 ):
                     if isinstance(one, Diagnosed):
-                        found.append(one)
+                        estimates.append(one)
                     else:
                         progress.update(
                             task,
@@ -144,10 +144,10 @@ class Identifying(Source):
                             f"evaluations, fitness {one.fitness:.5f} A^2.s",
                         )
                 progress.advance(task)
-        found += diagnosis.finish()
+        estimates += diagnosis.finish()
         if self.any_motion and windows and isinstance(calibration, Calibration):
             click.echo(f"{windows[0].description.actuator_id}: {diagnosis.tally}", err=True)
-        return [one.estimate for one in found]
+        return [one.estimate for one in estimates]
 
 
 def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:

@@ -57,10 +57,10 @@ def table_recordings(
     source = InputFile(table, mapping)
     parts = source.parts(columns) if columns else [(list[str](), source)]
     for values, part in parts:
-        found = [[read_record(part, *one, accepts=False)] for one in actuators]
+        records = [[read_record(part, *one, accepts=False)] for one in actuators]
         messages = (
             (_full_name(name), type_name(type(message)), message, received_ns, stamp_ns)
-            for name, message, received_ns, stamp_ns in _messages(found, _BLOCK_IN_MEMORY_S)
+            for name, message, received_ns, stamp_ns in _messages(records, _BLOCK_IN_MEMORY_S)
         )
         yield values, MemoryRecording(table, messages)
 
@@ -72,14 +72,14 @@ def actuators_of(
 
     A joint gives its actuator the name; ``{joint}`` in the name of the file stands for it.
     """
-    found = []
+    actuators = []
     for joint in mapping.joints or (mapping.joint,):
         file = Path(str(actuator_file).replace("{joint}", joint)) if actuator_file else None
         description = described(file)
         if mapping.joints:
             description = replace(description, actuator_id=joint)
-        found.append((mapping.of_joint(joint), description))
-    return found
+        actuators.append((mapping.of_joint(joint), description))
+    return actuators
 
 
 def described(actuator_file: Path | None) -> ActuatorDescription:
@@ -92,19 +92,19 @@ def read_record(
 ) -> Imported:
     """Return the telemetry of a file; defects are printed, or refused."""
     file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
-    found = imported_by(source, mapping, description)
+    imported = imported_by(source, mapping, description)
     for remark in source.remarks:
         click.echo(f"{file}: {remark}", err=True)
-    for defect in found.defects:
+    for defect in imported.defects:
         click.echo(f"{file}: {defect}", err=True)
-    wrong = refused(found.defects, mapping)
+    wrong = refused(imported.defects, mapping)
     if wrong and not accepts:
         names = ", ".join(item.name for item in wrong)
         raise ValueError(
             f"{file} is not imported: {names} (see above); correct the mapping, or accept with "
             f"accept: [{names}] in it or --accept-defects"
         )
-    return found
+    return imported
 
 
 def read_records(
@@ -118,19 +118,19 @@ def read_records(
 
     Arguments are as in ``read_record``. The clocks of loggers differ by a few per cent.
     """
-    found = [read_record(source, mapping, description, accepts=accepts) for source in sources]
-    period = found[0].description.sample_period
-    for number, one in enumerate(found):
+    records = [read_record(source, mapping, description, accepts=accepts) for source in sources]
+    period = records[0].description.sample_period
+    for number, one in enumerate(records):
         own = one.description.sample_period
         if own != period and abs(own / period - 1.0) < _SIMILAR_RATE:
             source = sources[number]
-            found[number] = imported_by(source, mapping, description, period)
+            records[number] = imported_by(source, mapping, description, period)
             click.echo(
                 f"{source.path}: resampled from {1.0 / own:.5g} to {1.0 / period:.5g} Hz, the rate "
                 f"of {sources[0].path}",
                 err=True,
             )
-    return found
+    return records
 
 
 def imported_by(
@@ -156,7 +156,7 @@ def write_records(
     from ema_ros import topics
 
     kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
-    if any(one.rises for found in actuators for one in found):
+    if any(one.rises for records in actuators for one in records):
         kinds |= topics.SYSTEM_TOPICS
     with new_bag(path, overwrite=overwrite) as bag:
         for name, (message_class, qos) in kinds.items():
@@ -173,7 +173,7 @@ def _messages(
     actuators: Sequence[Sequence[Imported]], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
     """Yield topic, message, when it was received and its stamp [ns], in the order received."""
-    of_each = (_messages_of_actuator(found, block_s) for found in actuators)
+    of_each = (_messages_of_actuator(records, block_s) for records in actuators)
     return heapq.merge(*of_each, key=lambda one: one[2])
 
 

@@ -151,7 +151,7 @@ def read_windows(
             if on_block is not None:
                 on_block(block)
 
-        found = find_recorded_windows(
+        windows = find_recorded_windows(
             recorded,
             source.trigger,
             description=description,
@@ -160,18 +160,18 @@ def read_windows(
             on_block=follow,
             with_duty=with_duty,
         )
-    found.remarks[:0] = [*filter(None, [warning]), *found.description.remarks]
-    return found
+    windows.remarks[:0] = [*filter(None, [warning]), *windows.description.remarks]
+    return windows
 
 
 def identifiable_windows(path: Path, source: Source, bag: Recording | None = None) -> BagWindows:
     """Return the result of ``read_windows``, with at least one window, and print the remarks."""
-    found = read_windows(path, source, bag=bag)
-    for remark in found.remarks:
+    windows = read_windows(path, source, bag=bag)
+    for remark in windows.remarks:
         click.echo(f"{path}: {remark}", err=True)
-    if not found.windows:
-        raise ValueError(why_no_window(path, found, source))
-    return found
+    if not windows.windows:
+        raise ValueError(why_no_window(path, windows, source))
+    return windows
 
 
 def why_no_window(path: Path, found: BagWindows, source: Source) -> str:

@@ -58,15 +58,15 @@ def calibrate(
     descriptions, windows = [], []
     names: list[str] = []
     for bag in bags:
-        found = identifiable_windows(bag, given)
-        for item in found.windows:
+        bag_windows = identifiable_windows(bag, given)
+        for item in bag_windows.windows:
             if isinstance(item.place, Refusal):
                 click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
-        windows += found.windows
-        names += _names(bag, found.windows)
-        descriptions.append(found.description)
-        _require_same(bags[0], descriptions[0], bag, found.description)
-        if found.simulated_faults:
+        windows += bag_windows.windows
+        names += _names(bag, bag_windows.windows)
+        descriptions.append(bag_windows.description)
+        _require_same(bags[0], descriptions[0], bag, bag_windows.description)
+        if bag_windows.simulated_faults:
             words = f"{bag} records simulated faults: the unit is not healthy"
             if not given.accept_defects:
                 accept = "--accept-defects calibrates with it all the same"

@@ -71,14 +71,14 @@ def compare(
         )
     given = given.with_calibration_beside([bag])
     calibration = given.calibration_of_model()
-    found = identifiable_windows(bag, given)
-    chosen = choose_window(found, number)
-    truth = found.true_faults(chosen.start_ns)
+    bag_windows = identifiable_windows(bag, given)
+    chosen = choose_window(bag_windows, number)
+    truth = bag_windows.true_faults(chosen.start_ns)
     comparison = compare_algorithms(chosen, algorithms, calibration, given, truth)
-    start, end = found.seconds(chosen.start_ns), found.seconds(chosen.end_ns)
+    start, end = bag_windows.seconds(chosen.start_ns), bag_windows.seconds(chosen.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
     if as_json:
-        click.echo(json.dumps(_as_object(comparison, found), indent=2))
+        click.echo(json.dumps(_as_object(comparison, bag_windows), indent=2))
     else:
         click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
         _print(comparison, title)

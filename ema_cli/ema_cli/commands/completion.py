@@ -17,6 +17,6 @@ def completion(ctx: click.Context, shell: str) -> None:
     Example for bash: `ema completion bash >> ~/.bashrc`, then a new shell.
     """
     root = ctx.find_root()
-    found = get_completion_class(shell)
-    assert found is not None, shell
-    click.echo(found(root.command, {}, "ema", "_EMA_COMPLETE").source())
+    completion_class = get_completion_class(shell)
+    assert completion_class is not None, shell
+    click.echo(completion_class(root.command, {}, "ema", "_EMA_COMPLETE").source())

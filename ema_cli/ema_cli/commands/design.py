@@ -99,21 +99,21 @@ def design(
             progress.update(task, state=words)
 
         record = Rehearsal(given, follow)
-        found = design_command(record, description, limits, wanted or None, on_progress=say)
+        result = design_command(record, description, limits, wanted or None, on_progress=say)
         say("judging hidden causes")
-        certificate = certify(record, found.command, description, rehearsed=found.rehearsed)
-        if found.reached:
-            sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in found.sigma.items())
+        certificate = certify(record, result.command, description, rehearsed=result.rehearsed)
+        if result.reached:
+            sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in result.sigma.items())
             heading = "A test command of `ema design`. Standard deviations to expect:"
-            save_command(output, found.command, f"{heading}\n{sigmas}")
+            save_command(output, result.command, f"{heading}\n{sigmas}")
     if as_json:
-        click.echo(json.dumps(_record(found) | {"certificate": certificate.record()}, indent=2))
+        click.echo(json.dumps(_record(result) | {"certificate": certificate.record()}, indent=2))
     else:
         click.echo(str(certificate))
-        click.echo(_in_words(found))
-        if found.reached:
+        click.echo(_in_words(result))
+        if result.reached:
             click.echo(_next_steps(output, given))
-    if not found.reached:
+    if not result.reached:
         if not as_json:
             click.echo(f"not written: {output}", err=True)
         sys.exit(REFUSED)

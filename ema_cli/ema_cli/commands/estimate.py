@@ -53,22 +53,22 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
     """
     given = given.with_calibration_beside([bag])
     calibration = given.calibration()
-    found = identifiable_windows(bag, given)
-    estimates = given.estimate(found.windows, calibration)
+    bag_windows = identifiable_windows(bag, given)
+    estimates = given.estimate(bag_windows.windows, calibration)
     if as_json:
-        click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
+        click.echo(json.dumps([as_object(e, bag_windows) for e in estimates], indent=2))
     else:
         click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
         for number, one in enumerate(estimates):
             if verbose or len(estimates) == 1:
-                _print(number, one, found)
+                _print(number, one, bag_windows)
             else:
-                click.echo(_line(number, one, found))
+                click.echo(_line(number, one, bag_windows))
         if len(estimates) > 1:
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
-        if not given.calibration_file and calibration.unit_mismatch(found.description):
+        if not given.calibration_file and calibration.unit_mismatch(bag_windows.description):
             click.echo(
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )

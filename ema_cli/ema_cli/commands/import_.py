@@ -116,9 +116,9 @@ def import_(
     if picture is not None:
         _draw(output, picture)
         click.echo(f"{picture}: compare it with your record")
-    for found in actuators:
-        unit, h = found[0].description, found[0].description.sample_period
-        samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
+    for records in actuators:
+        unit, h = records[0].description, records[0].description.sample_period
+        samples = sum(len(run.stamps_ns) for one in records for run in one.runs)
         click.echo(
             f"{output}: {counted(samples, 'sample')} of {unit.actuator_id} "
             f"({unit.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
@@ -150,10 +150,10 @@ def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) ->
             mapping = guess.mapping
             lines += [f"guess: {remark}" for remark in guess.remarks]
         for one in actuators_of(mapping, actuator_file):
-            found = imported_by(source, *one)
+            imported = imported_by(source, *one)
             lines += [f"joint {one[0].joint}"] * bool(mapping.joints)
-            lines += [*source.remarks, *_facts(found)]
-            for defect in found.defects:
+            lines += [*source.remarks, *_facts(imported)]
+            for defect in imported.defects:
                 lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
     except ValueError:
         _comment(lines, err=True)  # so that a file it is written to holds a mapping or nothing

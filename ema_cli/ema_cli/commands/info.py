@@ -36,16 +36,16 @@ def info(bag: Path, given: Source) -> None:
         chosen = [replace(given, actuator_id=name) for name in present]
     for one in chosen:
         try:
-            found = read_windows(bag, one, bag=contents)
+            bag_windows = read_windows(bag, one, bag=contents)
         except ValueError as error:
             if len(chosen) == 1:
                 raise
             remarks[f"actuator {one.actuator_id}: {error}"] = None
             continue
-        _show(found)
-        remarks |= dict.fromkeys(found.remarks)
-        if not found.windows:
-            remarks[why_no_window(bag, found, one)] = None
+        _show(bag_windows)
+        remarks |= dict.fromkeys(bag_windows.remarks)
+        if not bag_windows.windows:
+            remarks[why_no_window(bag, bag_windows, one)] = None
     for remark in remarks | dict.fromkeys(contents.remarks):
         click.echo(f"warning: {remark}")
 

@@ -123,24 +123,24 @@ def _with_bag(
     calibration: AnyCalibration, state: str, bag: Path, given: Source, part: Recording | None
 ) -> AnyCalibration:
     """Return the calibration with the test, or the records, of a bag or part of a table."""
-    found = identifiable_windows(bag, given, part)
-    if mismatch := calibration.unit_mismatch(found.description):
+    bag_windows = identifiable_windows(bag, given, part)
+    if mismatch := calibration.unit_mismatch(bag_windows.description):
         raise ValueError(mismatch)
-    windows = WindowsOnDemand(found.windows)
+    windows = WindowsOnDemand(bag_windows.windows)
     if not isinstance(calibration, JointCalibration):
         figures = [one for window in windows for one in figures_of(window.telemetry)]
-        baseline = calibration.baseline.with_test(state, found.first_ns, figures)
+        baseline = calibration.baseline.with_test(state, bag_windows.first_ns, figures)
         return _with_baseline(calibration, baseline)
     baseline, reasons = calibration.baseline, list[str]()
     for window in windows:
-        record = comparable_record(window, found.description, calibration)
+        record = comparable_record(window, bag_windows.description, calibration)
         if isinstance(record, JointRecord):
             baseline = baseline.with_record(state, record)
         else:
             reasons.append(record)
     if baseline is calibration.baseline:
         why = reasons or [
-            one.place.reason for one in found.windows if isinstance(one.place, Refusal)
+            one.place.reason for one in bag_windows.windows if isinstance(one.place, Refusal)
         ]
         raise ValueError(f"no record can be labelled: {'; '.join(dict.fromkeys(why))}")
     for reason in reasons:
@@ -173,15 +173,15 @@ def _of_history(
     tests = history.tests
     dates = [f"{datetime.fromtimestamp(1e-9 * one.stamp_ns, UTC):%FT%T}" for one in tests]
     for one in chosen or [""]:
-        found = [
+        matching = [
             test
             for number, (date, test) in enumerate(zip(dates, tests, strict=True), 1)
             if one == str(number) or ("-" in one and date.startswith(one))
         ]
-        if not found:
+        if not matching:
             last = f"its last, {len(tests)}, is of {dates[-1]}" if tests else "it has none"
             raise ValueError(f"--test {one!r}: expected number or date of a test; {last}")
-        yield from ((test.stamp_ns, test.parts) for test in found)
+        yield from ((test.stamp_ns, test.parts) for test in matching)
 
 
 def _with_baseline(calibration: AnyCalibration, baseline: Any) -> AnyCalibration:

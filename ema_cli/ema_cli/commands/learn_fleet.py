@@ -43,10 +43,10 @@ def learn_fleet(
     fleet = Fleet(grid_digest(chosen))
     files = []
     for path in histories:
-        found = sorted(path.glob("*+*.sqlite")) if path.is_dir() else [path]
-        if not found:
+        paths = sorted(path.glob("*+*.sqlite")) if path.is_dir() else [path]
+        if not paths:
             raise ValueError(f"{path}: no file ACTUATOR+SERIAL.sqlite in it: give a history_folder")
-        files += found
+        files += paths
     with progress_bar() as progress:
         for file in progress.track(files, description="reading"):
             is_fleet = file.suffix == SUFFIX

@@ -52,18 +52,18 @@ def plot(
     require_free(output, [bag], overwrite=overwrite, endings=PICTURES)
     outline = Outline()
     if as_history:
-        found = read_history(bag, given.actuator_id)
+        recorded = read_history(bag, given.actuator_id)
     else:
-        found = read_windows(bag, given, outline.add)
-    for remark in found.remarks:
+        recorded = read_windows(bag, given, outline.add)
+    for remark in recorded.remarks:
         click.echo(f"{bag}: {remark}", err=True)
-    if isinstance(found, DiagnosisLog):
-        figure = draw_history(found)
+    if isinstance(recorded, DiagnosisLog):
+        figure = draw_history(recorded)
     elif number is None:
-        figure = draw_telemetry(found, outline)
+        figure = draw_telemetry(recorded, outline)
     else:
         given = given.with_calibration_beside([bag])
-        figure = _draw_estimate(found, number, given)
+        figure = _draw_estimate(recorded, number, given)
     save_picture(figure, output)
     click.echo(f"{output}")
 

@@ -75,10 +75,10 @@ def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
 
 def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
     """Return notes and changes of the baseline of a unit in histories, the oldest first."""
-    found = [read_history(path) for path in histories]
-    for path, history in zip(histories, found, strict=True):
+    loaded = [read_history(path) for path in histories]
+    for path, history in zip(histories, loaded, strict=True):
         if history.unit != unit:
             raise ValueError(f"{path}: expected a history of {unit[0]} ({unit[1]})")
-    kept = (one.events for history in found for one in history.assessments.values())
+    kept = (one.events for history in loaded for one in history.assessments.values())
     notes = [event for events in kept for event in events if event.kind in (NOTE, CALIBRATION)]
     return sorted(notes, key=lambda event: event.stamp_ns)

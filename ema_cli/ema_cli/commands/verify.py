@@ -169,23 +169,23 @@ def verify(
     known = [Calibration.builtin(), *map(load_calibration, files)]
     by_id = {one.calibration_id: one for one in known}
     if (recorded / ARCHIVE_FILE).exists():
-        found = _of_archive(recorded)
+        verdicts = _of_archive(recorded)
     elif recorded.suffix == ".sqlite":
-        found = _of_history(recorded, bags, by_id)
+        verdicts = _of_history(recorded, bags, by_id)
     else:
-        found = _of_bag(Bag(recorded), by_id)
+        verdicts = _of_bag(Bag(recorded), by_id)
     with progress_bar() as progress:
-        found = list(progress.track(found, description="making again"))
-    if not found:
+        verdicts = list(progress.track(verdicts, description="making again"))
+    if not verdicts:
         raise ValueError(f"{recorded} holds no estimates: record beside a monitor, `ema up`")
     if as_json:
-        click.echo(json.dumps([asdict(one) for one in found]))
+        click.echo(json.dumps([asdict(one) for one in verdicts]))
     else:
-        for one in found:
+        for one in verdicts:
             click.echo(str(one))
-        counts = Counter(one.state for one in found)
+        counts = Counter(one.state for one in verdicts)
         click.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
-    states = {one.state for one in found}
+    states = {one.state for one in verdicts}
     if states & {DIFFERENT, ALTERED} or states == {CANNOT}:
         sys.exit(REFUSED)
 

@@ -143,15 +143,15 @@ def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dic
 
     Each is the mean over the windows in which it can be measured; NaN without any.
     """
-    found: dict[str, list[float]] = {"travel_ratio": [], "law_offset": []}
+    relations: dict[str, list[float]] = {"travel_ratio": [], "law_offset": []}
     slopes = law_slopes(parameters)
     for window in windows:
         measured = measured_columns(window.measured)
         if travel := travel_ratio(window, parameters):
-            found["travel_ratio"].append(travel.value / (1.0 + float(TRAVEL @ measured)))
+            relations["travel_ratio"].append(travel.value / (1.0 + float(TRAVEL @ measured)))
         if law := law_offset(window, parameters):
-            found["law_offset"].append(law.value - float(slopes @ measured))
-    return {name: float(np.mean(one)) if one else math.nan for name, one in found.items()}
+            relations["law_offset"].append(law.value - float(slopes @ measured))
+    return {name: float(np.mean(one)) if one else math.nan for name, one in relations.items()}
 
 
 class _Group(Sequence[Window]):
@@ -220,7 +220,7 @@ def _examples_that_matter(window: Window, model: MonitorModel) -> str:
     if len(left) >= sum(bool(value) for value in example.values()):
         return ""
     expected = _healthy_response(window, model)
-    found = []
+    names = []
     for name in left:
         try:
             changed = model.parameters.replace({name: _CHANGED * own[name]})
@@ -230,11 +230,11 @@ def _examples_that_matter(window: Window, model: MonitorModel) -> str:
         response = _healthy_response(window, other)
         for one, before in ((response.current, expected.current), (response.speed, expected.speed)):
             if np.linalg.norm(one - before) > _MATTERS * np.linalg.norm(before):
-                found.append(f"{name} = {own[name]:g}")
+                names.append(f"{name} = {own[name]:g}")
                 break
-    if not found:
+    if not names:
         return ""
-    return f"; these have the built-in example's values and matter here: {', '.join(found)}"
+    return f"; these have the built-in example's values and matter here: {', '.join(names)}"
 
 
 class _UnitProblem:

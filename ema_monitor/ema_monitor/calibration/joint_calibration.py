@@ -285,8 +285,8 @@ def calibrate_joint(
 
 def winding_temperature(window: Window) -> float:
     """Return the measured rise of the winding temperature in a record [K]; NaN if not measured."""
-    found = (one.value for one in window.measured if one.name == "winding_temperature")
-    return next(found, math.nan)
+    measured = (one.value for one in window.measured if one.name == "winding_temperature")
+    return next(measured, math.nan)
 
 
 def _preparation_of(content: dict[str, Any]) -> Preparation:

@@ -116,16 +116,16 @@ class StoredCalibration(Displayed, ABC):
         del entries["format"]
         try:
             loaded = cls._of_mapping(entries)
-            found = loaded.calibration_id
+            actual_id = loaded.calibration_id
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is a damaged calibration: {error}") from error
         # A change by hand is permitted.
-        if made_as not in (None, found):
+        if made_as not in (None, actual_id):
             _log.warning(
                 "%s was changed after it was written: it was calibration %s and is %s now",
                 path,
                 made_as,
-                found,
+                actual_id,
             )
         return loaded
 

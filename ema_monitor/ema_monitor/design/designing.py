@@ -178,7 +178,7 @@ def design_command(
         wanted = {
             one.name: max(_SAME * one.effective, FINEST) for one in rehearsed.faults if one.shown
         }
-    found: list[Design] = []
+    designs: list[Design] = []
     base, start = (rehearsed, chirp), _START
     for number in range(MOST_ROUNDS):
         # Another seed each time: a motion whose errors are too large is not found again.
@@ -188,7 +188,7 @@ def design_command(
             start = point
         command = search.command(start)
         is_feasible = search.is_feasible(start)
-        reached = [one.command.duration for one in found if one.reached]
+        reached = [one.command.duration for one in designs if one.reached]
         if reached and not (is_feasible and command.duration < _WORTHWHILE * min(reached)):
             break
         on_progress(f"round {number + 1}: rehearsing {command.duration:.3f} s")
@@ -197,18 +197,18 @@ def design_command(
         windows = information.windows(command)
         predicted = dict(zip(FAULT_NAMES, information.sigma(windows).tolist(), strict=True))
         demands = information.demands(windows)
-        found.append(Design(command, wanted, limits, demands, rehearsed, reference_s, predicted))
-        name, ratio = found[-1].worst
+        designs.append(Design(command, wanted, limits, demands, rehearsed, reference_s, predicted))
+        name, ratio = designs[-1].worst
         on_progress(f"round {number + 1}: {name} has {ratio:.2f} of the sigma that is wanted")
-        if number and not found[-1].reached and not is_feasible:
+        if number and not designs[-1].reached and not is_feasible:
             break
         if all(one.effective <= one.sigma for one in rehearsed.faults if one.name in wanted):
             base = rehearsed, command
         else:
             start = _START
-    if any(one.reached for one in found):
-        return min((one for one in found if one.reached), key=lambda one: one.command.duration)
-    return min(found, key=lambda one: one.worst[1])
+    if any(one.reached for one in designs):
+        return min((one for one in designs if one.reached), key=lambda one: one.command.duration)
+    return min(designs, key=lambda one: one.worst[1])
 
 
 class _Search:

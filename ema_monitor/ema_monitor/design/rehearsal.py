@@ -235,8 +235,8 @@ def rehearse(
     known = calibration or calibrate_model(healthy, description)
 
     def judged(windows: list[Window], faults: Array) -> Prospect:
-        found = [identify(window, description, known, previous=faults) for window in windows]
-        return Prospect(faults, found)
+        estimates = [identify(window, description, known, previous=faults) for window in windows]
+        return Prospect(faults, estimates)
 
     def of(faults: Array, count: int) -> Prospect:
         return judged(record(command, faults, count, {}), faults)
@@ -277,8 +277,10 @@ def _claims(estimate: Estimate) -> Flags:
 
 def _correlated(one: Prospect, i: int) -> list[int]:
     """Return the faults whose estimates are strongly correlated with one."""
-    found = np.zeros(len(FAULTS), dtype=bool)
+    correlated = np.zeros(len(FAULTS), dtype=bool)
     for estimate in one.estimates:
         sigma = np.sqrt(np.diag(estimate.covariance))
-        found |= np.abs(estimate.covariance[i]) > STRONG_CORRELATION * sigma[i] * sigma
-    return [j for j in np.flatnonzero(found).tolist() if j != i and FAULT_NAMES[j] in COMPONENTS]
+        correlated |= np.abs(estimate.covariance[i]) > STRONG_CORRELATION * sigma[i] * sigma
+    return [
+        j for j in np.flatnonzero(correlated).tolist() if j != i and FAULT_NAMES[j] in COMPONENTS
+    ]

@@ -44,15 +44,15 @@ def checked_causes(given: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ...]:
         When the model does not know a cause, it is given twice, its value is not a number in its
         range, or its sigma is not positive; the message names the cause, its value and unit.
     """
-    found: dict[str, CauseEstimate] = {}
+    causes: dict[str, CauseEstimate] = {}
     for one in given:
         name = as_identifier(one.name)
         if name not in HIDDEN_CAUSES:
             raise ValueError(unknown_name("measured cause", one.name, HIDDEN_CAUSES))
-        if name in found:
+        if name in causes:
             raise ValueError(f"measured cause {name} is given more than once")
-        found[name] = _checked(one._replace(name=name))
-    return tuple(found[name] for name in HIDDEN_CAUSES if name in found)
+        causes[name] = _checked(one._replace(name=name))
+    return tuple(causes[name] for name in HIDDEN_CAUSES if name in causes)
 
 
 def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
@@ -139,10 +139,10 @@ def taken_for_known(measured: Iterable[Iterable[CauseEstimate]]) -> str:
         for one in of_window:
             by_name.setdefault(one.name, []).append(one)
     words = []
-    for found in by_name.values():
-        lowest, highest = min(found, key=_value), max(found, key=_value)
+    for values in by_name.values():
+        lowest, highest = min(values, key=_value), max(values, key=_value)
         span = f"{lowest}" if lowest.value == highest.value else f"{lowest} to {highest}"
-        words.append(f"{span} in {counted(len(found), 'window')}")
+        words.append(f"{span} in {counted(len(values), 'window')}")
     return ", ".join(words)
 
 

@@ -160,7 +160,7 @@ class MonitorModel:
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         first = float(window.telemetry.position[0]) if position is None else position
         first_of_lane = np.full(m, first, dtype=np.float64)[lane_of]
-        found = Response(*np.empty((2, len(lane_of), len(window))))
+        response = Response(*np.empty((2, len(lane_of), len(window))))
         of_sensors = own[:m, -N_SENSOR:]
         senses = bool(np.any(of_sensors))
         if corrections is None:
@@ -187,11 +187,11 @@ class MonitorModel:
                 sampling,
                 not self.acquisition.speed,
                 of_motion,
-                found,
+                response,
             )
 
         run_in_threads(run, groups)
-        rows = Response(found.current[:m], found.speed[:m])
+        rows = Response(response.current[:m], response.speed[:m])
         if not senses:
             return rows
         seen = sensed(rows, of_sensors, window.sample_period)

@@ -68,10 +68,10 @@ def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
 @kernel(nogil=False)
 def lowest_of_each(hessian, gradient, at, starts, free):
     """Minimise as `lowest_of` from many starts, ``(n, d)``, each with its free components."""
-    found = starts.copy()
+    best = starts.copy()
     for i in range(len(starts)):
-        found[i] = lowest_of(hessian, gradient, at, starts[i], free[i])
-    return found
+        best[i] = lowest_of(hessian, gradient, at, starts[i], free[i])
+    return best
 
 
 @kernel(nogil=False)

@@ -22,8 +22,10 @@ def assessment_of(
     health, rul = outlook.health, outlook.rul
     items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
     known = before.alarms if before else {}
-    found = list(findings)
-    found += [Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
+    all_findings = list(findings)
+    all_findings += [
+        Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)
+    ]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
     # A test that is assessed again keeps its first events.
     kept = before.events if before and before.stamp_ns == stamp_ns else ()
@@ -35,6 +37,6 @@ def assessment_of(
         outlook.dominant,
         (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
         {one.name: one.level for one in items},
-        (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in found)),
+        (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in all_findings)),
         {one.name: one.unconfirmed for one in items if one.unconfirmed is not None},
     )

@@ -104,25 +104,25 @@ class Fleet:
                 f"expected {expected}"
             )
         own = unit_digest(*without) if without else ""
-        found: dict[str, list[GrownFault]] = {}
+        grown: dict[str, list[GrownFault]] = {}
         digest, count = hashlib.sha256(self.grid.encode()), 0
         for name, unit in sorted(self.units.items()):
             if name == own or not unit.faults:
                 continue
             count += 1
             for fault in unit.faults:
-                found.setdefault(fault.kind, []).append(fault)
+                grown.setdefault(fault.kind, []).append(fault)
                 digest.update(fault.kind.encode() + fault.log_likelihood.tobytes())
         before = curves_without_fleet(limits)
         shares = {
             kind: distribution([fault.log_likelihood for fault in faults], before[kind])
-            for kind, faults in found.items()
+            for kind, faults in grown.items()
         }
         return FleetPrior(
             digest.hexdigest()[:16],
             count,
             ", ".join(sorted(self.names)),
-            {kind: len(faults) for kind, faults in found.items()},
+            {kind: len(faults) for kind, faults in grown.items()},
             shares,
         )
 

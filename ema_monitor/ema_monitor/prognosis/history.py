@@ -332,8 +332,8 @@ class History:
                 read(f"test {number}", number, record, crc32, lambda one: self._add(read_test(one)))
                 self._written = number
         finally:
-            found = db.execute("SELECT end_ns, record, crc32 FROM assessment")
-            for end_ns, record, crc32 in found:
+            rows = db.execute("SELECT end_ns, record, crc32 FROM assessment")
+            for end_ns, record, crc32 in rows:
                 what = f"the assessment of the test at {end_ns} ns"
                 read(what, end_ns, record, crc32, add_assessment)
         for (last,) in db.execute("SELECT seq FROM sqlite_sequence WHERE name = 'test'"):

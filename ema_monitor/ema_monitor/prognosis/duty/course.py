@@ -136,7 +136,7 @@ class DutyCourse:
         self.elapsed = np.diff(hours)
         self.reference = np.full(2, np.nan)
         self.relative = np.ones(hourly.shape)
-        found = [np.empty(0, np.intp)]
+        changes = [np.empty(0, np.intp)]
         for number, rate in enumerate(hourly[:2] if settings.growth_per == "damage" else ()):
             first = np.flatnonzero(np.isfinite(rate))[:REFERENCE_TESTS]
             if first.size < REFERENCE_TESTS or not np.any(rate[first] > 0.0):
@@ -146,8 +146,8 @@ class DutyCourse:
             # An interval without known duty is as the one before; the first ones as the reference.
             latest = np.maximum.accumulate(np.where(np.isfinite(own), np.arange(own.size), -1))
             self.relative[number] = np.where(latest < 0, 1.0, own[latest])
-            found.append(duty_changes(self.relative[number]))
-        self.changes = max(found, key=lambda one: (one[-1:].sum(), one.size))
+            changes.append(duty_changes(self.relative[number]))
+        self.changes = max(changes, key=lambda one: (one[-1:].sum(), one.size))
         self.since = int(self.changes[-1:].sum())
 
     @property
@@ -232,11 +232,11 @@ def duty_changes(relative: Array) -> NDArray[np.intp]:
         total = cost[first] + within
         cut[end] = np.argmin(total)
         cost[end] = total[cut[end]] + 4.0 * np.log(size)
-    found, end = [], cut[size]
+    changes, end = [], cut[size]
     while end:
-        found.append(before + end)
+        changes.append(before + end)
         end = cut[end]
-    return np.array(found[::-1], np.intp)
+    return np.array(changes[::-1], np.intp)
 
 
 class DutyRecord:

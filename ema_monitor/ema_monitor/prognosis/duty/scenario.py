@@ -147,7 +147,7 @@ def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
     """
     if len(rows) > MOST_SCENARIOS:
         raise ValueError(f"{len(rows)} scenarios: expected at most {MOST_SCENARIOS}")
-    found: dict[str, Scenario] = {}
+    scenarios: dict[str, Scenario] = {}
     known = [item.name for item in fields(Scenario)]
     for number, row in enumerate(rows, 1):
         try:
@@ -157,12 +157,12 @@ def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
                 if key not in known:
                     raise ValueError(unknown_name("key", key, known))
             scenario = Scenario(**row)
-            if scenario.name in found:
+            if scenario.name in scenarios:
                 raise ValueError(f"name = {scenario.name!r}: expected once")
-            found[scenario.name] = scenario
+            scenarios[scenario.name] = scenario
         except ValueError as error:
             raise ValueError(f"scenario {number}: {error}") from error
-    return tuple(found.values())
+    return tuple(scenarios.values())
 
 
 def read_scenarios(path: Path) -> tuple[Scenario, ...]:

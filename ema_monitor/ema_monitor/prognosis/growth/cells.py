@@ -106,10 +106,10 @@ def _grid(limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...]) -> Cells
                 other["side"] = -1.0
                 by_law[law].append(other)
             by_law[law].append(rows)
-    found = {law: np.concatenate(rows) for law, rows in by_law.items()}
-    stops = np.cumsum([0, *(rows.size for rows in found.values())]).tolist()
-    slices = {law: slice(*pair) for law, pair in zip(found, pairwise(stops), strict=True)}
-    rows = np.concatenate([*found.values()])
+    figures = {law: np.concatenate(rows) for law, rows in by_law.items()}
+    stops = np.cumsum([0, *(rows.size for rows in figures.values())]).tolist()
+    slices = {law: slice(*pair) for law, pair in zip(figures, pairwise(stops), strict=True)}
+    rows = np.concatenate([*figures.values()])
     columns = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
     columns["prior"] /= np.bincount(rows["component"], rows["prior"])[rows["component"]]
     for column in columns.values():

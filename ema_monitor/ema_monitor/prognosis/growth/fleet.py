@@ -49,8 +49,8 @@ class GrownFault(NamedTuple):
 def _table(cells: Cells, number: int, values: Array) -> Array:
     """Return sums of values of the growing cells of a component, ``(curves, rates)``."""
     at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
-    found = np.bincount(cells.place[at], values[at]).astype(np.float64, copy=False)
-    return found.reshape(-1, N_RATES)
+    sums = np.bincount(cells.place[at], values[at]).astype(np.float64, copy=False)
+    return sums.reshape(-1, N_RATES)
 
 
 def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, GrownFault]:
@@ -63,7 +63,7 @@ def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, Grown
     growing
         Which components are judged to grow, ``(7,)``.
     """
-    found = {}
+    grown = {}
     for number in np.flatnonzero(growing).tolist():
         before = _table(cells, number, cells.prior)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -71,8 +71,8 @@ def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, Grown
         log = np.where(before > 0.0, log, -np.inf)
         log = np.maximum(log - log.max(), LEAST_LOG)
         name = COMPONENTS[number]
-        found[name] = GrownFault(kind_of(name), log.astype(np.float16))
-    return found
+        grown[name] = GrownFault(kind_of(name), log.astype(np.float16))
+    return grown
 
 
 def curves_without_fleet(limits: HealthLimits) -> dict[str, Array]:

@@ -172,11 +172,11 @@ def lives_by_requirements(
     """
 
     def life(samples: Array, criterion: str) -> RemainingLife:
-        found = RemainingLife.of_samples(samples, criterion)
-        if np.isinf(found.hours_50):
+        remaining = RemainingLife.of_samples(samples, criterion)
+        if np.isinf(remaining.hours_50):
             reason = f"not within the {horizon_hours:.0f} h looked ahead"
             return RemainingLife.unknown(criterion, reason)
-        return found
+        return remaining
 
     first = np.min(list(failures.values()), axis=0)
     lives = {name: life(failures[name], required.criterion(name)) for name in REQUIREMENTS}

@@ -140,14 +140,14 @@ class Requirements:
         Only the parts of the model that ``names`` need are run.
         """
         faults = as_faults(faults)
-        found: dict[str, Array] = {}
+        performance: dict[str, Array] = {}
         if "tracking_error" in names or "torque_margin" in names:
-            found["tracking_error"], found["torque_margin"] = self.model.chirp(faults)
+            performance["tracking_error"], performance["torque_margin"] = self.model.chirp(faults)
         if "bandwidth" in names:
-            found["bandwidth"] = self.model.bandwidth(faults)
+            performance["bandwidth"] = self.model.bandwidth(faults)
         if "free_play" in names:
-            found["free_play"] = self.model.free_play(faults)
-        return np.stack([self.reserve(name, found[name]) for name in names], axis=1)
+            performance["free_play"] = self.model.free_play(faults)
+        return np.stack([self.reserve(name, performance[name]) for name in names], axis=1)
 
     def judge(
         self,

@@ -151,12 +151,12 @@ def _files_in(folder: Path) -> dict[str, Path]:
 
     One that is there also in compressed form was not compressed to its end, or unpacked by hand.
     """
-    found = {
+    files = {
         path.name.removesuffix(PACKED_SUFFIX): path
         for pattern in (f"*.mcap{PACKED_SUFFIX}", "*.mcap")
         for path in folder.glob(pattern)
     }
-    return {name: found[name] for name in sorted(found, key=lambda name: (len(name), name))}
+    return {name: files[name] for name in sorted(files, key=lambda name: (len(name), name))}
 
 
 def _is_later(name: str, last: str) -> bool:

@@ -75,8 +75,8 @@ class PlayerOutputs:
         # A recorder discovers the publishers, and subscribes to one topic after the other.
         quiet, known = 0, -1
         while quiet < round(_SETTLE_S / _POLL_S) and not self.missing() and not stop.wait(_POLL_S):
-            found = sum(one.get_subscription_count() for one in self.publishers.values())
-            quiet, known = quiet + 1 if found == known else 0, found
+            count = sum(one.get_subscription_count() for one in self.publishers.values())
+            quiet, known = quiet + 1 if count == known else 0, count
 
     def await_acknowledgement(self, stop: threading.Event) -> list[str]:
         """Wait some seconds for acknowledgement; return the topics with missing ones."""
@@ -97,7 +97,7 @@ class PlayerOutputs:
             for item in self._node.get_subscriptions_info_by_topic(name)
             if item.node_name != UNKNOWN_NODE
         }
-        found = []
+        remarks = []
         for name, namespace in sorted(listeners):
             try:
                 given = self._node.get_publisher_names_and_types_by_node(name, namespace)
@@ -105,8 +105,8 @@ class PlayerOutputs:
             except NodeNameNonExistentError:
                 continue  # it has ended since
             if any(HEALTH_TYPE in types for _, types in given) and CLOCK not in dict(taken):
-                found.append(
+                remarks.append(
                     f"{namespace.rstrip('/')}/{name} does not follow /clock and takes what is "
                     "played for new tests: start it with use_sim_time:=true"
                 )
-        return found
+        return remarks

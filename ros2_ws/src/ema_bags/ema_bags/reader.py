@@ -102,8 +102,8 @@ class Bag(Recording):
 
     def readable_counts(self) -> dict[str, int]:
         """Return how many messages of each topic can be read: all chunks are read for it."""
-        found = Counter(item.topic for item in self.raw_messages())
-        return {name: found[name] for name in self.topics}
+        counts = Counter(item.topic for item in self.raw_messages())
+        return {name: counts[name] for name in self.topics}
 
     def messages(
         self,
@@ -152,10 +152,10 @@ class Bag(Recording):
                 if len(folder.files) == 1:
                     raise
                 self._note(self.path, str(error))
-        found = sum(contents.counts.total() for contents in self._files.values())
-        if folder.message_count is not None and folder.message_count > found:
+        count = sum(contents.counts.total() for contents in self._files.values())
+        if folder.message_count is not None and folder.message_count > count:
             promised = f"{METADATA_FILE} promises {counted(folder.message_count, 'message')}"
-            self._note(self.path, f"{promised}, {found} are there")
+            self._note(self.path, f"{promised}, {count} are there")
 
     def _open_file(self, path: Path) -> None:
         require_regular_file(path)
@@ -239,7 +239,7 @@ class Bag(Recording):
     def _in_log_order(
         self, chosen: Mapping[str, Topic], first: MessagePlace | None, last: MessagePlace | None
     ) -> Iterator[Recorded]:
-        found: Counter[str] = Counter()
+        numbers: Counter[str] = Counter()
         # The stretches may overlap in time: messages wait until no later stretch can hold earlier
         # ones, the earliest last. Equal times stay in the order of the files.
         waiting: list[Recorded] = []
@@ -251,7 +251,7 @@ class Bag(Recording):
             while waiting and waiting[-1].log_time_ns < stretch.start_ns:
                 yield waiting.pop()
             for item in self._read(file_number, path, stretch, chosen):
-                found[item.topic] += 1
+                numbers[item.topic] += 1
                 if (not first or first <= item.place) and (not last or item.place <= last):
                     waiting.append(item)
             waiting.sort(reverse=True)
@@ -260,8 +260,8 @@ class Bag(Recording):
         if first or last:
             return
         for name, topic in chosen.items():
-            if found[name] < topic.count:
-                lost = f"{topic.count - found[name]} of {topic.count} messages are lost"
+            if numbers[name] < topic.count:
+                lost = f"{topic.count - numbers[name]} of {topic.count} messages are lost"
                 self._note(self.path, f"topic {name}: {lost}")
 
     def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:

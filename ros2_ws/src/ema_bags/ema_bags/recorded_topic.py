@@ -154,7 +154,7 @@ def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInf
     if len(types) != 1:
         raise ValueError(f"it has several types: {', '.join(types)}")
     (name,) = types
-    found, installed = message_class(name), type_hash(name)
+    message_type, installed = message_class(name), type_hash(name)
     for item in publishers:
         offered = str(item.topic_type_hash)
         if offered.startswith("RIHS") and offered != installed:
@@ -162,4 +162,4 @@ def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInf
                 f"{name} of {item.node_name} is another version ({offered}) than the installed one "
                 f"({installed})"
             )
-    return found
+    return message_type

@@ -70,9 +70,9 @@ class RecordedTelemetry:
         for item in self.bag.messages(topics, first, last):
             is_block = item.topic == self.topic
             if item.message.actuator_id == self.actuator_id:
-                found = _converted(self.bag, item)
-                if is_block or not isinstance(found, Malformed):
-                    yield item.place, found
+                converted = _converted(self.bag, item)
+                if is_block or not isinstance(converted, Malformed):
+                    yield item.place, converted
             elif is_block and not self.skips_others:
                 there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
@@ -162,7 +162,7 @@ def _descriptions(bag: Recording, actuator_id: str) -> tuple[ActuatorDescription
     descriptions: list[ActuatorDescription] = []
     for item in bag.messages(bag.topics_of(DESCRIPTION_TYPE)):
         if item.message.actuator_id == actuator_id:
-            found = _converted(bag, item)
-            if isinstance(found, ActuatorDescription) and found not in descriptions[-1:]:
-                descriptions.append(found)
+            converted = _converted(bag, item)
+            if isinstance(converted, ActuatorDescription) and converted not in descriptions[-1:]:
+                descriptions.append(converted)
     return tuple(descriptions)

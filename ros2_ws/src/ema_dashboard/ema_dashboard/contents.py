@@ -41,13 +41,13 @@ def read_page() -> dict[str, Made]:
         When a file cannot be read.
     """
     folder = files("ema_dashboard").joinpath("page")
-    found = {
+    contents = {
         f"/{item.name}": Made(item.read_bytes(), _CONTENT_TYPES[PurePath(item.name).suffix])
         for item in folder.iterdir()
         if item.is_file() and not item.name.startswith(".")
     }
-    found["/"] = found.pop("/index.html")
-    return found
+    contents["/"] = contents.pop("/index.html")
+    return contents
 
 
 Document = Callable[[Mapping[str, str], str], Made]

@@ -43,7 +43,7 @@ class KnownTopic(NamedTuple):
 def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
     """Return the shown topics of some namespaces, and topics outside of any namespace."""
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    found = [
+    shown = [
         KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),
         KnownTopic(CLOCK, "", "", Clock, best_effort, True, False),
     ]
@@ -55,7 +55,7 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
             qos = topics.LATCHED_BY_MANY if latched else offer
             name = f"{place}/{relative}"
             followed = kept or relative in topics.NODE_TOPICS
-            found.append(KnownTopic(name, namespace, relative, kind, qos, followed, kept))
+            shown.append(KnownTopic(name, namespace, relative, kind, qos, followed, kept))
         name = f"{place}/{UNIT_HISTORY}"
-        found.append(KnownTopic(name, namespace, UNIT_HISTORY, UnitHistory, None, False, True))
-    return found
+        shown.append(KnownTopic(name, namespace, UNIT_HISTORY, UnitHistory, None, False, True))
+    return shown

@@ -173,8 +173,8 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Yield all metrics except those of the process."""
         with self._lock:
-            found = [*_of_actuators(self._actuators), *_of_nodes(self._nodes)]
-        yield from found
+            metrics = [*_of_actuators(self._actuators), *_of_nodes(self._nodes)]
+        yield from metrics
         yield from _of_dashboard(self._own())
 
 

@@ -113,8 +113,8 @@ class ActuatorHistory:
 
     def news(self) -> UnitHistory | None:
         """Return the additions since the last call, for clients that have the earlier history."""
-        found, self._news = self._news, self._empty(is_addition=True)
-        return found if found.tests or found.events else None
+        additions, self._news = self._news, self._empty(is_addition=True)
+        return additions if additions.tests or additions.events else None
 
     def message(self) -> UnitHistory:
         """Return the history as a message."""
@@ -280,9 +280,9 @@ class Histories:
             if response is None or self._asked.get(key) != asked_s:
                 return
             self._asked[key] = math.inf
-            known, found = self._histories.get(key[1]), response.history
-            if known and response.success and found.serial_number == known.serial_number:
-                known.set_base(found)
+            known, history = self._histories.get(key[1]), response.history
+            if known and response.success and history.serial_number == known.serial_number:
+                known.set_base(history)
                 self._offer(key[1], known, as_a_whole=True)
 
     def _offer(

@@ -45,11 +45,11 @@ class Peers:
         """Return the status: a warning for a minute after a node has gone, or if one is unheard."""
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
         values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
-        found = [f"no contact with {', '.join(fresh)}"] if fresh else []
+        remarks = [f"no contact with {', '.join(fresh)}"] if fresh else []
         if self.unheard:
-            found.append(f"not received: {', '.join(self.unheard)}")
-        if found:
-            return Task("peers", WARN, "; ".join(found), hardware_id, values)
+            remarks.append(f"not received: {', '.join(self.unheard)}")
+        if remarks:
+            return Task("peers", WARN, "; ".join(remarks), hardware_id, values)
         return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
 
 
@@ -70,12 +70,12 @@ def nodes_in_touch(node: Node) -> set[str]:
         )
         if item.node_namespace == node.get_namespace()
     ]
-    found = {
+    nodes = {
         f"{item.node_namespace.rstrip('/')}/{item.node_name}"
         for item in (*sources, *near)
         if not item.node_name.startswith("_")
     }
-    return found - {node.get_fully_qualified_name()}
+    return nodes - {node.get_fully_qualified_name()}
 
 
 def unheard_publishers(node: Node) -> list[str]:
@@ -86,15 +86,15 @@ def unheard_publishers(node: Node) -> list[str]:
     wanted: dict[str, list[QoSProfile]] = defaultdict(list)
     for item in node.subscriptions:
         wanted[item.topic_name].append(item.qos_profile)
-    found = set()
+    publishers = set()
     for topic, profiles in wanted.items():
         for info in node.get_publishers_info_by_topic(topic):
             answers = [qos_check_compatible(info.qos_profile, profile) for profile in profiles]
             if all(verdict == QoSCompatibility.ERROR for verdict, _ in answers):
                 name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
                 reason = answers[0][1].removeprefix("ERROR: ").rstrip("; ")
-                found.add(f"{topic} of {name} ({reason})")
-    return sorted(found)
+                publishers.add(f"{topic} of {name} ({reason})")
+    return sorted(publishers)
 
 
 def nodes_alive(node: Node) -> set[str]:
