@@ -200,8 +200,8 @@ class Database(AbstractContextManager[Any, None]):
         damaged = self._files_not_as_noted()
         if damaged:
             time.sleep(_REPLACED_S)
-            again = set(self._files_not_as_noted())
-            damaged = [one for one in damaged if one in again]
+            confirmed = set(self._files_not_as_noted())
+            damaged = [one for one in damaged if one in confirmed]
         return damaged
 
     def _files_not_as_noted(self) -> list[tuple[Path, str, str]]:

@@ -57,8 +57,8 @@ class ActuatorNode(ManagedNode):
         description = (
             load_description(Path(file), is_simulated=True) if file else ActuatorDescription()
         )
-        own = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
-        given = {name: value for name, value in own.items() if value}
+        identity = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
+        given = {name: value for name, value in identity.items() if value}
         self._description = replace(description, **given)
         declare(self, BenchSettings(pause_s=_PAUSE_S))
         declare(self, Command, "command.")

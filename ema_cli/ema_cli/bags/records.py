@@ -121,12 +121,12 @@ def read_records(
     records = [read_record(source, mapping, description, accepts=accepts) for source in sources]
     period = records[0].description.sample_period
     for number, one in enumerate(records):
-        own = one.description.sample_period
-        if own != period and abs(own / period - 1.0) < _SIMILAR_RATE:
+        h = one.description.sample_period
+        if h != period and abs(h / period - 1.0) < _SIMILAR_RATE:
             source = sources[number]
             records[number] = imported_by(source, mapping, description, period)
             click.echo(
-                f"{source.path}: resampled from {1.0 / own:.5g} to {1.0 / period:.5g} Hz, the rate "
+                f"{source.path}: resampled from {1.0 / h:.5g} to {1.0 / period:.5g} Hz, the rate "
                 f"of {sources[0].path}",
                 err=True,
             )

@@ -161,6 +161,8 @@ def _next_steps(output: Path, given: Bench) -> str:
     ]
     # Nodes know the sample rate by the file of the actuator alone.
     if not rate:
-        own = f" -p actuator_file:={file}" if file else ""
-        steps.append(f"  ema up --params {output}{own} -p calibration_file:=calibration.yaml")
+        file_option = f" -p actuator_file:={file}" if file else ""
+        steps.append(
+            f"  ema up --params {output}{file_option} -p calibration_file:=calibration.yaml"
+        )
     return "\n".join(steps)

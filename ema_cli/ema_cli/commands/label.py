@@ -88,8 +88,8 @@ def label(
                 elif chosen:
                     raise click.UsageError("--test needs a history, ACTUATOR+SERIAL.sqlite")
                 else:
-                    own = given if part is None else replace(given, actuator_file=None)
-                    labelled = _with_bag(labelled, name, bag, own, part)
+                    options = given if part is None else replace(given, actuator_file=None)
+                    labelled = _with_bag(labelled, name, bag, options, part)
             except ValueError as error:
                 raise ValueError(f"{bag}: {error}") from error
     if labelled is not calibration:

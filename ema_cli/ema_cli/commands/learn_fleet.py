@@ -50,8 +50,8 @@ def learn_fleet(
     with progress_bar() as progress:
         for file in progress.track(files, description="reading"):
             is_fleet = file.suffix == SUFFIX
-            other = Fleet.read(file) if is_fleet else fleet_of([read_history(file)], chosen)
-            fleet = fleet.together(other)
+            added = Fleet.read(file) if is_fleet else fleet_of([read_history(file)], chosen)
+            fleet = fleet.together(added)
         if name:
             fleet = Fleet(fleet.grid, fleet.units, frozenset([name]))
         progress.add_task("learning", total=None)

@@ -310,9 +310,9 @@ def _of_any_start(
         if diagnosis is None:
             continue
         for seen, play in _seen_by_a_monitor(window):
-            *_, again = diagnosis.stopped().add(seen, calibration, search)
-            assert isinstance(again, Diagnosed)
-            result = verified.compared(recorded, again.estimate)
+            *_, repeated = diagnosis.stopped().add(seen, calibration, search)
+            assert isinstance(repeated, Diagnosed)
+            result = verified.compared(recorded, repeated.estimate)
             words = ", ".join(filter(None, [play, memory]))
             if words and result.state in (SAME, ROUNDED):
                 result = replace(result, reason=f"as by a monitor that started {words}")

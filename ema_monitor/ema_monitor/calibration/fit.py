@@ -215,22 +215,22 @@ def _examples_that_matter(window: Window, model: MonitorModel) -> str:
     Nothing is reported for the example itself. A parameter matters if it changes the response by a
     tenth.
     """
-    example, own = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
-    left = [name for name, value in example.items() if own[name] == value and value]
+    example, actual = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
+    left = [name for name, value in example.items() if actual[name] == value and value]
     if len(left) >= sum(bool(value) for value in example.values()):
         return ""
     expected = _healthy_response(window, model)
     names = []
     for name in left:
         try:
-            changed = model.parameters.replace({name: _CHANGED * own[name]})
+            changed = model.parameters.replace({name: _CHANGED * actual[name]})
         except ValueError:  # it contradicts another one
             continue
         other = MonitorModel(changed, model.form, model.dt, acquisition=model.acquisition)
         response = _healthy_response(window, other)
         for one, before in ((response.current, expected.current), (response.speed, expected.speed)):
             if np.linalg.norm(one - before) > _MATTERS * np.linalg.norm(before):
-                names.append(f"{name} = {own[name]:g}")
+                names.append(f"{name} = {actual[name]:g}")
                 break
     if not names:
         return ""

@@ -70,13 +70,13 @@ def plot_fit(
     panels = list(signals.subplots(4, 1, sharex=True, height_ratios=_HEIGHTS[:-1]))
     measured = Response(window.current, window.speed(calibration.parameters.tau))
     for number, unit in enumerate(("A", "rad/s")):
-        own = panels[2 * number : 2 * number + 2]
-        _draw_signal(own, t, window.sample_period, measured[number], modelled[number])
+        pair = panels[2 * number : 2 * number + 2]
+        _draw_signal(pair, t, window.sample_period, measured[number], modelled[number])
         column = Response._fields[number]
         if column in window.telemetry.missing:
             remark = {"current": "not measured", "speed": "by the position"}[column]
-            own[0].set_title(remark, loc="right", fontsize="small")
-        for axes, quantity in zip(own, (column, "residual"), strict=True):
+            pair[0].set_title(remark, loc="right", fontsize="small")
+        for axes, quantity in zip(pair, (column, "residual"), strict=True):
             axes.set_ylabel(f"{quantity} [{unit}]")
     panels[-1].set_xlabel(
         "time since the " + ("start [s]" if since_ns is None else "first sample [s]")

@@ -148,11 +148,11 @@ class Decision:
 
     def _judged(self, half: NDArray[np.intp], other: NDArray[np.intp]) -> Choice:
         """Return the value for some lives of the choice that is best for the others."""
-        own, theirs = (replace(self, lives=self.lives[part]) for part in (half, other))
-        removal, waiting = own.remove(), own.wait()
+        training, held_out = (replace(self, lives=self.lives[part]) for part in (half, other))
+        removal, waiting = training.remove(), training.wait()
         if waiting.rate < removal.rate:
-            return theirs.wait()
-        return theirs.removed_at(np.array([removal.removal_hours]))
+            return held_out.wait()
+        return held_out.removed_at(np.array([removal.removal_hours]))
 
     def removed_at(self, at_hours: Array) -> Choice:
         """Return the best removal of those at some hours from now [h]: age replacement (P18)."""

@@ -149,8 +149,12 @@ class GrowthRecord:
         """Return stamps [ns] and hours of service and growth [h] of the tests that are used."""
         used = self.service.used
         hours = np.array([test.hours for test in used], dtype=np.float64)[:, None]
-        own = hours.repeat(len(COMPONENTS), axis=1) if self.duty is None else self.duty.own_hours
-        return np.array([test.stamp_ns for test in used], np.int64), np.hstack([hours, own])
+        growth_hours = (
+            hours.repeat(len(COMPONENTS), axis=1) if self.duty is None else self.duty.own_hours
+        )
+        return np.array([test.stamp_ns for test in used], np.int64), np.hstack(
+            [hours, growth_hours]
+        )
 
     def _begins_with(self, fed: tuple[NDArray[np.int64], Array]) -> bool:
         n = len(fed[0])
@@ -167,11 +171,11 @@ class GrowthRecord:
         every = stamps_ns.tolist()
         events = [
             event
-            for number, (hour, *own) in enumerate(hours[self.tests :].tolist(), self.tests)
+            for number, (hour, *growth_hours) in enumerate(hours[self.tests :].tolist(), self.tests)
             for event in self._feed(
                 self._entries[every[number]],
                 hour,
-                np.array(own),
+                np.array(growth_hours),
                 [self._entries[one] for one in every[max(0, number - PATIENCE) : number]],
             )
             if every[number] not in known

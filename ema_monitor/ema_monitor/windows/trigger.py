@@ -275,8 +275,8 @@ class WindowTrigger:
         count = 0
         while self._blocks[count].first_index + len(self._blocks[count]) < oldest:
             count += 1
-        beyond = len(self._blocks) - MOST_BLOCKS
-        while count < beyond and not self._is_needed(self._blocks[count]):
+        excess = len(self._blocks) - MOST_BLOCKS
+        while count < excess and not self._is_needed(self._blocks[count]):
             count += 1
         del self._blocks[:count]
 

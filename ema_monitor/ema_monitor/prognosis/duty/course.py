@@ -63,8 +63,8 @@ class FutureDuty:
     def __str__(self) -> str:
         if self.factor == 1.0:
             return self.words
-        own = "in the past" if self.words == AS_BEFORE else f"by {self.words}"
-        return f"faults grow {self.factor:g} times as fast in each future flight hour as {own}"
+        duty = "in the past" if self.words == AS_BEFORE else f"by {self.words}"
+        return f"faults grow {self.factor:g} times as fast in each future flight hour as {duty}"
 
     def hours_of(self, own: Array) -> Array:
         """Return the hours of service in which some hours of growth pass [h], ``(7, n)``.
@@ -154,9 +154,9 @@ class DutyCourse:
     def own_hours(self) -> Array:
         """Hours of growth of each component at the tests [h], ``(n, 7)``."""
         grown = np.cumsum(self.relative * self.elapsed, axis=1)
-        own = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
-        own[~np.append(np.isfinite(self.reference), False)] = self.hours
-        return own[MEASURE].T
+        growth_hours = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
+        growth_hours[~np.append(np.isfinite(self.reference), False)] = self.hours
+        return growth_hours[MEASURE].T
 
     @property
     def present(self) -> Array:

@@ -64,12 +64,14 @@ class Bank(Kept):
 
     def advance(self, weight: Array, hours: Array) -> None:
         """Let the cells grow over hours of their component, ``(7,)`` [h]; their paces change."""
-        own = hours[self.cells.component]
-        if own.any():
-            mix_paces(weight, self.mean, self.variance, self._blocks, own[self._blocks[:, 0, 0]])
+        cell_hours = hours[self.cells.component]
+        if cell_hours.any():
+            mix_paces(
+                weight, self.mean, self.variance, self._blocks, cell_hours[self._blocks[:, 0, 0]]
+            )
         for law, part, figures in self._laws:
             levels = Levels(weight[part], self.mean[part], self.variance[part])
-            law.advance(levels, figures, own[part], self._settings.noise_hours)
+            law.advance(levels, figures, cell_hours[part], self._settings.noise_hours)
 
     def change(self, weight: Array) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""

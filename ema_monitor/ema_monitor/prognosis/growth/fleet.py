@@ -103,8 +103,8 @@ def grid_digest(limits: HealthLimits) -> str:
     """Return a digest of the curves and rates to which likelihoods refer."""
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
-    own = cells.side, cells.base, cells.shape, cells.third
-    for one in (cells.component, *own, cells.place):
+    columns = cells.side, cells.base, cells.shape, cells.third
+    for one in (cells.component, *columns, cells.place):
         digest.update(np.round(np.asarray(one, dtype=np.float64), 12).tobytes())
     return digest.hexdigest()[:16]
 

@@ -94,9 +94,9 @@ class Measurement:
     def of_row(cls, row: Array) -> Self:
         """Return the measurement that ``as_row`` was made of."""
         ends = np.cumsum([1, N_FAULTS, N_FAULTS, len(INDICES)])
-        (hours,), faults, unobservable, own, covariance = np.split(row, ends)
+        (hours,), faults, unobservable, growth_hours, covariance = np.split(row, ends)
         square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)
-        return cls(float(hours), faults, square, hidden, own)
+        return cls(float(hours), faults, square, hidden, growth_hours)
 
     @cached_property
     def seen(self) -> Flags:

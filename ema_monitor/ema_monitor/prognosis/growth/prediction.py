@@ -195,8 +195,8 @@ def prognosis_of(
     components = {
         name: RemainingLife.unknown(criterion, reason)
         if reason
-        else RemainingLife.of_samples(own, criterion)
-        for name, own, reason in zip(COMPONENTS, samples, reasons, strict=True)
+        else RemainingLife.of_samples(component_lives, criterion)
+        for name, component_lives, reason in zip(COMPONENTS, samples, reasons, strict=True)
         for criterion in [_criterion(name, limits.of(name))]
     }
     every = np.where(is_shown[:, None], samples, np.inf)

@@ -238,8 +238,8 @@ class Tracker(Kept):
         """
         rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, self._settings.samples, self._observed(), rng)
-        own = widened_lives(lives(sample, rng), self._check.widening())
-        hours = duty.hours_of(own)
+        fault_lives = widened_lives(lives(sample, rng), self._check.widening())
+        hours = duty.hours_of(fault_lives)
         mean, variance = self._mixture.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
         is_shown = self._tests > 0
@@ -247,7 +247,7 @@ class Tracker(Kept):
         hours[is_over] = 0.0
         reasons = [
             "" if is_over[number] else self.unsupported or self._reason_unknown(number, one)
-            for number, one in enumerate(own)
+            for number, one in enumerate(fault_lives)
         ]
         return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
 
@@ -306,8 +306,8 @@ class Tracker(Kept):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, n, self._observed(), rng)
-        own = duty.own_hours(times, n)
-        away = widened(futures(sample, own, rng), self._check.widening())
+        growth_hours = duty.own_hours(times, n)
+        away = widened(futures(sample, growth_hours, rng), self._check.widening())
         vectors = np.tile(healthy_faults(), (times.size, n, 1))
         vectors[..., INDICES] += np.moveaxis(away, 1, 2)
         vectors[..., ECCENTRICITY_PHASE] = self._phase

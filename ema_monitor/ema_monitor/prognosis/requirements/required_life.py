@@ -301,8 +301,8 @@ def limit_passage(paths: Array, hours: Array, limits: HealthLimits) -> Array:
 
 
 def _surely_fails(item: FaultHealth) -> bool:
-    beyond = item.limit - item.value if item.limit_is_lower else item.value - item.limit
-    return beyond > ONE_SIDED_95 * item.sigma
+    excess = item.limit - item.value if item.limit_is_lower else item.value - item.limit
+    return excess > ONE_SIDED_95 * item.sigma
 
 
 def _trends(judgement: Judgement, tracked: tuple[TrackedFault, ...]) -> dict[str, float]:

@@ -68,8 +68,8 @@ class RecorderNode(ManagedNode):
         self._standstills = 0
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
-            own = self.get_fully_qualified_name()
-            self._recorded = Recording(output, settings, own, self.report_end)
+            node_name = self.get_fully_qualified_name()
+            self._recorded = Recording(output, settings, node_name, self.report_end)
         except FileExistsError as error:
             hint = "" if settings.overwrite else "; parameter overwrite (--replace) replaces a bag"
             raise FileExistsError(f"parameter output: {error}{hint}") from error

@@ -87,14 +87,14 @@ def to_installed(
     recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
     if recorded == installed and not recorded_hash:
         return None
-    own = name.replace("/msg/", "/")
-    older, newer = recorded.get(own, []), installed[own]
+    short_name = name.replace("/msg/", "/")
+    older, newer = recorded.get(short_name, []), installed[short_name]
     defaults = _defaults(definition(name))
     lacking = {item.rpartition(" ")[2] for item in newer if item not in older}
     if (
         lacking
         and lacking <= defaults.keys()
-        and recorded | {own: newer} == installed
+        and recorded | {short_name: newer} == installed
         and [item for item in newer if item in older] == older
     ):
         kept = [item.rpartition(" ")[2] for item in older]

@@ -58,9 +58,9 @@ class Access:
 
     def sockets(self, host: str, scheme: str) -> list[str]:
         """Return the origins of the WebSockets of a page, also behind a proxy that adds TLS."""
-        own = f"{scheme}://{host.lower()}"
+        page_origin = f"{scheme}://{host.lower()}"
         secure = f"https://{host.lower()}"
-        origins = [own, *[secure] * (secure != own and secure in self._origins)]
+        origins = [page_origin, *[secure] * (secure != page_origin and secure in self._origins)]
         return [origin.replace("http", "ws", 1) for origin in origins]
 
     def knows(self, *, token: str | None, cookie: str | None) -> bool:

@@ -124,21 +124,21 @@ class DashboardNode(ManagedNode):
 
     def tasks(self) -> list[Task]:
         """Return its address, the number of clients, and their dropped messages."""
-        own = self._hub.figures()
+        totals = self._hub.figures()
         values = {
             "address": self.address,
-            "clients": own.clients,
+            "clients": totals.clients,
             "topics": len(self._hub),
-            "sent messages": own.messages,
-            "sent [B]": own.sent_bytes,
-            "waiting [B]": own.waiting_bytes,
-            "dropped messages": own.dropped,
-            "refused requests": own.refused,
+            "sent messages": totals.messages,
+            "sent [B]": totals.sent_bytes,
+            "waiting [B]": totals.waiting_bytes,
+            "dropped messages": totals.dropped,
+            "refused requests": totals.refused,
             "ends of threads": self._web.thread.ends,
         }
-        message = f"{counted(own.clients, 'client')} at {self.address}"
-        if own.dropped:
-            message += f", {counted(own.dropped, 'message')} dropped for slow clients"
+        message = f"{counted(totals.clients, 'client')} at {self.address}"
+        if totals.dropped:
+            message += f", {counted(totals.dropped, 'message')} dropped for slow clients"
         level = OK
         if self._alerts:
             values |= {"alerts sent": self._alerts.sent, "alerts lost": self._alerts.lost}

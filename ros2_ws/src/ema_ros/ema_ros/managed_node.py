@@ -231,14 +231,14 @@ class ManagedNode(LifecycleNode):
 
         While the node is not active the status of its tasks is unknown: STALE, never OK.
         """
-        own = [] if tasks else [self._lifecycle_task()]
+        node_tasks = [] if tasks else [self._lifecycle_task()]
         counts = None
         if not tasks:
             counts = self.counts() if self._configured else NodeStatus()
             peers = self._peers.task(self.hardware_id, time.monotonic())
             tasks = [peers, *(self.tasks() if self._configured else [])]
         state = self.state
-        tasks = own + [
+        tasks = node_tasks + [
             replace(task, level=STALE, message=f"{state}: {task.message}", category="")
             if task.level == OK and state != "active"
             else task
@@ -368,12 +368,12 @@ class ManagedNode(LifecycleNode):
 
     def _log_unknown_parameters(self) -> None:
         """Log parameters that were given and are not this node's, as rclpy does not."""
-        own = self.list_parameters([], 0).names
+        declared = self.list_parameters([], 0).names
         for name in given_parameters(self):
-            if name in own:
+            if name in declared:
                 continue
             text = f"parameter {name} is not one of this node and has no effect"
-            if similar := get_close_matches(name, own, 1, 0.85):
+            if similar := get_close_matches(name, declared, 1, 0.85):
                 self.get_logger().warning(f"{text}: is {similar[0]} meant?")
             else:
                 self.get_logger().info(text)

@@ -118,12 +118,12 @@ class LiveSettings(Generic[Definition]):
         node.add_post_set_parameters_callback(self._apply)
 
     def _changed(self, parameters: list[Parameter]) -> Definition | None:
-        own = [
+        items = [
             (self._parameters[item.name], item)
             for item in parameters
             if item.name in self._parameters
         ]
-        changes = {known.field.name: known.from_node(item.value) for known, item in own}
+        changes = {known.field.name: known.from_node(item.value) for known, item in items}
         return replace(self.value, **changes) if changes else None  # pyright: ignore
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:

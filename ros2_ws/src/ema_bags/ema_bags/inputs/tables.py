@@ -170,7 +170,7 @@ class TableColumns:
         return f": row {filled[0] + 1}: {self.texts[name][filled[0]]!r}" if len(filled) else ""
 
     def parts(self, names: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the rows between which none of some columns changes, and these columns' values.
+        """Yield the runs of rows in which some columns are constant, and these columns' values.
 
         Raises
         ------
