@@ -28,7 +28,7 @@ read, or it could not be read this time."""
 
 @dataclass(frozen=True)
 class BagTask:
-    """What a worker is to do with a bag: its address, its mark and the calibration beside it."""
+    """Task of a worker: address and mark of a bag, and the calibration in its folder."""
 
     url: str
     mark: str
@@ -38,7 +38,7 @@ class BagTask:
 
 @dataclass(frozen=True)
 class UnitRows:
-    """What a bag says of one unit: its estimates, counts and duty as rows.
+    """Rows of one unit in a bag: its estimates, counts and duty.
 
     The identity of the calibration is empty when there was none.
     """
@@ -67,7 +67,7 @@ class UnitRows:
 class BagResult:
     """What became of a bag: ``DONE``, or another state and its reason.
 
-    The reason may also be that it has no window; remarks are what is wrong with it beside that.
+    The reason may also be that it has no window; remarks are its other defects.
     ``end_ns`` is the log time of its last message that can be read [ns]; 0 when there is none.
     """
 
@@ -82,7 +82,7 @@ class BagResult:
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
-    """Return the name of a unit, which may be that of a folder."""
+    """Return the name of a unit, which is also valid as the name of a folder."""
     return shortened(f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}")
 
 
@@ -104,7 +104,7 @@ def diagnose_bag(task: BagTask) -> BagResult:
     except OSError as error:
         words = str(error) if error.filename is None else f"{error.filename}: {error.strerror}"
         result = BagResult(task, FAILED, words)
-    # Each is one line that names the bag by its address and not by that of a copy.
+    # Each is one line that names the bag by its address, not by a copy's path.
     return replace(
         result,
         reason=_plain(result.reason, copy, task.url),
@@ -156,7 +156,7 @@ def _rows_of_unit(
     flown: list[tuple[int, FlownDuty]],
     sha256: str,
 ) -> tuple[UnitRows, list[str]]:
-    """Return what a bag says of a unit, and what is wrong with its counts."""
+    """Return the rows of a unit in a bag, and the defects of its counts."""
     calibration = calibration_of(task.settings.calibration or task.beside, unit.unit_key)
     shared = {
         "actuator_id": unit.actuator_id,

@@ -18,16 +18,16 @@ TABLES: Final = "tables"
 """Folder of the tables in an archive."""
 
 STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns", "duty": "stamp_ns"}
-"""Column that tells the month of a row, of the tables with a file a month."""
+"""Column with the time of a row, for the tables with a file per month."""
 
 _LONGEST: Final = 240
-"""Characters of a name in a path, of the 255 that file systems take, with what stands before it."""
+"""Longest name in a path: file systems accept 255 characters including the prefix."""
 
 _FILE: Final = "part.parquet"
 
 
 def shortened(name: str) -> str:
-    """Return a name that may be that of a folder: a digest stands for the end of a long one."""
+    """Return a name valid as a folder's: a digest replaces the end of a long name."""
     if len(quoted(name)) <= _LONGEST:
         return name
     digest = hashlib.sha256(name.encode()).hexdigest()[:16]
@@ -48,7 +48,7 @@ def month_of(stamp_ns: int) -> str:
 
 
 def path_of(archive: Path, table: str, model: str, unit: str, month: str = "") -> Path:
-    """Return the file of a unit in a table, where it has one a month that of the month."""
+    """Return the file of a unit in a table, or of a month if the table has a file per month."""
     folder = archive / TABLES / table / f"model={quoted(model) or 'unknown'}/unit={quoted(unit)}"
     return (folder / f"month={month}" if month else folder) / _FILE
 
@@ -106,7 +106,7 @@ def read_rows(path: Path, table: str) -> list[dict[str, Any]]:
 
 def _read(path: Path, table: str) -> pa.Table:
     try:
-        # Without what the names of its folders say.
+        # Without the columns given by the names of its folders.
         return pq.ParquetFile(path).read().cast(PARTITIONED[table])
     except (pa.ArrowInvalid, ValueError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error

@@ -27,7 +27,7 @@ def estimation_software() -> str:
 
 @cache
 def prognosis_software() -> str:
-    """Return a digest of all sources that health and life depend on, beside the estimates."""
+    """Return a digest of all sources, other than the estimates', for health and life."""
     return source_digest(["ema_archive.unit_task"])
 
 
@@ -38,8 +38,8 @@ class ArchiveSettings:
     Attributes
     ----------
     calibration
-        Path of the calibrations, in which ``{actuator_id}`` and ``{serial_number}`` stand for those
-        of a unit; when empty, ``calibration.yaml`` beside a bag, or else the shipped one.
+        Path of the calibrations, in which ``{actuator_id}`` and ``{serial_number}`` are replaced by
+        the unit's; when empty, ``calibration.yaml`` in a bag's folder, or else the shipped one.
     trigger
         Which windows of a bag are looked at.
     measured_max_age_s
@@ -48,7 +48,7 @@ class ArchiveSettings:
         How faults are searched in a window. Each search begins cold, so that the estimates of a bag
         follow from that bag alone.
     prognosis
-        What health and life follow from, beside the estimates.
+        Settings of health and life, in addition to the estimates.
     """
 
     calibration: str = ""
@@ -59,13 +59,13 @@ class ArchiveSettings:
 
     @property
     def estimation_id(self) -> str:
-        """Identity of what estimates follow from."""
+        """Identity of the settings of the estimates."""
         values = self.as_mapping()
         return _digest({name: values[name] for name in ("trigger", "measured_max_age_s", "search")})
 
     @property
     def prognosis_id(self) -> str:
-        """Identity of what health and life follow from."""
+        """Identity of the settings of health and life."""
         return _digest(self.as_mapping()["prognosis"])
 
     def as_mapping(self) -> dict[str, Any]:

@@ -232,7 +232,7 @@ def count_row(count: Count, number: int) -> dict[str, Any]:
 def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
     """Return the duty up to a stamp [ns] as a row, exactly; bag and unit are the caller's to add.
 
-    Lists are by class of the load, or of the rise of the winding, as of `FlownDuty`.
+    Lists are by class of the load, or of the rise of the winding, as in `FlownDuty`.
     """
     row = {"until": stamp_ns // 1000, "stamp_ns": stamp_ns, "hours": float(flown.hours)}
     for name, columns in _DUTY_LISTS.items():
@@ -274,7 +274,7 @@ def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
 
 
 def growth_rows(outlook: Outlook) -> list[dict[str, Any]]:
-    """Return what is known of each fault and requirement after a test; the unit is to be added."""
+    """Return a row for each fault and requirement after a test, without the unit."""
     unknown = RemainingLife.unknown("", outlook.rul.reason)
     faults, requirements = outlook.health.faults, outlook.health.requirements
     return [

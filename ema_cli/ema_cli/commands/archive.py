@@ -64,7 +64,7 @@ class GivenSettings:
 
     @classmethod
     def of(cls, parameters: Parameters, calibration: str | None, **growth: Any) -> Self:
-        """Return what options and parameters say."""
+        """Return the settings from options and parameters."""
         parameters = parameters.with_options(calibration_file=calibration or None)
         return cls(with_growth(parameters, **growth))
 
@@ -75,7 +75,7 @@ class GivenSettings:
             settings,
             calibration=given.values.get("calibration_file") or settings.calibration,
             measured_max_age_s=given.over(source).measured_max_age_s,
-            # An archive is of test cycles, and what a bag says follows from it alone.
+            # An archive holds test cycles, and the rows of a bag follow from the bag alone.
             trigger=replace(given.over(settings.trigger), windows=TEST_CYCLE),
             search=replace(given.over(settings.search), warm_start=False),
             prognosis=prognosis_over(settings.prognosis, given),
@@ -84,7 +84,7 @@ class GivenSettings:
 
 @click.group()
 def archive() -> None:
-    """Keep what the bags of a fleet say as tables: estimates, health, life and growth.
+    """Store the results of a fleet's bags as tables: estimates, health, life and growth.
 
     ARCHIVE is the folder of the tables. `scan` lists bags, `run` does those that are new or whose
     content, calibration, settings or software has changed, `status` counts them,
@@ -100,7 +100,7 @@ def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
     """List the bags in each SOURCE and below, a folder or an address such as s3://fleet/bags.
 
     The archive remembers its sources and its settings: later scans need none. Options that are
-    given hold from now on; what follows from the others is not done again.
+    given are stored; results that do not depend on them are not computed again.
     """
     with Manifest(folder, is_new=True) as manifest:
         manifest.settings = given.applied_to(manifest.settings)
@@ -120,11 +120,11 @@ def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
 @_ARCHIVE
 @executor_options
 def run_(folder: Path, executor: ExecutorOptions) -> None:
-    """Do what is to be done: bags to estimates, then units to health and life.
+    """Process what is due: bags to estimates, then units to health and life.
 
     Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
-    with their reason. Exit code 3 says that there were such, that a unit has different tests
-    at the same time, or that no window is valid.
+    with their reason. Exit code 3: a bag cannot be read, a unit has different tests
+    at the same time, or no window is valid.
     """
     with Manifest(folder) as manifest:
         with progress_bar() as progress:
@@ -175,7 +175,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
 @_ARCHIVE
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def status_(folder: Path, as_json: bool) -> None:
-    """Count the bags and units, and list what is out of date, and why."""
+    """Count the bags and units, and list outdated ones with the reason."""
     with Manifest(folder, writes=False) as manifest:
         settings = manifest.settings
         status, sources = manifest.status(settings), manifest.sources
@@ -268,7 +268,7 @@ def _print(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         for row in rows:
             click.echo("\t".join(" ".join(str(_plain(value)).split()) for value in row))
         return
-    # As texts: brackets in a name or a reason are no markup.
+    # As texts: brackets in a name or a reason are not markup.
     table = Table()
     for name in names:
         table.add_column(Text(name))

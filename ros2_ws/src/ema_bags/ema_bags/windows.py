@@ -94,7 +94,7 @@ class RecordedWindow:
 
     @property
     def window(self) -> Window | Refusal:
-        """The window, read from the bag anew each time, or why there is none."""
+        """The window, read from the bag each time, or the reason why there is none."""
         if isinstance(self.place, Refusal):
             return self.place
         return Window(self.place.read(), self.play, self.measured)
@@ -102,7 +102,7 @@ class RecordedWindow:
 
 @dataclass(frozen=True)
 class BagWindows:
-    """What a bag says of one actuator.
+    """Content of a bag for one actuator.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class BagWindows:
     windows
         Windows, and those that were begun and cannot be used, in order of time.
     remarks
-        What is wrong with the bag or its telemetry outside of any window.
+        Defects of the bag, or of its telemetry outside of any window.
     longest_motion_s
         Longest motion of the command, or for records of the position, that made no window [s].
     has_rested
@@ -125,8 +125,8 @@ class BagWindows:
     truths
         True faults of the actuator by test cycle, in order, where the bag records them.
     flown
-        Duty by unit, up to the end of each window and to that of the bag, by stamp [ns]; empty
-        if it was not measured.
+        Duty by unit, up to the end of each window and of the bag, by stamp [ns]; empty if it was
+        not measured.
     """
 
     description: ActuatorDescription
@@ -154,7 +154,7 @@ class BagWindows:
 
     @property
     def simulated_faults(self) -> bool:
-        """Whether the bag says that the actuator was simulated with faults."""
+        """Whether the bag records that the actuator was simulated with faults."""
         healthy = healthy_faults()
         return any(not np.array_equal(truth.faults, healthy) for truth in self.truths)
 
@@ -259,7 +259,7 @@ def find_recorded_windows(
     description
         The actuator; as the recording describes it when None.
     measured
-        Causes that were measured throughout, each in the place of what the bag holds of it.
+        Causes that were measured throughout; each replaces the recorded measurements of it.
     measured_max_age_s
         Age at the start of a window up to which a recorded measurement holds for it [s].
     with_duty
@@ -335,8 +335,8 @@ def find_recorded_windows(
         pieces = counted(finder.passed_over, "piece")
         remarks.append(f"{pieces} of the telemetry passed over: {finder.shortfall}")
     if wrong:
-        said = counted(len(wrong), "impossible measurement")
-        remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
+        count = counted(len(wrong), "impossible measurement")
+        remarks.append(f"ignored: {count}, the latest: {wrong[-1]}")
     remarks += bag.remarks
     if first is None or finder.description is None:
         raise ValueError(f"{bag.path} has no usable telemetry: {'; '.join(remarks)}")
@@ -378,7 +378,7 @@ def _recorded_window(
 
 
 def _recorded_measurements(recorded: RecordedTelemetry) -> tuple[MeasurementLog, list[str]]:
-    """Return what was measured of the actuator, and what is wrong with other messages of it."""
+    """Return the measurements of the actuator, and the defects of its other messages."""
     log, wrong = MeasurementLog(), []
     for item in recorded.bag.messages(recorded.bag.topics_of(MEASURED_TYPE)):
         if item.message.actuator_id == recorded.actuator_id:
