@@ -73,7 +73,7 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
                 # Raises the error of the store, which looks like a missing folder until here.
                 files.info(root)
                 raise NotADirectoryError(f"{source}: this is a file, not a folder of bags")
-            raise FileNotFoundError(f"{source}: there is no such folder")
+            raise FileNotFoundError(f"{source} not found: expected a folder of bags")
         for folder, folders, entries in files.walk(root, detail=True, on_error="raise"):
             if isinstance(files, LocalFileSystem) and Path(folder) == without:
                 folders.clear()

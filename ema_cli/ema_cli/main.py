@@ -24,21 +24,22 @@ _COMMANDS: Final = {
     "certify": "Predict which faults a test will show, how well, and which it cannot separate.",
     "design": "Find the shortest test command that reaches wanted standard deviations within "
     "limits.",
-    "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
+    "compare": "Compare algorithms on one window of BAG: faults, accuracy and computing time of "
+    "each.",
     "predict": "Predict how many flight hours a unit has left, from the tests in each "
     "BAG or folder of bags.",
     "learn-fleet": "Learn how the units of a fleet grow, from the HISTORY of each.",
     "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
     "GA, PSO, DE and GWO.",
-    "report": "Write what the tests in bags, or folders of bags, say of a unit.",
-    "archive": "Keep what the bags of a fleet say as tables: estimates, health, life and growth.",
+    "report": "Write a report of a unit from the tests in bags, or folders of bags.",
+    "archive": "Store the results of a fleet's bags as tables: estimates, health, life and growth.",
     "watch": "Show the health of all actuators, the worst first, until Ctrl-C.",
     "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
-    "info": "Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it.",
+    "info": "Show the content of BAG: topics, actuator, telemetry, windows, and defects.",
     "up": "Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.",
     "record": "Record telemetry, estimates and health until Ctrl-C.",
     "play": "Play BAG, and the time on /clock.",
-    "recover": "Write what is intact of BAG, left by a recorder that was killed, to a "
+    "recover": "Write the intact part of BAG, left by a recorder that was killed, to a "
     "bag with an index.",
     "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
     "completion": "Print the completion of commands and options for SHELL.",

@@ -61,9 +61,9 @@ class Acquisition(Checked):
     def contradiction(self, missing: Collection[str]) -> str:
         """Return how telemetry with these empty columns contradicts the acquisition."""
         reasons = [
-            f"the {name} is said to be measured ({self}), but its column is empty"
+            f"the {name} is declared as measured ({self}), but its column is empty"
             if name in missing
-            else f"the {name} is said not to be measured ({self}), but its column is filled"
+            else f"the {name} is declared as not measured ({self}), but its column is filled"
             for name in ("command", "current", "speed")
             if (name in missing) != (name in self.missing)
         ]

@@ -1,6 +1,6 @@
 """Hidden causes in the kernels of the reference actuator: the effect of each in a step.
 
-The kernels come in pairs, without and with causes, of which numba takes one by the type of
+The kernels come in pairs, without and with causes, and numba selects one by the type of
 ``effects`` when it compiles: an actuator without causes runs the steps that it always ran. The
 numbers (M20) to (M25) refer to equations in ``docs/model.md``.
 """

@@ -81,7 +81,7 @@ def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
         session.describe()
         health = session.until(lambda: session.healths())[-1]
         assert health.assumption == (
-            "future use as in the past; growth is likely as of 2 others (line A)"
+            "future use as in the past; growth prior from 2 others (line A)"
         )
         assert health.rul_faults.known
     (tmp_path / "none.npz").write_text("no fleet")
@@ -93,5 +93,5 @@ def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
 def test_a_prognosis_of_bags_says_whose_growth_it_assumes(ema, fleet: Path):
     result = ema("predict", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
     assert result.exit_code == 0, result.output
-    assumed = "assumption: future use as in the past; growth is likely as of 2 others (line A)"
+    assumed = "assumption: future use as in the past; growth prior from 2 others (line A)"
     assert assumed in result.stdout

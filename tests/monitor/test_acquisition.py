@@ -114,8 +114,8 @@ def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
     assert again.acquisition == description.acquisition
     assert again.calibration_id == calibration.calibration_id
     blind = unit("no current").window
-    assert "the current is said to be measured" in identify(blind, description, calibration).reason
-    with pytest.raises(ValueError, match="window 0: the current is said to be measured"):
+    assert "the current is declared as measured" in identify(blind, description, calibration).reason
+    with pytest.raises(ValueError, match="window 0: the current is declared as measured"):
         calibrate_model([blind], description)
 
 

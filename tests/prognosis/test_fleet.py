@@ -113,7 +113,7 @@ def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path
     fleet.write(path)
     again = Fleet.read(path)
     assert again.prior(LIMITS) == fleet.prior(LIMITS)
-    assert again.prior(LIMITS).in_words() == "growth is likely as of 2 others (line A)"
+    assert again.prior(LIMITS).in_words() == "growth prior from 2 others (line A)"
     with np.load(path) as file:
         texts = [str(value) for value in (*file["units"], *file["names"], file["grid"])]
     assert not any("flap" in text for text in texts)
@@ -187,7 +187,7 @@ def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
     first, second = opened(settings), opened(settings)
     outlook = second.resume(None, settings)
     assert outlook is not None
-    assert outlook.assumption.endswith("; growth is likely as of 8 others (line A)")
+    assert outlook.assumption.endswith("; growth prior from 8 others (line A)")
     assert second.growth.kept_tests == KEPT_EVERY
     again = first.resume(None, settings)
     assert again is not None

@@ -127,7 +127,7 @@ def is_same(test: Test, estimate: Estimate) -> bool:
 
 def _problem(end_ns: int, newest: Test) -> str:
     before_s = (newest.end_ns - end_ns) * 1e-9
-    what = f"its stamp is {before_s:.9g} s before that of the newest test"
+    what = f"its stamp is {before_s:.9g} s before the newest test's"
     if before_s <= 0.0:
         what = "it differs from a test with the same stamp"
     return (

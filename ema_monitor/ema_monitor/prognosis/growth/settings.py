@@ -191,7 +191,7 @@ class FleetPrior:
     def in_words(self) -> str:
         """Return whose growth is assumed."""
         others = f"{self.units} other{'' if self.units == 1 else 's'}"
-        return f"growth is likely as of {others}" + (f" ({self.names})" if self.names else "")
+        return f"growth prior from {others}" + (f" ({self.names})" if self.names else "")
 
 
 @dataclass(frozen=True)

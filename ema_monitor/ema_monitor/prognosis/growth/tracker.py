@@ -293,8 +293,8 @@ class Tracker(Kept):
         Returns
         -------
         numpy.ndarray
-            Fault vectors within their range, ``(m, n, 8)``; the direction of eccentricity stays
-            that of the latest test.
+            Fault vectors within their range, ``(m, n, 8)``; the direction of eccentricity stays as
+            in the latest test.
 
         Raises
         ------

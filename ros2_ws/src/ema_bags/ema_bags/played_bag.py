@@ -186,7 +186,7 @@ class PlayedBag:
             try:
                 message = upgrade(item.message) if upgrade else item.message
                 deserialize_message(message, message_class(item.type_name))
-            except Exception as error:  # whatever the middleware makes of what is no message
+            except Exception as error:  # the middleware raises various errors
                 self.skipped += 1
                 self.bag.malformed.note(item, str(error))
                 continue

@@ -52,7 +52,7 @@ class Bag(Recording):
         self._files: dict[Path, Contents] = {}
         self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
-            raise FileNotFoundError(f"{self.path}: there is no such recording, .mcap or folder")
+            raise FileNotFoundError(f"{self.path} not found: expected an .mcap file or a folder")
         if self.path.is_dir():
             self._open_folder()
         else:

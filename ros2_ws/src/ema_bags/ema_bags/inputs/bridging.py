@@ -57,7 +57,7 @@ class BridgeSettings(Checked):
         "s",
         1e-3,
         1.0,
-        "time between two blocks; at least that of 20 samples, or 0.1 s if that is shorter",
+        "time between two blocks; at least 20 samples, or 0.1 s if that is shorter",
     )
     learn_s: float = quantity(1.0, "s", 0.1, 60.0, "time in which the rate is found, at the start")
     wait_s: float = quantity(

@@ -323,7 +323,7 @@ def _wrong_factors(
             f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
             f"description has {_as_ratio(tau)}",
             "are position and speed of the same joint, and are unit and shaft of both right? If "
-            "they are, and tau is that of the data sheet: accept: [gear_ratio]",
+            "they are, and tau is as in the data sheet: accept: [gear_ratio]",
         )
     if gain is not None and not 0.5 < gain < 2.0:
         yield InputDefect(
