@@ -163,17 +163,17 @@ def test_definition_that_contains_itself_is_refused():
 
 ADDED = {"current_sampling", "current_filter_time", "speed_measured", "has_command"}
 ADDED |= {"effort_kind"}
-ADDED |= {"drive", "lead"}
+ADDED |= {"drive", "current_bandwidth", "lead"}
 DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample_period=1e-3)
 
 
 def older_text() -> str:
-    """The definition without what came with acquisition, drive and linear actuators."""
+    """The definition of version 0.1, without acquisition, drive and linear actuators."""
     text = schema_text(DESCRIPTION_TYPE)
     for first, after in (("# acquisition of", "# controller"), ("float64 lead", "\n\n====")):
         start = text.index(first)
         text = text[:start] + text[text.index(after, start) :]
-    return text
+    return re.sub(r"float64 current_bandwidth.*\n", "", text)
 
 
 @pytest.fixture
