@@ -129,9 +129,44 @@ class ModelIdentification:
             wrong = tuple(one for one in found.estimate.measured if one.name in named)
             before, memory = memory, memory.left_by(found.estimate)
             if not wrong and memory is before:
-                return replace(found, estimate=replace(found.estimate, evaluations=spent))
+                found = replace(found, estimate=replace(found.estimate, evaluations=spent))
+                return (
+                    yield from self._search_unmeasured(
+                        found, window, calibration, contradicted, started, memory
+                    )
+                )
             contradicted += wrong
             window = _without(window, wrong)
+
+    def _search_unmeasured(
+        self,
+        found: Finding,
+        window: Window,
+        calibration: Calibration,
+        contradicted: tuple[CauseEstimate, ...],
+        started: float,
+        memory: Memory,
+    ) -> Search:
+        """Search a window that fits poorly without each measured cause as well.
+
+        An error of a sensor may stand in for a wrong measurement, but fits worse.
+        """
+        poor = found.estimate
+        if not poor.goodness_of_fit > poor.goodness_limit:
+            return found
+        spent = poor.evaluations
+        for cause in poor.measured:
+            trial = yield from self._search_once(
+                _without(window, (cause,)), calibration, (*contradicted, cause), started, memory
+            )
+            spent += trial.estimate.evaluations
+            goodness = trial.estimate.goodness_of_fit
+            if goodness <= trial.estimate.goodness_limit and goodness < (
+                _FAR_BETTER * poor.goodness_of_fit
+            ):
+                found = trial
+                break
+        return replace(found, estimate=replace(found.estimate, evaluations=spent))
 
     def _question_scale(self, found: Finding, window: Window, calibration: Calibration) -> Search:
         """Refuse a window that the faults do not explain, where a column is off by a factor."""
