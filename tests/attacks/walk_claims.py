@@ -404,6 +404,7 @@ class Claimed(Walk):
                 _ARCHIVED,
                 pa.Table.from_pylist(rows, PARTITIONED["estimates"]),
                 pa.Table.from_pylist([], PARTITIONED["usage"]),
+                pa.Table.from_pylist([], PARTITIONED["duty"]),
                 pa.Table.from_pylist([], PARTITIONED["health"]),
                 None,
             )
