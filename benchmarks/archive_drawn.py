@@ -51,6 +51,7 @@ def draw(task: BagTask) -> BagResult:
         calibration_id=estimate.calibration_id,
         estimates=[estimate_row(estimate, 0) | names | made],
         usage=[count_row(count, 0) | names | {"bag": task.url}],
+        duty=[],
     )
     return BagResult(task, DONE, sha256=sha256, units=[rows])
 

@@ -119,7 +119,9 @@ describe("an archive of 1600 units", () => {
         await open("#/archive", fleet, { colorScheme, viewport });
         await page.waitForSelector("[aria-labelledby=survival] canvas");
         assert.deepEqual(await hindrances(page), []);
-        assert.ok(await overflow(page) <= 0, "wider than the screen");
+        // The pictures take the width of the screen one after the other.
+        await until("that nothing is wider than the screen", async () =>
+          (await overflow(page)) <= 0);
       });
     }
   }
