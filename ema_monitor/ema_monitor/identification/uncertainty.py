@@ -140,7 +140,7 @@ def ridge_of(normal: Array) -> float:
 
     It is far below what any visible component has there, and keeps an invisible one finite.
     """
-    return 6e-11 * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
+    return 1e-9 * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
 
 
 def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
