@@ -13,15 +13,15 @@ from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
-from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
-from ema_monitor.prognosis.history_entry import Count
-from ema_monitor.prognosis.service import CountLog
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # an estimate alone needs no prognosis
+    from ema_monitor.prognosis.duty.damage import FlownDuty
     from ema_monitor.prognosis.duty.meter import DutyMeter
+    from ema_monitor.prognosis.history_entry import Count
+    from ema_monitor.prognosis.service import CountLog
 
 MOST_MEASUREMENTS: Final = 10_000
 """Measurements of a cause that are kept while telemetry comes without end."""
@@ -35,8 +35,8 @@ _MOST_UNITS: Final = 10
 class Use(NamedTuple):
     """Use of a unit up to a test: the latest count of service life, and the duty flown."""
 
-    counted: Count | None
-    flown: FlownDuty
+    counted: "Count | None"
+    flown: "FlownDuty"
 
 
 class Intake:
@@ -80,7 +80,7 @@ class Intake:
         description: ActuatorDescription | None = None,
         *,
         measurements: MeasurementLog | None = None,
-        counts: CountLog | None = None,
+        counts: "CountLog | None" = None,
         measured: Sequence[CauseEstimate] = (),
         max_age_s: Callable[[], float] = lambda: MAX_AGE_S,
         most_pieces: int | None = MOST_PIECES,
@@ -89,7 +89,7 @@ class Intake:
         self.finder = WindowFinder(settings, description)
         self.actuator_id = actuator_id
         self._measurements = measurements or MeasurementLog(MOST_MEASUREMENTS)
-        self._counts = counts or CountLog()
+        self._counts = counts
         self._measured = measured
         self._max_age_s = max_age_s
         self._most_pieces = most_pieces
@@ -101,7 +101,8 @@ class Intake:
         """Apply a description, as of `WindowFinder.describe`; early counts are of its unit."""
         if description == self.finder.description:
             return []
-        self._counts.assign(description.unit_key)
+        if self._counts is not None:
+            self._counts.assign(description.unit_key)
         return self._complete(self.finder.describe(description))
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
@@ -134,17 +135,23 @@ class Intake:
         """Keep what was measured at a time [ns]; arguments and errors as of `measured_causes`."""
         self._measurements.add(self.actuator_id, stamp_ns, measured_causes(measured))
 
-    def count(self, unit: UnitKey, count: Count) -> None:
+    def count(self, unit: UnitKey, count: "Count") -> None:
         """Keep a count of the service life of a unit; it holds for tests after its stamp."""
+        from ema_monitor.prognosis.service import CountLog
+
+        self._counts = self._counts or CountLog()
         self._counts.add(unit, count)
 
     def take_use(self, unit: UnitKey, end_ns: int) -> Use:
         """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
+        from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
+
         meter = self._meters.get(unit)
         flown = NOTHING_FLOWN if meter is None else meter.take(end_ns)
-        return Use(self._counts.latest(unit, end_ns), flown)
+        counted = None if self._counts is None else self._counts.latest(unit, end_ns)
+        return Use(counted, flown)
 
-    def pieces(self, end_ns: int) -> dict[UnitKey, list[tuple[int, FlownDuty]]]:
+    def pieces(self, end_ns: int) -> dict[UnitKey, "list[tuple[int, FlownDuty]]"]:
         """Return the duty by unit up to the end of each window, and to a stamp, by stamps [ns]."""
         for meter in self._meters.values():
             meter.cut(end_ns)

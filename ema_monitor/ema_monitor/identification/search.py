@@ -19,6 +19,7 @@ from ema_monitor.identification.inference import Finding, Inference
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge
 from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.deviations import SENSOR_ERRORS
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
@@ -147,7 +148,7 @@ class ModelIdentification:
         started: float,
         memory: Memory,
     ) -> Search:
-        """Search a window that fits poorly without each measured cause as well.
+        """Search a window that fits poorly without each measured cause of the motion as well.
 
         An error of a sensor may stand in for a wrong measurement, but fits worse.
         """
@@ -155,7 +156,7 @@ class ModelIdentification:
         if not poor.goodness_of_fit > poor.goodness_limit:
             return found
         spent = poor.evaluations
-        for cause in poor.measured:
+        for cause in (one for one in poor.measured if not one.name.endswith(SENSOR_ERRORS)):
             trial = yield from self._search_once(
                 _without(window, (cause,)), calibration, (*contradicted, cause), started, memory
             )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,13 @@ from ema_core.telemetry import Telemetry, bridged, join
 from ema_core.wording import counted
 from ema_monitor.intake import Intake
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
-from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
+
+if TYPE_CHECKING:  # an estimate alone needs no prognosis
+    from ema_monitor.prognosis.duty.damage import FlownDuty
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
@@ -140,7 +142,7 @@ class BagWindows:
     has_rested: bool
     obstacle: str
     truths: list[StampedFaults]
-    flown: dict[UnitKey, list[tuple[int, FlownDuty]]] = field(default_factory=dict)
+    flown: "dict[UnitKey, list[tuple[int, FlownDuty]]]" = field(default_factory=dict)
 
     @property
     def usable(self) -> Sequence[Window]:
