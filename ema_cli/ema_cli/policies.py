@@ -39,7 +39,7 @@ _OF_LIFECYCLES: Final = (
     "get_state",
     "get_transition_graph",
 )
-_SAID_BY_ALL: Final = ("/rosout", "/parameter_events")
+_PUBLISHED_BY_ALL: Final = ("/rosout", "/parameter_events")
 _STEERED_BY_DASHBOARD: Final = ("pause", "resume", "seek", "set_rate")
 _HISTORY: Final = ("get_history", "note_event")
 _ASKED_OF_MONITOR: Final = ("calibrate", "forget_actuator", *_HISTORY, "predict_remaining_life")
@@ -165,12 +165,11 @@ def _node(
     """Return what a node has, with what all nodes, or all lifecycle nodes, have."""
     own = f"{prefix}/{name}/"
     services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
-    said = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{own}transition_event")
-    said = said if is_managed else ()
+    status = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{own}transition_event")
     return GraphNames(
         prefix or "/",
         name,
-        _sorted(*_SAID_BY_ALL, *said, *publishes),
+        _sorted(*_PUBLISHED_BY_ALL, *(status if is_managed else ()), *publishes),
         _sorted(*((CLOCK,) if is_managed else ()), *subscribes),
         _sorted(*(own + item for item in services)),
         _sorted(*requests),

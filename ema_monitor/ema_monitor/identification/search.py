@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.causes import CauseEstimate
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate, Place
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
@@ -19,7 +19,6 @@ from ema_monitor.identification.inference import Finding, Inference
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge
 from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.model.deviations import SENSOR_ERRORS
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
@@ -156,7 +155,9 @@ class ModelIdentification:
         if not poor.goodness_of_fit > poor.goodness_limit:
             return found
         spent = poor.evaluations
-        for cause in (one for one in poor.measured if not one.name.endswith(SENSOR_ERRORS)):
+        for cause in poor.measured:
+            if CAUSE_BY_NAME[cause.name].place == Place.SENSOR:
+                continue
             trial = yield from self._search_once(
                 _without(window, (cause,)), calibration, (*contradicted, cause), started, memory
             )
