@@ -43,7 +43,6 @@ _COMMANDS: Final = {
     "bag with an index.",
     "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
     "completion": "Print the completion of commands and options for SHELL.",
-    "man": "Print the manual page of all commands, made from their help.",
 }
 """Commands and their first sentences, so that help imports none of them."""
 
@@ -56,7 +55,7 @@ _GROUPS: Final = {
     "Live": ("up", "watch", "record", "play", "demo"),
     "Archive": ("archive",),
     "Study": ("thesis", "compare"),
-    "Shell": ("completion", "man"),
+    "Shell": ("completion",),
 }
 """Commands in the groups in which the help lists them."""
 

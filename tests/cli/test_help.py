@@ -52,9 +52,3 @@ def test_command_has_one_name(name):
     result = CliRunner().invoke(main, [name, "--help"])
     assert result.exit_code == 2
     assert f"command {name!r}" in result.output
-
-
-def test_manual_page_has_the_help_of_each_command():
-    page = CliRunner().invoke(main, ["man"]).stdout
-    for name in [*_COMMANDS, "archive run"]:
-        assert f".SH EMA {name.upper()}\n" in page
