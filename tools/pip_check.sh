@@ -49,7 +49,7 @@ from ema_archive.query import answer
 from ema_archive.running import run, scan
 from ema_core.tasks import Workers
 from ema_monitor import identify
-from ema_bags import read_windows
+from ema_monitor.recordings import read_windows
 
 found = read_windows(sys.argv[1])
 estimate = identify(found.usable[0], found.description)

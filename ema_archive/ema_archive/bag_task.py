@@ -11,12 +11,13 @@ from ema_archive.sources import calibration_of, content_digest, identity_of, loc
 from ema_archive.tables import count_row, duty_row, estimate_row
 from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators, read_telemetry
-from ema_bags.usage import read_counts
-from ema_bags.windows import BagWindows, RecordedWindow, find_recorded_windows
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.duty.damage import FlownDuty
+from ema_monitor.recordings.counts import read_counts
+from ema_monitor.recordings.finding import find_recorded_windows
+from ema_monitor.recordings.windows import BagWindows, RecordedWindow
 
 DONE: Final = "done"
 INCOMPLETE: Final = "incomplete"

@@ -7,7 +7,6 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.windows import BagWindows, RecordedWindow
 from ema_cli.bags.identifying import Identifying
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
@@ -18,6 +17,7 @@ from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
 from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.recordings.windows import BagWindows, RecordedWindow
 from ema_monitor.windows.window import Window
 
 

@@ -108,6 +108,11 @@ class ActuatorParameters(Checked):
     )
     lead: float = quantity(0.0, "m", 0.0, 1.0, "linear: way for one turn of the user shaft, else 0")
 
+    @property
+    def top_speed(self) -> float:
+        """Speed of the motor that neither controller nor supply exceed [rad/s]."""
+        return max(self.omega_max, self.V_max / self.k_e)
+
     def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
         """Return these parameters with some values changed.
 

@@ -11,9 +11,9 @@ import yaml
 
 from ema_bags.inputs.mapping import load_mapping
 from ema_bags.reader import Bag
-from ema_bags.windows import read_windows
 from ema_monitor.calibrations import load_calibration
 from ema_monitor.prognosis.history import History
+from ema_monitor.recordings.finding import read_windows
 from ema_ros.actuator_file import load_description
 
 from ..prognosis.made_tests import UNIT, entry

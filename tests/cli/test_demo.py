@@ -16,7 +16,6 @@ from rich.console import Console
 
 from ema_bags.reader import Bag
 from ema_bags.telemetry import HEALTH_TYPE
-from ema_bags.windows import truth_at
 from ema_cli.bags.diagnoses import DiagnosedWindow, DiagnosisLog, read_history
 from ema_cli.figures.history import draw_history
 from ema_cli.processes import demo_run, listener
@@ -27,6 +26,7 @@ from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import Health
 from ema_monitor.prognosis.history import read_history as read_history_file
+from ema_monitor.recordings.windows import truth_at
 from ema_ros.messages import StampedFaults
 from ema_ros.stamps import stamp_from_message
 

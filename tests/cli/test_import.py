@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from ema_bags import read_telemetry, read_windows
+from ema_bags import read_telemetry
 from ema_core.telemetry import COLUMNS, join
+from ema_monitor.recordings import read_windows
 from ema_sim import simulate
 
 RPM = 60.0 / (2.0 * np.pi)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_bags.windows import RecordedWindow, WindowsOnDemand
 from ema_cli.bags.source import Source, read_windows
 from ema_cli.commands.plot import draw_telemetry
 from ema_cli.figures.telemetry import BINS, Outline
@@ -17,6 +16,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
+from ema_monitor.recordings.windows import RecordedWindow, WindowsOnDemand
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -70,7 +70,7 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
 
 @pytest.mark.long
 def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
-    monkeypatch.setattr("ema_bags.windows._KEPT_WINDOWS", 2)
+    monkeypatch.setattr("ema_monitor.recordings.windows._KEPT_WINDOWS", 2)
     found = read_windows(bags[1], SOURCE)
     assert len(found.windows) == LONG
     unit = ActuatorDescription()

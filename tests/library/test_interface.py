@@ -17,6 +17,7 @@ from ema_core.faults import FAULTS, FaultVector
 from ema_core.wording import text_table
 from ema_monitor.plot import plot_fit
 from ema_monitor.prognosis.outlook import outlook_of_one
+from ema_monitor.recordings import read_windows
 
 from ..commands import SAMPLE
 
@@ -55,7 +56,7 @@ def test_estimates_make_a_table(estimate):
 
 
 def test_recorded_windows_are_those_of_the_bag():
-    found = ema_bags.read_windows(SAMPLE)
+    found = read_windows(SAMPLE)
     [window] = found.usable
     assert str(found).splitlines()[1].endswith("usable")
     [again] = ema_monitor.find_windows(ema_bags.read_telemetry(SAMPLE))

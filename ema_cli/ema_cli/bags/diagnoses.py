@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
-from ema_bags.windows import truth_at
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_core.levels import STALE
 from ema_monitor.joint.comparison import JUDGEMENTS, QuantityChange
+from ema_monitor.recordings.windows import truth_at
 from ema_ros.messages import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
 

@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Final, Self
 
 import click
 
-from ema_bags.windows import BagWindows, RecordedWindow
 from ema_cli.bags.source import MEASURED_OPTION, Source
 from ema_cli.options import NameChoice
 from ema_cli.parameters import Command, Parameters
@@ -20,6 +19,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.recordings.windows import BagWindows, RecordedWindow
 from ema_monitor.windows.window import MIN_TRAVEL
 
 ALGORITHM_OPTION: Final = click.option(

@@ -9,7 +9,6 @@ import click
 
 from ema_bags.messages import Recording
 from ema_bags.telemetry import read_telemetry
-from ema_bags.windows import BagWindows, find_recorded_windows
 from ema_cli.options import values_of_options
 from ema_cli.parameters import Command, Parameters
 from ema_cli.show.progress import progress_bar
@@ -18,6 +17,8 @@ from ema_core.quantity import Checked, quantity
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import GRAMMAR, measured_causes_of
 from ema_monitor.model.measurements import MAX_AGE_S
+from ema_monitor.recordings.finding import find_recorded_windows
+from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.records import LEAST_MOTION_S
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import MIN_TRAVEL

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from ema_bags.metadata import METADATA_FILE
 from ema_bags.telemetry import described_actuators
-from ema_bags.usage import read_counts
-from ema_bags.windows import BagWindows, RecordedWindow, truth_at
 from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
 from ema_cli.show.progress import progress_bar
@@ -31,6 +29,8 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, requirements_of
+from ema_monitor.recordings.counts import read_counts
+from ema_monitor.recordings.windows import BagWindows, RecordedWindow, truth_at
 from ema_monitor.unit import Unit
 from ema_ros.messages import StampedFaults
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from ema_bags.windows import RecordedWindow, WindowsOnDemand
 from ema_cli.bags.source import MEASURED_OPTION, Source, differing, identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
@@ -22,6 +21,7 @@ from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.joint_estimate import comparable_record
 from ema_monitor.joint.wording import baseline_sentences
 from ema_monitor.model.measured import taken_for_known
+from ema_monitor.recordings.windows import RecordedWindow, WindowsOnDemand
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 

@@ -11,7 +11,6 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import Identifying, as_object
 from ema_cli.bags.source import identifiable_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
@@ -20,6 +19,7 @@ from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS
 from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.recordings.windows import BagWindows
 
 
 class _Algorithms(click.ParamType):

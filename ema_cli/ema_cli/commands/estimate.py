@@ -11,7 +11,6 @@ from typing import Final
 
 import click
 
-from ema_bags.windows import BagWindows
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying, as_object
 from ema_cli.bags.source import identifiable_windows
 from ema_cli.options import REFUSED
@@ -29,6 +28,7 @@ from ema_monitor.identification.estimate import (
 )
 from ema_monitor.joint.comparison import FRICTION, QUANTITIES
 from ema_monitor.joint.wording import change_text, finding, improvement_sentences, label_of
+from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.window import MIN_TRAVEL
 
 _NOTHING: Final = "no significant fault"

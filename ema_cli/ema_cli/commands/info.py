@@ -7,11 +7,11 @@ from typing import Final
 import click
 
 from ema_bags.telemetry import described_actuators
-from ema_bags.windows import BagWindows
 from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
 from ema_cli.parameters import settings_options
 from ema_core.parameters import NEUTRAL
 from ema_core.wording import counted, text_table
+from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 _OF_UNKNOWN: Final = ("tau", "k_t", "lead")

@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from ema_bags.messages import Recording
-from ema_bags.windows import WindowsOnDemand
 from ema_cli.bags.source import Source, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
@@ -20,6 +19,7 @@ from ema_monitor.joint.departure import HEALTHY, NONE_OF_THESE
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.prognosis.history import read_history
+from ema_monitor.recordings.windows import WindowsOnDemand
 from ema_monitor.windows.trigger import Refusal
 
 _HEALTHY = (HEALTHY, "normal", "nan", "none", "")

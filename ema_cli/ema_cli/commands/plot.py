@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 from matplotlib.figure import Figure
 
-from ema_bags.windows import BagWindows
 from ema_cli.bags.diagnoses import DiagnosisLog, read_history
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
 from ema_cli.bags.source import read_windows
@@ -17,6 +16,7 @@ from ema_cli.figures.telemetry import Outline, draw_telemetry
 from ema_cli.output import require_free
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
+from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 

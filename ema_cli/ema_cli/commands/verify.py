@@ -18,7 +18,6 @@ from ema_archive.settings import estimation_software
 from ema_archive.tables import estimate_from
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry
-from ema_bags.windows import RecordedWindow, find_recorded_windows
 from ema_cli.bags.diagnoses import quantity_of
 from ema_cli.bags.identifying import Identifying
 from ema_cli.options import REFUSED
@@ -35,6 +34,8 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.prognosis.history import read_intact_history
 from ema_monitor.prognosis.order import moved
+from ema_monitor.recordings.finding import find_recorded_windows
+from ema_monitor.recordings.windows import RecordedWindow
 from ema_ros.messages import faults_from_message
 from ema_ros.stamps import stamp_from_message
 

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from ema_bags.windows import BagWindows
 from ema_core.linear import motor_shown, travel_shown
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.plot.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION, stacked_panels
+from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 BINS: Final = 8192

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from scipy.special import stdtr
 from scipy.stats import multivariate_t
 
 from ema_core.arrays import Array
+from ema_core.moves import Move
 from ema_monitor.joint.departure import FEWEST, DatedFigures, Departure, JudgedFigure, departure_of
 from ema_monitor.joint.record import NS_A_DAY
 
@@ -24,13 +25,6 @@ _LEAST_SIGMA: Final = 0.03
 _LEAST_RISE: Final = 0.03
 _DRAWS: Final = 4000
 _QUANTILES: Final = (0.05, 0.5, 0.95)
-
-
-class Move(NamedTuple):
-    """Figures of one move, or the means of several alike, by name; all are positive."""
-
-    stamp_ns: int
-    figures: Mapping[str, float]
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,6 @@ _USUAL_STEPS: Final = 10.0
 _USUAL_SHARE: Final = 98.0
 
 
-def top_speed(parameters: ActuatorParameters) -> float:
-    """Return the speed of the motor that neither controller nor supply exceed [rad/s]."""
-    return max(parameters.omega_max, parameters.V_max / parameters.k_e)
-
-
 def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> str:
     """Return the samples that no motor of the description can produce; empty without any.
 
@@ -26,7 +21,7 @@ def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> s
     step, and a speed that for one sample is off by more than 1.5 times what the largest torque
     gives the inertia of the motor.
     """
-    h, top = telemetry.sample_period, top_speed(parameters)
+    h, top = telemetry.sample_period, parameters.top_speed
     parts: list[str] = []
     steps = np.abs(np.diff(telemetry.position))
     if len(steps):

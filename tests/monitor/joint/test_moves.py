@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ema_monitor.joint.moves import Move, MoveSeries
+from ema_core.moves import Move
+from ema_monitor.joint.moves import MoveSeries
 
 DAY_NS = 86_400_000_000_000
 

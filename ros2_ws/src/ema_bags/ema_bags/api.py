@@ -1,14 +1,13 @@
-"""Recordings as a library: windows and telemetry of a bag."""
+"""Recordings as a library: messages and telemetry of a bag."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 from ema_bags.reader import Bag
 from ema_bags.telemetry import read_telemetry as find_telemetry
-from ema_bags.windows import BagWindows, RecordedWindow, read_windows
 from ema_core.telemetry import Telemetry
 
-__all__ = ["Bag", "BagWindows", "RecordedWindow", "read_telemetry", "read_windows"]
+__all__ = ["Bag", "read_telemetry"]
 
 
 def read_telemetry(

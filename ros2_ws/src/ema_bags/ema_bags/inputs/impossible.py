@@ -19,7 +19,6 @@ from ema_bags.inputs.mapping import (
 )
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.windows.plausibility import top_speed
 
 _ABSURD: Final = 1e15
 _MOST_IN_A_ROW: Final = 3
@@ -187,7 +186,7 @@ def limits_of(
     if description.drive == "unknown":
         return {}
     parameters = description.parameters
-    top = top_speed(parameters)
+    top = parameters.top_speed
     limits: dict[str, float] = {}
     angle = _size(mapping.position, parameters)
     if angle:

@@ -9,10 +9,10 @@ import numpy as np
 from ema_bags.inputs.dates import ORDERS
 from ema_bags.inputs.mapping import TIMES_NS, Clock
 from ema_bags.inputs.tables import read_columns
+from ema_core.moves import Move
 from ema_core.quantity import Checked, text, texts
 from ema_core.settings_file import load_settings
 from ema_core.wording import unknown_name
-from ema_monitor.joint.moves import Move
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
-from ema_bags.windows import BagWindows, WindowPlace, WindowsOnDemand, read_windows
 from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.recordings.finding import read_windows
+from ema_monitor.recordings.windows import BagWindows, WindowPlace, WindowsOnDemand
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
@@ -21,6 +22,12 @@ H = 0.01
 UNKNOWN = ActuatorDescription(sample_period=H, drive="unknown")
 START_NS = 1_700_000_000_000_000_000
 SETTINGS = TriggerSettings(record_s=10.0)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Where a recording of one file is written."""
+    return tmp_path / "flight.mcap"
 
 
 def motion(seconds: float) -> NDArray[np.float64]:

@@ -1,0 +1,201 @@
+"""Windows of a recording; their telemetry is read when it is accessed."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.messages import MessagePlace
+from ema_bags.telemetry import RecordedTelemetry
+from ema_core.causes import CauseEstimate
+from ema_core.description import ActuatorDescription, UnitKey
+from ema_core.faults import healthy_faults
+from ema_core.telemetry import Telemetry, bridged, join
+from ema_core.wording import counted
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+from ema_ros.messages import StampedFaults
+
+if TYPE_CHECKING:  # an estimate alone needs no prognosis
+    from ema_monitor.prognosis.duty.damage import FlownDuty
+
+_KEPT_WINDOWS: Final = 64
+_KEPT_SAMPLES: Final = 2_000_000
+
+
+@dataclass(frozen=True)
+class WindowPlace:
+    """Where the samples of a window are in a bag.
+
+    Attributes
+    ----------
+    first, last
+        Places of the blocks that hold the first and the last of them.
+    offset, samples
+        Where they begin in the first block, and how many there are.
+    """
+
+    recorded: RecordedTelemetry
+    first: MessagePlace
+    last: MessagePlace
+    offset: int
+    samples: int
+
+    def read(self) -> Telemetry:
+        """Read the samples."""
+        items = self.recorded.items(self.first, self.last)
+        blocks = [item for _, item in items if isinstance(item, Telemetry)]
+        return join(bridged(blocks)).part(self.offset, self.offset + self.samples)
+
+
+@dataclass(frozen=True)
+class RecordedWindow:
+    """A window in a bag, or one that was begun and cannot be used; its telemetry stays there.
+
+    Attributes
+    ----------
+    number
+        Its running number, from 0.
+    description
+        The actuator, as it was described at the time.
+    start_ns, end_ns
+        Stamps of its first and last sample [ns].
+    play
+        Where in its play the motor stands at the start [half-widths]; None when unknown.
+    place
+        Where its samples are, or why it cannot be used.
+    measured
+        Hidden causes that were measured.
+    """
+
+    number: int
+    description: ActuatorDescription
+    start_ns: int
+    end_ns: int
+    play: float | None
+    place: WindowPlace | Refusal
+    measured: tuple[CauseEstimate, ...] = ()
+
+    @property
+    def window(self) -> Window | Refusal:
+        """The window, read from the bag each time, or the reason why there is none."""
+        if isinstance(self.place, Refusal):
+            return self.place
+        return Window(self.place.read(), self.play, self.measured)
+
+
+@dataclass(frozen=True)
+class BagWindows:
+    """Content of a bag for one actuator.
+
+    Attributes
+    ----------
+    description
+        The actuator as it was described last.
+    first_ns
+        Stamp of the first sample [ns].
+    sample_period
+        Period of the samples in the first block [s].
+    windows
+        Windows, and those that were begun and cannot be used, in order of time.
+    remarks
+        Defects of the bag, or of its telemetry outside of any window.
+    longest_motion_s
+        Longest motion of the command, or for records of the position, that made no window [s].
+    has_rested
+        Whether the command, or for records the position, was ever at rest.
+    obstacle
+        Why no window could be complete; empty where one could, or nothing is known of it.
+    truths
+        True faults of the actuator by test cycle, in order, where the bag records them.
+    flown
+        Duty by unit, up to the end of each window and of the bag, by stamp [ns]; empty if it was
+        not measured.
+    """
+
+    description: ActuatorDescription
+    first_ns: int
+    sample_period: float
+    blocks: int
+    samples: int
+    windows: list[RecordedWindow]
+    remarks: list[str]
+    longest_motion_s: float
+    has_rested: bool
+    obstacle: str
+    truths: list[StampedFaults]
+    flown: "dict[UnitKey, list[tuple[int, FlownDuty]]]" = field(default_factory=dict)
+
+    @property
+    def usable(self) -> Sequence[Window]:
+        """Windows that can be used; each is read from the recording when it is looked at."""
+        return WindowsOnDemand(self.windows)
+
+    @property
+    def kind(self) -> str:
+        """What the windows are called: records, if the drive is unknown."""
+        return "record" if self.description.drive == "unknown" else "window"
+
+    @property
+    def simulated_faults(self) -> bool:
+        """Whether the bag records that the actuator was simulated with faults."""
+        healthy = healthy_faults()
+        return any(not np.array_equal(truth.faults, healthy) for truth in self.truths)
+
+    def __str__(self) -> str:
+        unit = self.description
+        lines = [
+            f"{unit.actuator_id} ({unit.serial_number}), "
+            f"{self.samples * self.sample_period:.3f} s of telemetry, "
+            f"{counted(len(self.windows), self.kind)}"
+        ]
+        for item in self.windows:
+            state = item.place.reason if isinstance(item.place, Refusal) else "usable"
+            start, end = self.seconds(item.start_ns), self.seconds(item.end_ns)
+            lines.append(f"{item.number:4d}  {start:.4f} s to {end:.4f} s: {state}")
+        return "\n".join([*lines, *self.remarks])
+
+    def seconds(self, stamp_ns: int) -> float:
+        """Return a stamp in seconds since the first sample."""
+        return (stamp_ns - self.first_ns) * 1e-9
+
+    def true_faults(self, start_ns: int) -> NDArray[np.float64] | None:
+        """Return the true faults, ``(8,)``, of a window by its start; None where not recorded."""
+        truth = truth_at(self.truths, start_ns)
+        return None if truth is None else truth.faults
+
+
+class WindowsOnDemand(Sequence[Window]):
+    """Usable windows that are read from their recording when they are accessed.
+
+    The latest 64 stay in memory, or fewer if they would have more than 2 million samples.
+
+    Parameters
+    ----------
+    windows
+        Windows of one or several recordings; those that cannot be used are left out.
+    """
+
+    def __init__(self, windows: Sequence[RecordedWindow]) -> None:
+        self._places = [item for item in windows if isinstance(item.place, WindowPlace)]
+        lengths = [item.place.samples for item in windows if isinstance(item.place, WindowPlace)]
+        kept = max(1, min(_KEPT_WINDOWS, _KEPT_SAMPLES // max(lengths, default=1)))
+        self._read = lru_cache(kept)(lambda number: self._places[number].window)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return WindowsOnDemand(self._places[number])
+        return self._read(range(len(self))[number])
+
+
+def truth_at(truths: Sequence[StampedFaults], start_ns: int) -> StampedFaults | None:
+    """Return the true faults of the test cycle that runs at a time; None before the first."""
+    before = bisect_right(truths, start_ns, key=lambda truth: truth.stamp_ns)
+    return truths[before - 1] if before else None
