@@ -40,7 +40,7 @@ from rich.table import Table
 from script import Figures, Workers, command, cpu_s
 from targets import Row, at_least, grid, untargeted
 
-from ema_cli.processes.fleet_commands import Common, monitor_commands
+from ema_cli.processes.node_commands import Common, monitor_commands
 from ema_core.commands import THESIS_CHIRP
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
@@ -238,7 +238,7 @@ def publish(
     """
     tests = [[deserialize_message(item, TelemetryBlock) for item in test] for test in simulated]
     rclpy.init()
-    node = rclpy.create_node("fleet", namespace=NAMESPACE)
+    node = rclpy.create_node("actuators", namespace=NAMESPACE)
     message_class, qos = ACTUATOR_TOPICS[DESCRIPTION]
     units = [replace(ActuatorDescription(), actuator_id=f"flap_{i}") for i in range(actuators)]
     latched = [node.create_publisher(message_class, DESCRIPTION, qos) for _ in units]

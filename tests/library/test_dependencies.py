@@ -46,18 +46,28 @@ def is_node(path: Path) -> bool:
     return path.stem.endswith("_node") or path.parent.name == "node"
 
 
+def imports_of(path: Path) -> set[str]:
+    """Return the top-level modules that a file imports, without the standard library."""
+    modules = set()
+    for item in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(item, ast.Import):
+            modules |= {alias.name.partition(".")[0] for alias in item.names}
+        elif isinstance(item, ast.ImportFrom) and item.module:
+            modules.add(item.module.partition(".")[0])
+    return modules - sys.stdlib_module_names
+
+
 def imports(package: str, *, nodes: bool) -> set[str]:
     """Return the modules from elsewhere that a package imports, with its nodes or without."""
-    found = set()
-    for path in (FOLDERS[package] / package).rglob("*.py"):
-        if not nodes and is_node(path):
-            continue
-        for item in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(item, ast.Import):
-                found |= {alias.name.partition(".")[0] for alias in item.names}
-            elif isinstance(item, ast.ImportFrom) and item.module:
-                found.add(item.module.partition(".")[0])
-    return found - {package, *sys.stdlib_module_names}
+    files = (FOLDERS[package] / package).rglob("*.py")
+    modules = (imports_of(path) for path in files if nodes or not is_node(path))
+    return set().union(*modules) - {package}
+
+
+def dependencies(package: str) -> set[str]:
+    """Return what a package.xml declares for running."""
+    root = ElementTree.parse(FOLDERS[package] / "package.xml").getroot()
+    return {item.text or "" for item in root.iter("exec_depend")}
 
 
 def requirements(package: str) -> list[Requirement]:
@@ -76,14 +86,21 @@ def test_setup_requires_what_is_imported_without_ros(package):
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_depends_on_what_is_imported(package):
-    root = ElementTree.parse(FOLDERS[package] / "package.xml").getroot()
-    declared = {item.text for item in root.iter("exec_depend")}
     expected = {
         name if is_ros(name) or name.startswith("ema_") else KEYS.get(name, f"python3-{name}")
         for name in imports(package, nodes=True) - WITHOUT_KEY
     }
     # Its parameter files are found by name rather than imported.
-    assert declared == expected
+    assert dependencies(package) == expected
+
+
+def test_bringup_depends_on_what_launch_files_import_and_start():
+    files = list((FOLDERS["ema_bringup"] / "launch").glob("*.py"))
+    texts = [path.read_text(encoding="utf-8") for path in files]
+    started = {name for text in texts for name in re.findall(r'"(ema_\w+)"', text)}
+    imported = set().union(*map(imports_of, files))
+    expected = (started | imported) - {"ema_bringup", *(path.stem for path in files)}
+    assert dependencies("ema_bringup") == expected
 
 
 def test_document_has_the_pip_line_of_what_rosdep_does_not_know():

@@ -15,7 +15,7 @@ from click import UsageError
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ema_cli.processes.bringup import NODES, node_class, parameter_file, program, ros_arguments
-from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
+from ema_cli.processes.node_commands import Common, actuator_commands, monitor_commands
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_ros.rclpy_private import given_parameters

@@ -15,8 +15,8 @@ from ema_cli.processes.bringup import (
     program,
     ros_arguments,
 )
-from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.listener import refuse_running
+from ema_cli.processes.node_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
@@ -70,18 +70,20 @@ def up(
     ):
         set_reach(network)
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
-        fleet = [name.strip() for name in actuators.split(",")] if actuators is not None else []
+        actuator_ids = (
+            [name.strip() for name in actuators.split(",")] if actuators is not None else []
+        )
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
-        elif fleet:
+        elif actuator_ids:
             raise click.UsageError(f"--actuators {actuators}: expected the node actuator as well")
         common = Common(parameter_files, assignments, namespace)
         commands = {}
         for node in names:
             if node == "monitor":
-                commands |= monitor_commands(monitors, common, Path(folder), fleet)
-            elif node == "actuator" and fleet:
-                commands |= actuator_commands(fleet, common)
+                commands |= monitor_commands(monitors, common, Path(folder), actuator_ids)
+            elif node == "actuator" and actuator_ids:
+                commands |= actuator_commands(actuator_ids, common)
             else:
                 commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
         # `actuator left` is the node actuator of a namespace of its own.

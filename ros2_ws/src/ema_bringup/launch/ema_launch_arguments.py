@@ -12,8 +12,8 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from ema_cli.processes.fleet_commands import file_for, monitor_names, shard_parameters
 from ema_core.linear_algebra import array_environment
+from ema_ros.monitor_shards import file_for, monitor_names, shard_parameters
 from launch import LaunchContext, LaunchDescription
 
 AS_CONFIGURED = "of the parameter file"
