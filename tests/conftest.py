@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
+from ema_cli import progress
 from ema_cli.processes.domains import Domain
-from ema_cli.show import progress
 from ema_core.linear_algebra import array_environment
 
 from . import commands

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ema_cli.bags.identifying import Identifying
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.faults import estimation_error
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from ema_cli.show import progress
+from ema_cli import progress
 
 from ..commands import SAMPLE, ema, without_progress
 

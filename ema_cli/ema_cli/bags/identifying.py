@@ -10,7 +10,7 @@ import click
 from ema_cli.bags.source import MEASURED_OPTION, Source
 from ema_cli.options import NameChoice
 from ema_cli.parameters import Command, Parameters
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis

@@ -11,7 +11,7 @@ from ema_bags.messages import Recording
 from ema_bags.telemetry import read_telemetry
 from ema_cli.options import values_of_options
 from ema_cli.parameters import Command, Parameters
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import Checked, quantity
 from ema_core.telemetry import Telemetry

@@ -16,7 +16,7 @@ from ema_bags.metadata import METADATA_FILE
 from ema_bags.telemetry import described_actuators
 from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, N_FAULTS
 from ema_monitor.calibrations import AnyCalibration

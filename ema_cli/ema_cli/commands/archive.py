@@ -24,8 +24,8 @@ from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import Command, Parameters, settings_options
+from ema_cli.progress import progress_bar
 from ema_cli.show.prognosis_table import as_values
-from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import TEST_CYCLE

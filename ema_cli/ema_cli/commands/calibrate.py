@@ -12,7 +12,7 @@ from ema_cli.bags.source import MEASURED_OPTION, Source, differing, identifiable
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_monitor import calibrations

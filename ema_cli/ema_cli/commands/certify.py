@@ -9,8 +9,8 @@ from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.options import REFUSED, assignments_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
+from ema_cli.progress import progress_bar
 from ema_cli.rehearsal import Rehearsal
-from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_core.wording import unknown_name
 from ema_monitor.design.certificate import CERTIFIED_WINDOWS

@@ -12,8 +12,8 @@ from ema_cli.options import REFUSED, Assignments, assignments_option, values_of_
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
+from ema_cli.progress import progress_bar
 from ema_cli.rehearsal import Rehearsal
-from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import Design, design_command

@@ -9,7 +9,7 @@ from rich.table import Table
 from ema_cli.bags.predicting import LIMIT_OPTION, with_growth
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import Parameters
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet import SUFFIX, Fleet, fleet_of

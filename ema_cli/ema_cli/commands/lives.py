@@ -9,7 +9,7 @@ import pandas as pd
 from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.options import NameChoice
 from ema_cli.output import START_OPTION
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_cli.simulated_lives import LifeJob, make_life, remove_parts
 from ema_core.faults import TYPICAL
 

@@ -14,7 +14,7 @@ from ema_bags.schema import decoder, schema_text
 from ema_bags.telemetry import TELEMETRY_TYPE
 from ema_cli.output import BAG_TO_WRITE, new_bag, output_option, require_apart
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.wording import counted
 from ema_ros.messages import telemetry_from_message
 

@@ -10,7 +10,7 @@ from ema_cli.options import assignments_option, values_of_options
 from ema_cli.output import BAG_TO_WRITE, START_OPTION, new_bag, output_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.cause_profiles import GRAMMAR
 from ema_core.faults import FAULT_NAMES
 from ema_core.wording import counted

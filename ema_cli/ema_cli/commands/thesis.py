@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ema_cli.executor_options import ExecutorOptions, executor_options, stops_in_a_line
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core import __version__
 from ema_core.wording import counted
 from ema_monitor.model.threads import available_cpus

@@ -21,7 +21,7 @@ from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetr
 from ema_cli.bags.diagnoses import quantity_of
 from ema_cli.bags.identifying import Identifying
 from ema_cli.options import REFUSED
-from ema_cli.show.progress import progress_bar
+from ema_cli.progress import progress_bar
 from ema_core.arrays import Array
 from ema_core.causes import CauseEstimate
 from ema_core.faults import N_FAULTS, FaultVector

@@ -16,8 +16,8 @@ from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import growth
-from ema_monitor.prognosis.duty.course import DutyRecord
 from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty_record import DutyRecord
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import OUTLIER, PATIENCE, REPAIR, STEP, Event
 from ema_monitor.prognosis.growth.settings import TrackerSettings

@@ -1,6 +1,5 @@
 """Duty of a unit from test to test: hours of growth at its tests, and the duty to come."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,8 +9,6 @@ from numpy.typing import NDArray
 from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings
-from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.service import TimedTest
 
 REFERENCE_TESTS: Final = 10
 """Intervals of known duty whose mean is the reference; with fewer, growth is by hours."""
@@ -237,36 +234,3 @@ def duty_changes(relative: Array) -> NDArray[np.intp]:
         changes.append(before + end)
         end = cut[end]
     return np.array(changes[::-1], np.intp)
-
-
-class DutyRecord:
-    """Damage up to the tests of a unit, from which its course follows for those that are used."""
-
-    def __init__(self, settings: DamageSettings) -> None:
-        self._settings = settings
-        self._total = np.zeros(5)
-        # By the stamp of the test [ns].
-        self._until: dict[int, Array] = {}
-
-    def add(self, entry: Entry) -> None:
-        """Add the next test."""
-        self._total = self._total + self._settings.damage(entry.flown)
-        self._until[entry.stamp_ns] = self._total
-
-    def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
-        """Return the duty between tests in the order of their hours; None without any known."""
-        if len(used) <= REFERENCE_TESTS or not self._total[0]:
-            return None
-        hours = np.array([test.hours for test in used])
-        until = np.array([self._until[test.stamp_ns] for test in used])
-        telemetry, travel, wear, warm, ageing = np.diff(until, axis=0).T
-        elapsed = np.diff(hours)
-        least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
-        least = np.where(elapsed > 0.0, least, np.inf)
-        # Beyond the hours in service the unit moved on the ground; gaps are assumed alike.
-        within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
-        ageing /= np.where(warm >= least, warm, np.nan)
-        course = DutyCourse(
-            self._settings, hours, np.stack([wear / within, ageing, travel / within])
-        )
-        return course if np.isfinite(course.reference).any() else None

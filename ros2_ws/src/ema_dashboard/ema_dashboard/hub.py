@@ -11,14 +11,11 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from ema_bags.message_type import type_name
 from ema_bags.schema import schema_text
 from ema_dashboard.known_topics import KnownTopic
-
-if TYPE_CHECKING:
-    from ema_dashboard.client import Client
 
 _NAME: Final = "EMA health monitor"
 _MOST_KEPT: Final = 1000
@@ -43,6 +40,33 @@ class Totals:
     waiting_bytes: int = 0
     dropped: int = 0
     refused: int = 0
+
+
+class Subscriber(Protocol):
+    """A client of the hub.
+
+    Attributes
+    ----------
+    subscriptions
+        Numbers of its subscriptions by channel.
+    dropped
+        Number of messages that were dropped because it is slow.
+    waiting_bytes
+        Size of the messages that wait for it [B].
+    """
+
+    subscriptions: dict[int, int]
+    dropped: int
+    waiting_bytes: int
+
+    def take(self, frame: str | bytes, *, droppable: bool) -> None:
+        """Queue a frame; droppable frames may be dropped to make room for later ones."""
+
+    def send(self, content: dict[str, Any]) -> None:
+        """Send a message of the protocol."""
+
+    def end(self, code: int, words: bytes) -> None:
+        """Close the connection."""
 
 
 @dataclass
@@ -72,7 +96,7 @@ class Hub:
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
-        self.clients: set[Client] = set()
+        self.clients: set[Subscriber] = set()
         self.playback_range: tuple[int, int] | None = None
         self.totals = Totals()
         self._lock = threading.Lock()
@@ -175,7 +199,7 @@ class Hub:
         if self.playback_range is not None:
             self.in_loop(self._send_all, frame)
 
-    def join(self, client: "Client") -> None:
+    def join(self, client: Subscriber) -> None:
         """Add a new client, and send it the available channels; runs in the loop."""
         information: dict[str, Any] = {
             "op": "serverInfo",

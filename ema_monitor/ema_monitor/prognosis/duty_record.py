@@ -1,0 +1,44 @@
+"""Damage up to each test of a unit, and the course of its duty."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_monitor.prognosis.duty.course import REFERENCE_TESTS, DutyCourse
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.service import TimedTest
+
+
+class DutyRecord:
+    """Damage up to the tests of a unit, from which its course follows for those that are used."""
+
+    def __init__(self, settings: DamageSettings) -> None:
+        self._settings = settings
+        self._total = np.zeros(5)
+        # By the stamp of the test [ns].
+        self._until: dict[int, Array] = {}
+
+    def add(self, entry: Entry) -> None:
+        """Add the next test."""
+        self._total = self._total + self._settings.damage(entry.flown)
+        self._until[entry.stamp_ns] = self._total
+
+    def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
+        """Return the duty between tests in the order of their hours; None without any known."""
+        if len(used) <= REFERENCE_TESTS or not self._total[0]:
+            return None
+        hours = np.array([test.hours for test in used])
+        until = np.array([self._until[test.stamp_ns] for test in used])
+        telemetry, travel, wear, warm, ageing = np.diff(until, axis=0).T
+        elapsed = np.diff(hours)
+        least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
+        least = np.where(elapsed > 0.0, least, np.inf)
+        # Beyond the hours in service the unit moved on the ground; gaps are assumed alike.
+        within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
+        ageing /= np.where(warm >= least, warm, np.nan)
+        course = DutyCourse(
+            self._settings, hours, np.stack([wear / within, ageing, travel / within])
+        )
+        return course if np.isfinite(course.reference).any() else None
