@@ -21,7 +21,7 @@ from targets import Row, all_of, grid, percent, untargeted
 from trials import Trial, Z, mean, median, quantiles
 
 from ema_cli.bench import Bench
-from ema_cli.rehearsal import Rehearsal
+from ema_cli.simulated_rig import SimulatedRig
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, healthy_faults
@@ -56,22 +56,22 @@ class Condition(NamedTuple):
     current_noise: float = CURRENT_NOISE
     resolutions: Mapping[str, float] = RESOLUTIONS
 
-    def recorder(self) -> Rehearsal:
-        """Return what records its windows."""
+    def rig(self) -> SimulatedRig:
+        """Return the rig that runs its tests."""
         description = ActuatorDescription(sample_period=self.sample_period)
         settings = BenchSettings(current_noise=self.current_noise, seed=_SEED)
         given = Bench(
             description, _NOMINAL, settings, dict(self.resolutions), THESIS_CHIRP, None, None
         )
-        return Rehearsal(given, lambda: None)
+        return SimulatedRig(given, lambda: None)
 
 
 def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:
     """Return the command designed within limits, and how it compares with the chirp."""
     name, limits = within
-    record = Condition(name, THESIS_CHIRP).recorder()
+    rig = Condition(name, THESIS_CHIRP).rig()
     found = design_command(
-        record, ActuatorDescription(), MotionLimits.within(_NOMINAL, longest=0.5, **limits)
+        rig, ActuatorDescription(), MotionLimits.within(_NOMINAL, longest=0.5, **limits)
     )
     names = "shape", "amplitude", "duration", "start_frequency", "end_frequency", "final_fraction"
     return {
@@ -87,8 +87,8 @@ def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:
 
 def chirp_demands() -> dict[str, float]:
     """Return what the chirp itself demands, as limits."""
-    record = Condition("chirp", THESIS_CHIRP).recorder()
-    windows = record(THESIS_CHIRP, healthy_faults(), _CALIBRATION_WINDOWS, {})
+    rig = Condition("chirp", THESIS_CHIRP).rig()
+    windows = rig(THESIS_CHIRP, healthy_faults(), _CALIBRATION_WINDOWS, {})
     information = Information(calibrate_model(windows))
     demands = asdict(information.demands(information.windows(THESIS_CHIRP)))
     return {name: demands[name] for name in ("travel", "current", "torque", "speed")}
@@ -97,12 +97,12 @@ def chirp_demands() -> dict[str, float]:
 def certified(work: tuple[Condition, int]) -> dict[str, Any]:
     """Return what was promised of each fault of a test, and what simulated ones gave."""
     condition, repetitions = work
-    record, command = condition.recorder(), condition.command
+    rig, command = condition.rig(), condition.command
     description = ActuatorDescription(sample_period=condition.sample_period)
-    promise = rehearse(record, command, description)
+    promise = rehearse(rig, command, description)
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in COMPONENTS}
     for number, one in enumerate(promise.combined):
-        for window in record(command, one.faults, (repetitions + number) // N_COMBINED, {}):
+        for window in rig(command, one.faults, (repetitions + number) // N_COMBINED, {}):
             estimate = identify(window, description, promise.calibration)
             for i in set(claimed(estimate)).intersection(np.flatnonzero(present(one.faults))):
                 error = estimate.faults[i] - one.faults[i]

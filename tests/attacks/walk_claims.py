@@ -16,8 +16,8 @@ from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import PARTITIONED, estimate_row
 from ema_archive.unit_task import UnitEntry, UnitTask, follow_unit
 from ema_cli.bags.unit_course import Course, Step, UnitRecord
-from ema_cli.fleet import HeardFleet
 from ema_cli.report.verdict import verdict_of
+from ema_cli.show.health_table import LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH
 from ema_core.levels import ERROR, OK, STALE, WARN
@@ -121,7 +121,7 @@ class Claimed(Walk):
 
     def _come(self) -> None:
         """A dashboard and a terminal that know nothing yet; they get what is latched."""
-        self.claims, self.fleet = Claims(), HeardFleet()
+        self.claims, self.healths = Claims(), LatestHealths()
         self.metrics, self.page = Metrics(Totals), dict[str, int]()
         for health in self.latched.values():
             self._show(health)
@@ -132,7 +132,7 @@ class Claimed(Walk):
             self.claims.note(key, message, self.now_ns, self.clock_s)
             self.page[f"{topic} {health.actuator_id}"] = message.level
         self.metrics.note("/ema", health)
-        self.fleet.add_health("/ema", health, self.clock_s, self.now_ns)
+        self.healths.add_health("/ema", health, self.clock_s, self.now_ns)
 
     def _publish(self, health: Health) -> None:
         self.latched[health.actuator_id] = health
@@ -186,7 +186,7 @@ class Claimed(Walk):
             telemetry = [TelemetryStatus(actuator_id=name) for name in self.actuators]
             status = NodeStatus(node=_AUTHOR, kind=NodeStatus.MONITOR, telemetry=telemetry)
             self.claims.hear(status.node, self.clock_s)
-            self.fleet.add_status("/ema", status, self.clock_s)
+            self.healths.add_status("/ema", status, self.clock_s)
         for (topic, name), held in self.claims.changes(self.now_ns, self.clock_s):
             self.page[f"{topic.removeprefix('/ema/')} {name}"] = held.level
             if topic == "/ema/health":
@@ -459,7 +459,7 @@ class Claimed(Walk):
         for shown, level in self.page.items():
             topic, _, name = shown.partition(" ")
             levels[name, f"page, {topic}"] = level
-        for row in self.fleet.rows(self.clock_s, self.now_ns):
+        for row in self.healths.rows(self.clock_s, self.now_ns):
             levels[row.actuator_id, "terminal"] = row.level
         for name, health in self.latched.items():
             levels[name, "topic"] = health.level

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ema_cli.bags.source import Source, read_windows
+from ema_cli.bags.reading import ReadingOptions, read_windows
 from ema_core.causes import CAUSES
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_sim import api
@@ -16,7 +16,7 @@ def simulated(ema, bag, *arguments: str) -> Telemetry:
     result = ema("simulate", *arguments, "--replace", "-o", bag)
     assert result.exit_code == 0, result.stderr
     blocks: list[Telemetry] = []
-    read_windows(bag, Source(), blocks.append)
+    read_windows(bag, ReadingOptions(), blocks.append)
     return join(blocks)
 
 

@@ -10,7 +10,7 @@ from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli import comparison
 from ema_cli.bags.identifying import Identifying
-from ema_cli.bags.source import Source, read_windows
+from ema_cli.bags.reading import ReadingOptions, read_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector
@@ -21,7 +21,7 @@ from ema_monitor.optimizers import ALGORITHMS
 
 from .conftest import repeated
 
-SOURCE = Source()
+OPTIONS = ReadingOptions()
 QUICK = ("--algorithms", "least_squares,pso", "-p", "budget=400")
 DRAWN = {"friction": 0.2, "eccentricity": 0.1, "eccentricity_phase": 0.7, "gain": 0.6}
 
@@ -57,7 +57,7 @@ def shown(ema, bag) -> str:
 
 @pytest.fixture(scope="module")
 def quick(bag) -> AlgorithmComparison:
-    found = read_windows(bag, SOURCE)
+    found = read_windows(bag, OPTIONS)
     options = Identifying(search=SearchSettings(budget=400))
     calibration = Calibration.builtin()
     truth = found.true_faults(found.windows[0].start_ns)
@@ -166,7 +166,7 @@ def test_course_falls_to_where_the_search_ended(quick):
 def test_first_window_that_can_be_used_is_chosen(
     ema, bag, tmp_path, record, faulty_blocks, spoiled
 ):
-    found = read_windows(bag, SOURCE)
+    found = read_windows(bag, OPTIONS)
     assert choose_window(found, None).number == 0
     blocks = repeated(faulty_blocks, 2)
     blocks[100] = spoiled(blocks[100], "current", 7, np.nan)

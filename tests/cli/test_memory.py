@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_cli.bags.source import Source, read_windows
+from ema_cli.bags.reading import ReadingOptions, read_windows
 from ema_cli.commands.plot import draw_telemetry
 from ema_cli.figures.telemetry import BINS, Outline
 from ema_core.description import ActuatorDescription
@@ -23,7 +23,7 @@ from ema_monitor.windows.window import Window
 
 from .conftest import repeated
 
-SOURCE = Source()
+OPTIONS = ReadingOptions()
 SHORT, LONG = 4, 16
 
 
@@ -60,7 +60,7 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
     monkeypatch.setattr("ema_monitor.windows.trigger.LOOKBACK_S", 0.5)
 
     def read(path: Path) -> None:
-        found = read_windows(path, SOURCE, sink().add if sink else None)
+        found = read_windows(path, OPTIONS, sink().add if sink else None)
         assert found.samples == found.blocks * 100
 
     read(bags[0])  # what is imported and cached at first use
@@ -71,7 +71,7 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
 @pytest.mark.long
 def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     monkeypatch.setattr("ema_monitor.recordings.windows._KEPT_WINDOWS", 2)
-    found = read_windows(bags[1], SOURCE)
+    found = read_windows(bags[1], OPTIONS)
     assert len(found.windows) == LONG
     unit = ActuatorDescription()
 
@@ -98,7 +98,7 @@ def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoi
     ]
     watch = WindowFinder(TriggerSettings(), ActuatorDescription())
     live = [event for block in blocks for event in watch.feed(block) if isinstance(event, Segment)]
-    again = read_windows(record(blocks), SOURCE).windows
+    again = read_windows(record(blocks), OPTIONS).windows
     assert len(live) == len(again) == 3
     for one, other in zip(live, again, strict=True):
         assert (one.number, one.description) == (other.number, other.description)
@@ -149,6 +149,6 @@ def test_picture_of_more_windows_has_no_more_to_draw(bags):
     drawn = []
     for path in bags:
         outline = Outline()
-        figure = draw_telemetry(read_windows(path, SOURCE, outline.add), outline)
+        figure = draw_telemetry(read_windows(path, OPTIONS, outline.add), outline)
         drawn.append([len(axes.get_children()) for axes in figure.axes])
     assert drawn[0] == drawn[1]

@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.source import Source
+from ema_cli.bags.reading import ReadingOptions
 from ema_cli.bags.unit_course import (
     Course,
     UnitRecord,
@@ -287,7 +287,7 @@ def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
     error = result.stderr.strip().splitlines()[-1]
     for part in (str(one), str(other), "'rudder'", "--actuator-id"):
         assert part in error
-    record = read_unit([one, other], Source("rudder"))
+    record = read_unit([one, other], ReadingOptions("rudder"))
     assert record.description.actuator_id == "rudder"
     assert len(record.windows) == 1
     assert "passed over" in record.remarks[0]
@@ -301,7 +301,7 @@ def test_two_bags_whose_windows_overlap_are_refused(ema, tmp_path):
     result = ema("predict", *paths)
     assert (result.exit_code, "which came first" in result.stderr) == (1, True)
     # The same bag twice is one.
-    assert len(read_unit([paths[1]] * 2, Source()).windows) == 1
+    assert len(read_unit([paths[1]] * 2, ReadingOptions()).windows) == 1
 
 
 def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
@@ -316,7 +316,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
             writer.write("/ema/usage", message, test.start_ns)
         for block in test.blocks:
             bag.write_block(block)
-    record = read_unit([path], Source())
+    record = read_unit([path], ReadingOptions())
     assert [item.hours for item in record.counts] == [40.0]
     assert record.remarks == [f"{path}: usage of serial number '0002' is passed over"]
 
@@ -348,7 +348,7 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
     description = ActuatorDescription()
     test = one_test(description)
     write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
-    record = read_unit([tmp_path], Source())
+    record = read_unit([tmp_path], ReadingOptions())
     assert record.counts == []
     assert "usage is impossible: flight_hours = -1 h" in record.remarks[0]
 

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rich.console import Console
 
 from ema_cli.commands.watch import Completion
-from ema_cli.fleet import SILENT_S, FleetTable, HeardFleet
+from ema_cli.show.health_table import SILENT_S, HealthTable, LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.wording import time_in_words
@@ -73,64 +73,64 @@ def status_of(*actuators: str) -> NodeStatus:
     return NodeStatus(node="/ema/monitor", kind=NodeStatus.MONITOR, telemetry=telemetry)
 
 
-def fleet_of(*healths: Health) -> HeardFleet:
-    """Fleet whose monitors reported at second 0."""
-    fleet = HeardFleet()
+def received(*healths: Health) -> LatestHealths:
+    """Healths whose monitors reported at second 0."""
+    latest = LatestHealths()
     for one in healths:
-        fleet.add_health("/ema", one, 0.0, TEST_NS)
-        fleet.add_status("/ema", status_of(one.actuator_id), 0.0)
-    return fleet
+        latest.add_health("/ema", one, 0.0, TEST_NS)
+        latest.add_status("/ema", status_of(one.actuator_id), 0.0)
+    return latest
 
 
 def test_worst_actuator_comes_first_and_of_equals_the_one_with_less_life():
-    fleet = fleet_of(
+    healths = received(
         health_of("a", OK, None),
         health_of("b", WARN, (50.0, 80.0, 100.0)),
         health_of("c", WARN, (20.0, 80.0, 100.0)),
         health_of("d", STALE, None),
         health_of("e", ERROR, None),
     )
-    assert [row.actuator_id for row in fleet.rows(1.0, TEST_NS)] == ["e", "d", "c", "b", "a"]
+    assert [row.actuator_id for row in healths.rows(1.0, TEST_NS)] == ["e", "d", "c", "b", "a"]
 
 
 def test_row_says_value_life_and_removal():
-    [row] = fleet_of(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(1.0, TEST_NS + 3 * 10**9)
+    [row] = received(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(1.0, TEST_NS + 3 * 10**9)
     assert row.dominant == "friction 0.31 ± 0.002 (≤ 0.5)"
     assert row.life == (20.0, 80.0, 100.0)
     assert row.remove_before == "120 h"
     assert row.test_age_s == pytest.approx(3.0)
     assert row.why == "friction 0.31 (fails above 0.5)"
-    [failed] = fleet_of(health_of("a", ERROR, (0.0, 0.0, 0.0))).rows(1.0, TEST_NS)
+    [failed] = received(health_of("a", ERROR, (0.0, 0.0, 0.0))).rows(1.0, TEST_NS)
     assert failed.remove_before == "now"
 
 
 def test_actuator_is_stale_when_its_monitor_is_silent_and_no_longer_when_it_reports():
-    fleet = fleet_of(health_of("a", ERROR, None), health_of("b", WARN, None))
-    fleet.add_status("/ema", status_of("b"), 2.0)
-    silent, heard = fleet.rows(SILENT_S + 1.0, TEST_NS)
+    healths = received(health_of("a", ERROR, None), health_of("b", WARN, None))
+    healths.add_status("/ema", status_of("b"), 2.0)
+    silent, heard = healths.rows(SILENT_S + 1.0, TEST_NS)
     assert (silent.level, silent.last_level, heard.level) == (STALE, ERROR, WARN)
     assert silent.why.startswith("its monitor is silent, the level was ERROR")
     # The monitor of another namespace, or of other actuators, is another one.
-    fleet.add_status("/right", status_of("a"), SILENT_S + 2.0)
-    fleet.add_status("/ema", status_of("b"), SILENT_S + 2.0)
-    assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == STALE
-    fleet.add_status("/ema", status_of("a"), SILENT_S + 2.0)
-    assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
+    healths.add_status("/right", status_of("a"), SILENT_S + 2.0)
+    healths.add_status("/ema", status_of("b"), SILENT_S + 2.0)
+    assert healths.rows(SILENT_S + 2.0, TEST_NS)[0].level == STALE
+    healths.add_status("/ema", status_of("a"), SILENT_S + 2.0)
+    assert healths.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
 
 
 def test_refused_test_is_told_until_the_next_valid_one():
-    fleet = fleet_of(health_of("a", WARN, None))
-    [before] = fleet.rows(1.0, TEST_NS)
+    healths = received(health_of("a", WARN, None))
+    [before] = healths.rows(1.0, TEST_NS)
     later_ns = TEST_NS + 10**10
-    fleet.add_estimate("/ema", refused("a", later_ns), 2.0)
-    [row] = fleet.rows(3.0, later_ns + 10**9)
+    healths.add_estimate("/ema", refused("a", later_ns), 2.0)
+    [row] = healths.rows(3.0, later_ns + 10**9)
     assert row.why == "friction 0.31 (fails above 0.5); last test refused: no excitation"
     assert (row.test_ns, row.test_age_s) == (later_ns, pytest.approx(1.0))
     assert row.content != before.content
     valid = FaultEstimate(actuator_id="a", valid=True)
     valid.hidden_causes = [HiddenCause(name="load_torque", value=0.3, sigma=0.01, unit="N.m")]
-    fleet.add_estimate("/ema", valid, 4.0)
-    [row] = fleet.rows(4.0, later_ns)
+    healths.add_estimate("/ema", valid, 4.0)
+    [row] = healths.rows(4.0, later_ns)
     assert row.why.endswith("; hidden cause: load torque +0.3 ± 0.01 N.m")
 
 
@@ -143,21 +143,21 @@ def test_refused_test_is_told_until_the_next_valid_one():
     ],
 )
 def test_friction_of_a_record_is_told_with_the_health(name: str, told: str):
-    fleet = fleet_of(health_of("flap", OK, None))
-    fleet.add_estimate("/ema", estimate_to_message(compared(CASES[name]), 0, FLAP), 2.0)
-    [row] = fleet.rows(3.0, TEST_NS)
+    healths = received(health_of("flap", OK, None))
+    healths.add_estimate("/ema", estimate_to_message(compared(CASES[name]), 0, FLAP), 2.0)
+    [row] = healths.rows(3.0, TEST_NS)
     assert row.why == told
 
 
 def test_record_that_judges_nothing_is_told_and_has_no_index():
     health = health_of("flap", STALE, None)
     health.health_index = math.nan
-    fleet = fleet_of(health)
-    fleet.add_estimate("/ema", estimate_to_message(compared(CASES["nothing"]), 0, FLAP), 2.0)
-    [row] = fleet.rows(3.0, TEST_NS)
+    healths = received(health)
+    healths.add_estimate("/ema", estimate_to_message(compared(CASES["nothing"]), 0, FLAP), 2.0)
+    [row] = healths.rows(3.0, TEST_NS)
     assert row.why == "last test refused: No quantity could be judged: the joint did not move"
     # An index that is unknown is the most urgent of its level.
-    others = fleet_of(health, health_of("b", STALE, None)).rows(3.0, TEST_NS)
+    others = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS)
     assert [one.actuator_id for one in others] == ["flap", "b"]
 
 
@@ -197,14 +197,14 @@ def test_playback_is_complete_when_the_monitors_of_all_namespaces_have_finished(
 
 
 def test_passing_of_time_is_no_change():
-    fleet = fleet_of(health_of("a", WARN, (20.0, 80.0, 100.0)))
-    [one], [other] = fleet.rows(1.0, TEST_NS), fleet.rows(2.0, TEST_NS + 10**9)
+    healths = received(health_of("a", WARN, (20.0, 80.0, 100.0)))
+    [one], [other] = healths.rows(1.0, TEST_NS), healths.rows(2.0, TEST_NS + 10**9)
     assert one.content == other.content
     assert one.test_age_s != other.test_age_s
 
 
 def test_age_of_a_stamp_of_another_clock_is_that_of_its_reception():
-    [row] = fleet_of(health_of("a", OK, None)).rows(2.5, 0)
+    [row] = received(health_of("a", OK, None)).rows(2.5, 0)
     assert row.test_age_s == 2.5
 
 
@@ -218,8 +218,8 @@ def shown(width: int) -> str:
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=True, width=width, height=30, color_system=None)
     healths = health_of("left", WARN, (20.0, 80.0, 100.0)), health_of("right", OK, None)
-    with FleetTable("on /ema in domain 3", console) as table:
-        table.show(fleet_of(*healths).rows(1.0, TEST_NS), "")
+    with HealthTable("on /ema in domain 3", console) as table:
+        table.show(received(*healths).rows(1.0, TEST_NS), "")
     return re.sub(r"\x1b\[[?0-9]*[A-Za-z]", "", screen.getvalue())
 
 

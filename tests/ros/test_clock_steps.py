@@ -2,7 +2,7 @@
 
 import pytest
 
-from ema_cli.fleet import HeardFleet
+from ema_cli.show.health_table import LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE
 from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
@@ -88,16 +88,16 @@ def test_level_ends_with_its_claim_when_the_clock_has_gone_back():
 def test_health_expires_where_it_is_shown_whatever_the_clock_does(behind_s: int):
     """The clock of who shows it goes back after, or before, it is received."""
     _, [health] = judged()
-    fleet, claims = HeardFleet(), Claims()
+    healths, claims = LatestHealths(), Claims()
     received_ns = FIRST_NS - behind_s * S
-    fleet.add_health("/ema", health, 100.0, received_ns)
+    healths.add_health("/ema", health, 100.0, received_ns)
     claims.note(("/ema/health", "flap"), health, received_ns, 100.0)
     reported = NodeStatus(telemetry=[TelemetryStatus(actuator_id="flap")])
     levels, shown = [], OK
     for passed_s in (0, 10, 29, 31):
         now_ns, now_s = FIRST_NS + (passed_s - 3600) * S, 100.0 + passed_s
-        fleet.add_status("/ema", reported, now_s)
-        [row] = fleet.rows(now_s, now_ns)
+        healths.add_status("/ema", reported, now_s)
+        [row] = healths.rows(now_s, now_ns)
         for _, held in claims.changes(now_ns, now_s):
             shown = held.level
         levels.append((row.level, shown))

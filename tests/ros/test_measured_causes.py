@@ -9,7 +9,7 @@ import pytest
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
-from ema_cli.bags import source
+from ema_cli.bags import reading
 from ema_cli.bags.identifying import Identifying
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, HiddenCause, MeasuredCauses
@@ -89,7 +89,9 @@ def bag(tmp_path_factory, cycles, messages) -> Path:
 def offline(bag: Path) -> list[FaultEstimate]:
     """What `ema estimate` finds, as messages."""
     settings = TriggerSettings()
-    found = source.read_windows(bag, source.Source(trigger=settings, measured_max_age_s=MAX_AGE_S))
+    found = reading.read_windows(
+        bag, reading.ReadingOptions(trigger=settings, measured_max_age_s=MAX_AGE_S)
+    )
     assert any("1 impossible measurement" in one and "cogging" in one for one in found.remarks)
     estimates = Identifying().estimate(found.windows, Calibration.builtin())
     return [

@@ -9,7 +9,7 @@ import pytest
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.bags.identifying import Identifying
-from ema_cli.bags.source import Source, read_windows
+from ema_cli.bags.reading import ReadingOptions, read_windows
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
@@ -66,7 +66,7 @@ def plain(message: Any) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def expected(bag: Path) -> list[FaultEstimate]:
     """What `ema estimate` finds, as messages."""
-    found = read_windows(bag, Source(trigger=TriggerSettings()))
+    found = read_windows(bag, ReadingOptions(trigger=TriggerSettings()))
     estimates = Identifying().estimate(found.windows, Calibration.builtin())
     return [
         estimate_to_message(estimate, item.number, item.description)

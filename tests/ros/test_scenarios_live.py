@@ -8,7 +8,7 @@ import pytest
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.source import Source
+from ema_cli.bags.reading import ReadingOptions
 from ema_cli.bags.unit_course import Course, UnitRecord, follow, read_unit
 from ema_cli.show.prognosis_table import table_of_scenarios
 from ema_core.faults import fault_vector
@@ -65,7 +65,7 @@ def record(tests: list[CountedTest], tmp_path_factory: pytest.TempPathFactory) -
         for block, usage in tests:
             writer.write(f"{topics.NAMESPACE}/{topics.USAGE}", usage, block.stamp_ns)
             bag.write_block(block, 0.0)
-    return read_unit([path], Source(trigger=TriggerSettings()))
+    return read_unit([path], ReadingOptions(trigger=TriggerSettings()))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final, Self
 
 import click
 
-from ema_cli.bags.source import MEASURED_OPTION, Source
+from ema_cli.bags.reading import MEASURED_OPTION, ReadingOptions
 from ema_cli.options import NameChoice
 from ema_cli.parameters import Command, Parameters
 from ema_cli.progress import progress_bar
@@ -34,7 +34,7 @@ SEED_OPTION: Final = click.option(
 
 
 @dataclass(frozen=True)
-class Identifying(Source):
+class Identifying(ReadingOptions):
     """Part of a bag to read, and settings of identification, from the options.
 
     Attributes
@@ -46,7 +46,7 @@ class Identifying(Source):
     """
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
-        *Source.OPTIONS,
+        *ReadingOptions.OPTIONS,
         MEASURED_OPTION,
         SEED_OPTION,
         click.option(
@@ -64,7 +64,7 @@ class Identifying(Source):
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
-        *Source.SECTIONS,
+        *ReadingOptions.SECTIONS,
         (SearchSettings, ""),
         (CombinationSettings, ""),
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ema_bags.metadata import METADATA_FILE
 from ema_bags.telemetry import described_actuators
 from ema_cli.bags.predicting import Predicting
-from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
+from ema_cli.bags.reading import ReadingOptions, open_recording, read_windows, why_no_window
 from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, N_FAULTS
@@ -101,7 +101,7 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_unit(
-    paths: Iterable[Path], source: Source, *, skips_unreadable: bool = False
+    paths: Iterable[Path], source: ReadingOptions, *, skips_unreadable: bool = False
 ) -> UnitRecord:
     """Read the tests of one unit from bags."""
     read: list[tuple[Path, BagWindows]] = []

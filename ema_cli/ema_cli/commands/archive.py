@@ -19,7 +19,7 @@ from ema_archive.running import run, scan
 from ema_archive.settings import ArchiveSettings
 from ema_cli.bags.identifying import ALGORITHM_OPTION, SEED_OPTION
 from ema_cli.bags.predicting import GROWTH_OPTIONS, PROGNOSIS_SECTIONS, prognosis_over, with_growth
-from ema_cli.bags.source import Source
+from ema_cli.bags.reading import ReadingOptions
 from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
@@ -55,7 +55,7 @@ class GivenSettings:
         *GROWTH_OPTIONS,
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
-        *Source.SECTIONS,
+        *ReadingOptions.SECTIONS,
         (SearchSettings, ""),
         *PROGNOSIS_SECTIONS,
     )
@@ -70,7 +70,10 @@ class GivenSettings:
 
     def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
         """Return settings with those given; ValueError when one is unknown or out of its range."""
-        given, source = self.parameters, Source(measured_max_age_s=settings.measured_max_age_s)
+        given, source = (
+            self.parameters,
+            ReadingOptions(measured_max_age_s=settings.measured_max_age_s),
+        )
         return replace(
             settings,
             calibration=given.values.get("calibration_file") or settings.calibration,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ema_cli.bags.source import MEASURED_OPTION, Source, differing, identifiable_windows
+from ema_cli.bags.reading import MEASURED_OPTION, ReadingOptions, differing, identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
@@ -30,7 +30,7 @@ _ENOUGH_WINDOWS = 5
 
 @click.command()
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
-@settings_options(Source, more=[MEASURED_OPTION])
+@settings_options(ReadingOptions, more=[MEASURED_OPTION])
 @output_option("Calibration file to write", dir_okay=False)
 @click.option(
     "--accepted-by",
@@ -40,7 +40,7 @@ _ENOUGH_WINDOWS = 5
     "refused.",
 )
 def calibrate(
-    bags: tuple[Path, ...], given: Source, overwrite: bool, output: Path, accepted_by: str
+    bags: tuple[Path, ...], given: ReadingOptions, overwrite: bool, output: Path, accepted_by: str
 ) -> None:
     """Calibrate on the windows or records in BAGS of one healthy actuator.
 

@@ -10,7 +10,7 @@ from ema_cli.options import REFUSED, assignments_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.progress import progress_bar
-from ema_cli.rehearsal import Rehearsal
+from ema_cli.simulated_rig import SimulatedRig
 from ema_core.faults import COMPONENTS
 from ema_core.wording import unknown_name
 from ema_monitor.design.certificate import CERTIFIED_WINDOWS
@@ -44,8 +44,8 @@ def certify(given: Bench, wanted: dict[str, float], as_json: bool) -> None:
                 raise click.Abort
             progress.advance(task)
 
-        record = Rehearsal(given, follow)
-        certificate = certify_test(record, given.command, given.description)
+        rig = SimulatedRig(given, follow)
+        certificate = certify_test(rig, given.command, given.description)
     unmet = certificate.unmet(wanted)
     if as_json:
         click.echo(json.dumps(certificate.record() | {"unmet": unmet}, indent=2))

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.bags.identifying import Identifying, as_object
-from ema_cli.bags.source import identifiable_windows
+from ema_cli.bags.reading import identifiable_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.options import REFUSED, NameChoice
 from ema_cli.parameters import settings_options

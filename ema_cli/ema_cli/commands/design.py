@@ -13,7 +13,7 @@ from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.progress import progress_bar
-from ema_cli.rehearsal import Rehearsal
+from ema_cli.simulated_rig import SimulatedRig
 from ema_core.faults import COMPONENTS
 from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import Design, design_command
@@ -98,10 +98,10 @@ def design(
             follow()
             progress.update(task, state=words)
 
-        record = Rehearsal(given, follow)
-        result = design_command(record, description, limits, wanted or None, on_progress=say)
+        rig = SimulatedRig(given, follow)
+        result = design_command(rig, description, limits, wanted or None, on_progress=say)
         say("judging hidden causes")
-        certificate = certify(record, result.command, description, rehearsed=result.rehearsed)
+        certificate = certify(rig, result.command, description, rehearsed=result.rehearsed)
         if result.reached:
             sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in result.sigma.items())
             heading = "A test command of `ema design`. Standard deviations to expect:"

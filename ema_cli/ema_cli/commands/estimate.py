@@ -12,7 +12,7 @@ from typing import Final
 import click
 
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying, as_object
-from ema_cli.bags.source import identifiable_windows
+from ema_cli.bags.reading import identifiable_windows
 from ema_cli.options import REFUSED
 from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS, INDICES

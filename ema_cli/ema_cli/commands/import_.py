@@ -10,8 +10,8 @@ from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
 from ema_bags.inputs.temperature import REFERENCE_DEGC
 from ema_cli.bags.guide import mapping_of
+from ema_cli.bags.reading import ReadingOptions, read_windows
 from ema_cli.bags.records import actuators_of, described, imported_by, read_records, write_records
-from ema_cli.bags.source import Source, read_windows
 from ema_cli.output import BAG_TO_WRITE, output_option, require_free
 from ema_core.wording import counted
 
@@ -137,7 +137,7 @@ def _draw(bag: Path, picture: Path) -> None:
     from ema_cli.figures.telemetry import Outline, draw_telemetry
 
     outline = Outline()
-    save_picture(draw_telemetry(read_windows(bag, Source(), outline.add), outline), picture)
+    save_picture(draw_telemetry(read_windows(bag, ReadingOptions(), outline.add), outline), picture)
 
 
 def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) -> None:

@@ -7,7 +7,7 @@ from typing import Final
 import click
 
 from ema_bags.telemetry import described_actuators
-from ema_cli.bags.source import Source, open_recording, read_windows, why_no_window
+from ema_cli.bags.reading import ReadingOptions, open_recording, read_windows, why_no_window
 from ema_cli.parameters import settings_options
 from ema_core.parameters import NEUTRAL
 from ema_core.wording import counted, text_table
@@ -20,8 +20,8 @@ _OF_UNKNOWN: Final = ("tau", "k_t", "lead")
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@settings_options(Source)
-def info(bag: Path, given: Source) -> None:
+@settings_options(ReadingOptions)
+def info(bag: Path, given: ReadingOptions) -> None:
     """Show the content of BAG: topics, actuator, telemetry, windows, and defects."""
     contents, given = open_recording(bag, given)
     counts = contents.readable_counts()

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ema_bags.messages import Recording
-from ema_cli.bags.source import Source, identifiable_windows
+from ema_cli.bags.reading import ReadingOptions, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.calibration.joint_calibration import JointCalibration
@@ -52,11 +52,11 @@ _Test = tuple[int, tuple[WindowFigures, ...]]
     help="With a history: a test by its number from 1, or tests by (the beginning of) UTC time.",
 )
 @click.option("--remove", metavar="STATE", help="Remove the tests of a state.")
-@settings_options(Source)
+@settings_options(ReadingOptions)
 def label(
     calibration_file: Path,
     bags: tuple[Path, ...],
-    given: Source,
+    given: ReadingOptions,
     state: str | None,
     state_column: str | None,
     test_columns: tuple[str, ...],
@@ -100,7 +100,9 @@ def label(
     click.echo(f"{calibration_file}: {', '.join(counts) or 'no healthy windows to compare with'}")
 
 
-def _tests_of(table: Path, columns: list[str], given: Source) -> Iterator[tuple[str, Recording]]:
+def _tests_of(
+    table: Path, columns: list[str], given: ReadingOptions
+) -> Iterator[tuple[str, Recording]]:
     """Yield the state and the recording of each test in a table, without the healthy tests."""
     from ema_cli.bags.records import table_recordings  # the import only for tables
 
@@ -120,7 +122,11 @@ def _checked(state: str) -> str:
 
 
 def _with_bag(
-    calibration: AnyCalibration, state: str, bag: Path, given: Source, part: Recording | None
+    calibration: AnyCalibration,
+    state: str,
+    bag: Path,
+    given: ReadingOptions,
+    part: Recording | None,
 ) -> AnyCalibration:
     """Return the calibration with the test, or the records, of a bag or part of a table."""
     bag_windows = identifiable_windows(bag, given, part)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ema_cli.bags.diagnoses import DiagnosisLog, read_history
 from ema_cli.bags.identifying import ALGORITHM_OPTION, Identifying
-from ema_cli.bags.source import read_windows
+from ema_cli.bags.reading import read_windows
 from ema_cli.comparison import choose_window
 from ema_cli.figures.files import PICTURES, picture_option, save_picture
 from ema_cli.figures.fit import draw_fit

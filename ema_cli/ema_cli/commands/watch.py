@@ -1,4 +1,4 @@
-"""``ema watch``: the health of a fleet in the terminal."""
+"""``ema watch``: the health of all actuators in the terminal."""
 
 import os
 import threading
@@ -12,11 +12,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.validate_namespace import validate_namespace
 from rosgraph_msgs.msg import Clock
 
-from ema_cli.fleet import FleetTable, HeardFleet, Row
 from ema_cli.options import network_option
 from ema_cli.processes.listener import Listener
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
+from ema_cli.show.health_table import HealthTable, LatestHealths, Row
 from ema_interfaces.msg import FaultEstimate, Health, NodeStatus, PlaybackState, TelemetryStatus
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
@@ -59,7 +59,7 @@ def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> Non
     places = list(dict.fromkeys(_normalised(namespace) for namespace in namespaces))
     with (
         deferred_signals(*ENDING) as stop,
-        FleetTable(f"on {', '.join(places)} in {_domain()}") as table,
+        HealthTable(f"on {', '.join(places)} in {_domain()}") as table,
         _HealthListener(places) as hearing,
     ):
         began_s = time.monotonic()
@@ -106,7 +106,7 @@ class _HealthListener(Listener):
                 self._places[topic] = place
         self.changed = threading.Event()
         self._lock = threading.Lock()
-        self._fleet = HeardFleet()
+        self._healths = LatestHealths()
         self._simulated_ns: int | None = None
         super().__init__("watch", topics, self._note)
 
@@ -124,13 +124,13 @@ class _HealthListener(Listener):
             place = self._places[topic]
             if isinstance(message, NodeStatus):
                 self._monitors |= {place} if message.kind == NodeStatus.MONITOR else set()
-                self._fleet.add_status(place, message, now_s)
+                self._healths.add_status(place, message, now_s)
                 self.completion.add_report(place, message.telemetry)
                 return
             if isinstance(message, Health):
-                self._fleet.add_health(place, message, now_s, self._clock_ns())
+                self._healths.add_health(place, message, now_s, self._clock_ns())
             else:
-                self._fleet.add_estimate(place, message, now_s)
+                self._healths.add_estimate(place, message, now_s)
         self.changed.set()
 
     def has_monitor(self) -> bool:
@@ -142,7 +142,7 @@ class _HealthListener(Listener):
         """Return the actuators, the worst first."""
         with self._lock:
             is_real = self._simulated_ns is None
-            return self._fleet.rows(time.monotonic(), self._clock_ns(), is_real=is_real)
+            return self._healths.rows(time.monotonic(), self._clock_ns(), is_real=is_real)
 
     def _clock_ns(self) -> int:
         return time.time_ns() if self._simulated_ns is None else self._simulated_ns

@@ -15,8 +15,8 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.rehearsal import (
     HALF_WIDTH,
     REHEARSED_WINDOWS,
+    ActuatorRig,
     FaultProspect,
-    Recorder,
     Rehearsed,
     claimed,
     confused_with,
@@ -154,7 +154,7 @@ def _scatter(value: float, unit: str) -> str:
 
 
 def certify(
-    record: Recorder,
+    rig: ActuatorRig,
     command: Command,
     description: ActuatorDescription | None = None,
     calibration: Calibration | None = None,
@@ -165,8 +165,8 @@ def certify(
 
     Parameters
     ----------
-    record
-        Records the windows, by simulation as a rule.
+    rig
+        Runs the tests, by simulation as a rule.
     command
         Command of the test.
     description
@@ -182,13 +182,13 @@ def certify(
         When the motion makes no window, or does not allow a calibration.
     """
     description = description or ActuatorDescription()
-    rehearsed = rehearsed or rehearse(record, command, description, calibration)
+    rehearsed = rehearsed or rehearse(rig, command, description, calibration)
     calibration, window = rehearsed.calibration, rehearsed.window
     causes = [
         _cause(
             cause,
             identify(
-                record(command, healthy_faults(), 1, {cause.name: cause.sigma})[0],
+                rig(command, healthy_faults(), 1, {cause.name: cause.sigma})[0],
                 description,
                 calibration,
             ),

@@ -14,7 +14,7 @@ from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import unknown_name
 from ema_monitor.design.information import Information
 from ema_monitor.design.limits import SHORTEST_S, SMALLEST_TRAVEL, UNITS, Demands, MotionLimits
-from ema_monitor.design.rehearsal import Recorder, Rehearsed, rehearse
+from ema_monitor.design.rehearsal import ActuatorRig, Rehearsed, rehearse
 from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
 from ema_monitor.optimizers.driver import Termination, minimise
 
@@ -126,7 +126,7 @@ class Design:
 
 
 def design_command(
-    record: Recorder,
+    rig: ActuatorRig,
     description: ActuatorDescription,
     limits: MotionLimits,
     wanted: Mapping[str, float] | None = None,
@@ -140,8 +140,8 @@ def design_command(
 
     Parameters
     ----------
-    record
-        Records windows, by simulation as a rule.
+    rig
+        Runs the tests, by simulation as a rule.
     description
         The actuator.
     limits
@@ -171,7 +171,7 @@ def design_command(
     chirp = THESIS_CHIRP
     if wanted is not None:
         chirp = replace(chirp, amplitude=min(chirp.amplitude, limits.travel / 2.0))
-    rehearsed = rehearse(record, chirp, description)
+    rehearsed = rehearse(rig, chirp, description)
     reference_s = None
     if wanted is None:
         reference_s = chirp.duration
@@ -192,7 +192,7 @@ def design_command(
         if reached and not (is_feasible and command.duration < _WORTHWHILE * min(reached)):
             break
         on_progress(f"round {number + 1}: rehearsing {command.duration:.3f} s")
-        rehearsed = rehearse(record, command, description)
+        rehearsed = rehearse(rig, command, description)
         information = Information(rehearsed.calibration)
         windows = information.windows(command)
         predicted = dict(zip(FAULT_NAMES, information.sigma(windows).tolist(), strict=True))

@@ -44,8 +44,8 @@ REHEARSED_WINDOWS: Final = _HEALTHY + len(COMPONENTS) * _SINGLE + N_COMBINED * _
 """How many windows a rehearsal takes."""
 
 
-class Recorder(Protocol):
-    """Records windows of an actuator, a simulated one as a rule."""
+class ActuatorRig(Protocol):
+    """Runs tests of an actuator with chosen faults, a simulated one as a rule."""
 
     def __call__(
         self, command: Command, faults: Array, cycles: int, causes: Mapping[str, float]
@@ -225,13 +225,13 @@ class Rehearsed(NamedTuple):
 
 
 def rehearse(
-    record: Recorder,
+    rig: ActuatorRig,
     command: Command,
     description: ActuatorDescription,
     calibration: Calibration | None = None,
 ) -> Rehearsed:
     """Rehearse a test; parameters and errors are as in `certify`."""
-    healthy = record(command, healthy_faults(), _HEALTHY, {})
+    healthy = rig(command, healthy_faults(), _HEALTHY, {})
     known = calibration or calibrate_model(healthy, description)
 
     def judged(windows: list[Window], faults: Array) -> Prospect:
@@ -239,7 +239,7 @@ def rehearse(
         return Prospect(faults, estimates)
 
     def of(faults: Array, count: int) -> Prospect:
-        return judged(record(command, faults, count, {}), faults)
+        return judged(rig(command, faults, count, {}), faults)
 
     return Rehearsed(
         known,

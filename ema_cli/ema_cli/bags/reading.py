@@ -34,7 +34,7 @@ ACTUATOR_OPTION: Final = click.option(
 
 
 @dataclass(frozen=True)
-class Source(Checked):
+class ReadingOptions(Checked):
     """Part of a bag to read, from the options.
 
     Attributes
@@ -88,7 +88,7 @@ class Source(Checked):
         return parameters.over(cls(any_motion=is_any, trigger=trigger, **options))
 
 
-Source.SECTIONS = ((TriggerSettings, ""), (Source, ""))
+ReadingOptions.SECTIONS = ((TriggerSettings, ""), (ReadingOptions, ""))
 
 MEASURED_OPTION: Final = click.option(
     "--measured", multiple=True, help=f"A measured cause, {GRAMMAR}: load_torque=0.1:0.005."
@@ -96,7 +96,7 @@ MEASURED_OPTION: Final = click.option(
 """Of the commands that identify windows."""
 
 
-def open_recording(path: Path, source: Source) -> tuple[Recording, Source]:
+def open_recording(path: Path, source: ReadingOptions) -> tuple[Recording, ReadingOptions]:
     """Return a bag and how to read it; a table is read by the mapping in its folder."""
     if path.suffix.lower() not in _TABLES:
         from ema_bags.reader import Bag  # rosbags and mcap only for bags
@@ -110,7 +110,7 @@ def open_recording(path: Path, source: Source) -> tuple[Recording, Source]:
 
 def read_windows(
     path: Path,
-    source: Source,
+    source: ReadingOptions,
     on_block: Callable[[Telemetry], None] | None = None,
     bag: Recording | None = None,
     *,
@@ -165,7 +165,9 @@ def read_windows(
     return windows
 
 
-def identifiable_windows(path: Path, source: Source, bag: Recording | None = None) -> BagWindows:
+def identifiable_windows(
+    path: Path, source: ReadingOptions, bag: Recording | None = None
+) -> BagWindows:
     """Return the result of ``read_windows``, with at least one window, and print the remarks."""
     windows = read_windows(path, source, bag=bag)
     for remark in windows.remarks:
@@ -175,7 +177,7 @@ def identifiable_windows(path: Path, source: Source, bag: Recording | None = Non
     return windows
 
 
-def why_no_window(path: Path, found: BagWindows, source: Source) -> str:
+def why_no_window(path: Path, found: BagWindows, source: ReadingOptions) -> str:
     """Return why no window was even begun, which describes the command or the position."""
     settings = source.trigger
     if found.description.drive == "unknown":

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ema_cli.bench import Bench
 from ema_core.commands import Command
 from ema_core.wording import counted
-from ema_monitor.design.rehearsal import Recorder
+from ema_monitor.design.rehearsal import ActuatorRig
 from ema_monitor.model.monitor_model import compile_kernels, form_of
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
@@ -17,8 +17,8 @@ from ema_monitor.windows.window import Window
 from ema_sim.bench import ActuatorBench
 
 
-class Rehearsal(Recorder):
-    """Records windows of a simulated actuator."""
+class SimulatedRig(ActuatorRig):
+    """Runs tests of a simulated actuator."""
 
     def __init__(self, given: Bench, on_cycle: Callable[[], None]) -> None:
         self._given = given
@@ -33,7 +33,7 @@ class Rehearsal(Recorder):
         cycles: int,
         causes: Mapping[str, float],
     ) -> list[Window]:
-        """Return a window from each of some test cycles; see `Recorder`."""
+        """Return a window from each of some test cycles; see `ActuatorRig`."""
         [seeds] = self._seeds.spawn(1)
         rng = np.random.default_rng(seeds)
         settings = replace(self._given.settings, seed=int(rng.integers(2**62)))

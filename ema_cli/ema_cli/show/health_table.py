@@ -1,4 +1,4 @@
-"""What monitors publish of a fleet: a table that changes on a terminal, else a line a change."""
+"""Published healths of actuators: a table that changes on a terminal, else a line a change."""
 
 import math
 from collections.abc import Sequence
@@ -79,7 +79,7 @@ class Row:
 
 @dataclass
 class _Actuator:
-    """What was heard of an actuator, and when [s]."""
+    """What was received about an actuator, and when [s]."""
 
     received: Received | None = None
     refused: Any = None
@@ -90,14 +90,14 @@ class _Actuator:
     reported_s: float = math.nan
 
 
-class HeardFleet:
-    """Actuators by what is heard of them; times ``now_s`` are of a clock that never goes back."""
+class LatestHealths:
+    """The latest messages about each actuator; times ``now_s`` are of a monotonic clock."""
 
     def __init__(self) -> None:
         self._actuators: dict[tuple[str, str], _Actuator] = {}
 
     def add_health(self, place: str, message: Any, now_s: float, clock_ns: int) -> None:
-        """Add a Health message that was heard on a namespace, at a time of the clock [ns]."""
+        """Add a Health message received on a namespace, at a time of the clock [ns]."""
         one = self._of(place, message)
         before, one.received = one.received, Received.at(message, clock_ns, now_s)
         one.heard_s = now_s
@@ -214,8 +214,8 @@ def _removal(health: Any) -> str:
     return f"{health.flight_hours + hours:,.0f} h"
 
 
-class FleetTable(TerminalDisplay):
-    """Shows the actuators of a fleet; to be used under ``with``."""
+class HealthTable(TerminalDisplay):
+    """Shows actuators, one a row; to be used under ``with``."""
 
     def __init__(self, title: str, console: Console | None = None) -> None:
         super().__init__(console)
