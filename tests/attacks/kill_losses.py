@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Final
 
+from ema_bags.bag_recorder import RecorderSettings
 from ema_bags.reader import Bag
-from ema_bags.recording import RecorderSettings
 from ema_monitor.prognosis.history import History
 
 from ..ros.graph import Graph

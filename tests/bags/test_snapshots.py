@@ -10,9 +10,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from ema_bags.bag_recorder import BagRecorder, RecorderSettings
 from ema_bags.metadata import METADATA_FILE
 from ema_bags.reader import Bag
-from ema_bags.recording import RecorderSettings, Recording
 from ema_core.levels import ERROR, OK, WARN
 from ema_interfaces.msg import (
     ActuatorDescription,
@@ -28,14 +28,14 @@ LATCHING = (ActuatorDescription, Health)
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> Iterator[Callable[..., Recording]]:
+def record(tmp_path: Path) -> Iterator[Callable[..., BagRecorder]]:
     """Begin a recording of a topic of each type, with these settings."""
     with ExitStack() as opened:
 
-        def begin(*kinds: type, **given: Any) -> Recording:
+        def begin(*kinds: type, **given: Any) -> BagRecorder:
             settings = RecorderSettings(output="flight", **{"snapshot_duration": 1.0, **given})
             path = str(tmp_path / "flight")
-            recording = Recording(path, settings, "/ema/recorder", lambda *_: None)
+            recording = BagRecorder(path, settings, "/ema/recorder", lambda *_: None)
             opened.callback(recording.bag.close)
             for kind in kinds:
                 qos = LATCHED if kind in LATCHING else STREAM
@@ -45,7 +45,7 @@ def record(tmp_path: Path) -> Iterator[Callable[..., Recording]]:
         yield begin
 
 
-def received(recording: Recording, message: Any, time_ns: int = 0) -> str:
+def received(recording: BagRecorder, message: Any, time_ns: int = 0) -> str:
     """Receive a message, and return why there should be a snapshot."""
     data = serialize_message(message)
     return recording.receive(f"/{type(message).__name__}", data, time_ns, None)

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from std_srvs.srv import Trigger
 
+from ema_bags.bag_recorder import BagRecorder, RecorderSettings
 from ema_bags.gaps import Gap
 from ema_bags.recorded_topic import RecordedTopic
-from ema_bags.recording import RecorderSettings, Recording
 from ema_core.wording import counted
 from ema_interfaces.msg import NodeStatus
 from ema_ros.executor import WaitingCallbackGroup
@@ -54,7 +54,7 @@ class RecorderNode(ManagedNode):
         self._discovering = threading.Lock()  # over the topics
         self._writing = threading.Lock()  # over the bag
         self._recording = False
-        self._recorded: Recording | None = None
+        self._recorded: BagRecorder | None = None
 
     def configure(self) -> None:
         """Begin the bag."""
@@ -69,7 +69,7 @@ class RecorderNode(ManagedNode):
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
             node_name = self.get_fully_qualified_name()
-            self._recorded = Recording(output, settings, node_name, self.report_end)
+            self._recorded = BagRecorder(output, settings, node_name, self.report_end)
         except FileExistsError as error:
             hint = "" if settings.overwrite else "; parameter overwrite (--replace) replaces a bag"
             raise FileExistsError(f"parameter output: {error}{hint}") from error
@@ -228,7 +228,7 @@ class RecorderNode(ManagedNode):
         self.get_logger().warning(str(gap))
         self.report()
 
-    def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:
+    def _add_topic(self, recorded: BagRecorder, name: str, types: list[str]) -> None:
         publishers = self.get_publishers_info_by_topic(name)
         if not publishers:
             return
@@ -260,8 +260,8 @@ class RecorderNode(ManagedNode):
                 with suppress(OSError):  # it is logged
                     self._write_snapshot(recorded, reason)
 
-    def _write_snapshot(self, recorded: Recording, reason: str) -> str:
-        """Write a snapshot, and log the outcome; errors are as in ``Recording``."""
+    def _write_snapshot(self, recorded: BagRecorder, reason: str) -> str:
+        """Write a snapshot, and log the outcome; errors are as in ``BagRecorder``."""
         try:
             done = recorded.write_snapshot()
         except OSError as error:
@@ -278,7 +278,7 @@ class RecorderNode(ManagedNode):
         response.success = True
         return response
 
-    def _report_trouble(self, recorded: Recording) -> None:
+    def _report_trouble(self, recorded: BagRecorder) -> None:
         """Log once that the bag cannot be written, and once that it can again."""
         bag, before = recorded.bag, self._trouble
         self._trouble = str(bag.failure or "")
@@ -291,7 +291,7 @@ class RecorderNode(ManagedNode):
             self.report()
 
 
-def _in_words(recorded: Recording) -> str:
+def _in_words(recorded: BagRecorder) -> str:
     """Return why a bag cannot be written."""
     return f"cannot write {recorded.bag.path}: {recorded.bag.failure}"
 

@@ -84,7 +84,7 @@ class _Kept(NamedTuple):
         return len(self.data) + _BESIDES_BYTES
 
 
-class Recording:
+class BagRecorder:
     """A bag that is recorded; one thread at a time may use it.
 
     Parameters
