@@ -6,8 +6,8 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from ema_bags.messages import Recorded
 from ema_bags.reader import Bag
+from ema_bags.recording import Recorded
 
 
 def ros_messages(bag: Bag, topics: Iterable[str] | None = None) -> list[Recorded]:

@@ -7,9 +7,9 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from ema_bags import playback
-from ema_bags.messages import MessagePlace, Recorded
 from ema_bags.playback import Playback
 from ema_bags.played_bag import PlayedBag, PlayerSettings
+from ema_bags.recording import MessagePlace, Recorded
 from ema_bags.writer import BagWriter
 from ema_interfaces.msg import Health
 from ema_ros import topics

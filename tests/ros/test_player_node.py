@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
-from ema_bags.messages import Recorded
 from ema_bags.player_node import PlayerNode
+from ema_bags.recording import Recorded
 from ema_bags.writer import BagWriter
 from ema_interfaces.msg import (
     ActuatorDescription,

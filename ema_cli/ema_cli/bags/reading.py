@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final, Self
 
 import click
 
-from ema_bags.messages import Recording
+from ema_bags.recording import Recording
 from ema_bags.telemetry import read_telemetry
 from ema_cli.options import values_of_options
 from ema_cli.parameters import Command, Parameters

@@ -14,7 +14,7 @@ from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.importing import BLOCK_S, Imported, import_series
 from ema_bags.inputs.mapping import Mapping, load_mapping
 from ema_bags.message_type import type_name
-from ema_bags.messages import MemoryRecording
+from ema_bags.recording import MemoryRecording
 from ema_cli.output import new_bag
 from ema_core.description import ActuatorDescription
 from ema_ros import topic_names

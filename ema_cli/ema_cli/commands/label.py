@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ema_bags.messages import Recording
+from ema_bags.recording import Recording
 from ema_cli.bags.reading import ReadingOptions, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted

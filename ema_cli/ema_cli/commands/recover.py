@@ -7,9 +7,9 @@ import click
 from rclpy.qos import QoSProfile
 
 from ema_bags.message_type import message_class
-from ema_bags.messages import Topic
 from ema_bags.qos import joint_offer, recorded_qos
 from ema_bags.reader import Bag
+from ema_bags.recording import Topic
 from ema_bags.schema import decoder, schema_text
 from ema_bags.telemetry import TELEMETRY_TYPE
 from ema_cli.output import BAG_TO_WRITE, new_bag, output_option, require_apart

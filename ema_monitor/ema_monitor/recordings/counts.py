@@ -1,6 +1,6 @@
 """The service life of a unit, as it was counted, in a recording."""
 
-from ema_bags.messages import Recording
+from ema_bags.recording import Recording
 from ema_bags.telemetry import USAGE_TYPE
 from ema_core.description import ActuatorDescription
 from ema_monitor.prognosis.history_entry import Count

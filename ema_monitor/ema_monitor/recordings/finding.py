@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from ema_bags.messages import MessagePlace
+from ema_bags.recording import MessagePlace
 from ema_bags.telemetry import (
     MEASURED_TYPE,
     TRUE_FAULTS_TYPE,

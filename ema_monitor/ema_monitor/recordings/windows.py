@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.messages import MessagePlace
+from ema_bags.recording import MessagePlace
 from ema_bags.telemetry import RecordedTelemetry
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription, UnitKey

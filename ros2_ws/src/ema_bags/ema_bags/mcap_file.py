@@ -23,7 +23,7 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Metad
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from ema_bags.gaps import GAP, Gap
-from ema_bags.messages import CONVERT
+from ema_bags.recording import CONVERT
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 # The end of a file, at which mcap's reader stops.

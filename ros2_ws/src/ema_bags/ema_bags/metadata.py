@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import yaml
 
-from ema_bags.messages import CONVERT
+from ema_bags.recording import CONVERT
 from ema_core.yaml_file import load_yaml
 
 PACKED_SUFFIX: Final = ".zstd"

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from ema_bags.messages import Recorded
+from ema_bags.recording import Recorded
 
 
 class Playback:

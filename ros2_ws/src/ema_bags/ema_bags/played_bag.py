@@ -8,9 +8,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
 from ema_bags.message_type import message_class, type_name
-from ema_bags.messages import Recorded, Topic
 from ema_bags.qos import recorded_qos, replay_qos
 from ema_bags.reader import Bag
+from ema_bags.recording import Recorded, Topic
 from ema_core.quantity import Checked, flag, quantity, text, texts
 from ema_core.wording import unknown_name
 from ema_interfaces.msg import PlaybackState

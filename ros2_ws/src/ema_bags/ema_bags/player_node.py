@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from std_srvs.srv import Trigger
 
-from ema_bags.messages import Recorded
 from ema_bags.playback import Playback
 from ema_bags.played_bag import PlayedBag, PlayerSettings
 from ema_bags.player_outputs import PlayerOutputs
+from ema_bags.recording import Recorded
 from ema_core.wording import counted
 from ema_interfaces.msg import PlaybackState
 from ema_interfaces.srv import (

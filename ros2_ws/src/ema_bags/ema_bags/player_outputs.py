@@ -12,8 +12,8 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from ema_bags.message_type import message_class
-from ema_bags.messages import Recorded
 from ema_bags.played_bag import CLOCK, PlayedBag
+from ema_bags.recording import Recorded
 from ema_bags.telemetry import HEALTH_TYPE, TELEMETRY_TYPE
 from ema_ros.peers import UNKNOWN_NODE
 

@@ -12,7 +12,7 @@ import zstandard
 
 from ema_bags.gaps import Gap
 from ema_bags.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
-from ema_bags.messages import MessagePlace, Recorded, Recording, Topic
+from ema_bags.recording import MessagePlace, Recorded, Recording, Topic
 from ema_bags.schema import decoder, schema_text
 from ema_core.files import require_regular_file
 from ema_core.wording import counted

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from ema_bags.messages import MessagePlace, Recorded, Recording
+from ema_bags.recording import MessagePlace, Recorded, Recording
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_ros.messages import description_from_message, telemetry_from_message

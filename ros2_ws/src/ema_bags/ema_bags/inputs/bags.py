@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.series import Collector, Series
-from ema_bags.messages import MalformedMessages, MessagePlace, Recorded, Topic
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
+from ema_bags.recording import MalformedMessages, MessagePlace, Recorded, Topic
 from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 

@@ -1,4 +1,4 @@
-"""Messages of a recording, in a bag or in memory."""
+"""A recording, in a bag or in memory: its messages by topic, in the order of reception."""
 
 from abc import ABC, abstractmethod
 from bisect import bisect_left, bisect_right
