@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.conversion import convert, with_lead
 from ema_bags.inputs.factors import explain
+from ema_bags.inputs.guessed_clock import guess_clock
 from ema_bags.inputs.mapping import (
-    EPOCHS,
     LINEAR,
-    TIMES_NS,
     TORQUES,
     AngleSource,
     Clock,
@@ -24,57 +23,15 @@ from ema_bags.inputs.mapping import (
     TemperatureSource,
 )
 from ema_bags.inputs.motion import ThinnedMotion
+from ema_bags.inputs.names import hint_of, roles_of, unit_in_name, unit_of, words_of
+from ema_bags.inputs.recognition import JointColumns, Recognizer
 from ema_bags.inputs.series import NO_STAMP
 from ema_bags.inputs.tables import TableColumns
 from ema_core.description import ActuatorDescription
-from ema_core.wording import counted
 
-_EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
-_FASTEST_NS: Final = 1e4
-_SLOWEST_NS: Final = 1e9
-_NO_UNITS: Final = frozenset(("utc", "gmt", "local", "abs", "absolute", "rel", "relative", "-"))
-_STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
-_WORDS: Final = {
-    "command": r"cmd|command\w*|set ?points?|sp|ref|reference|target|demand\w*|desired|soll\w*|"
-    r"commanded|input|goal",
-    "error": r"err|error|deviation|following|tracking",
-    "position": r"pos|position|angle|theta|winkel|enc|encoder|ist\w*|deflection|phi|pos estimate",
-    "speed": r"vel|velocity|speed|omega|drehzahl|rpm|w|rate",
-    "current": r"current|cur|iq|i q|i eq|ieq|strom|amps?|effort|torque|trq|moment|drehmoment|i",
-    "temperature": r"temp|temps|temperature|temperatures|temperatur",
-    "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us",
-}
-_SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z]{2})(?=[A-Z])")
-_UNITS: Final = {
-    "rad": ("rad", "radian", "radians"),
-    "deg": ("deg", "°", "degree", "degrees", "grad"),
-    "mrad": ("mrad",),
-    "turn": ("rev", "revs", "turn", "turns", "u", "cycles"),
-    "rad/s": ("rad/s", "rad s", "rads", "rad/sec", "rad*s^-1"),
-    "deg/s": ("deg/s", "°/s", "deg s", "deg/sec", "dps", "grad/s"),
-    "rpm": ("rpm", "1/min", "u/min", "r/min", "rev/min", "min^-1", "min-1"),
-    "turn/s": ("rev/s", "turn/s", "turns/s", "u/s", "rps", "hz"),
-    "mm": ("mm", "millimeter", "millimetre"),
-    "mm/s": ("mm/s", "mm s"),
-    "A": ("a", "amp", "amps", "ampere"),
-    "mA": ("ma", "milliamp"),
-    "N.m": ("nm", "n.m", "n*m", "n m", "newton meter"),
-    "mN.m": ("mnm", "mn.m", "mn*m"),
-    "degC": ("degc", "°c", "deg c", "celsius", "c"),
-    "degF": ("degf", "°f", "deg f", "fahrenheit", "f"),
-    "K": ("k", "kelvin"),
-    "s": ("s", "sec", "secs", "second", "seconds"),
-    "ms": ("ms", "msec", "millis"),
-    "us": ("us", "µs", "usec", "micros"),
-    "ns": ("ns", "nsec", "nanos", "nanoseconds"),
-    "min": ("min", "mins", "minute", "minutes", "minuten"),
-    "h": ("h", "hr", "hrs", "hour", "hours", "std", "stunden"),
-    "day": ("d", "day", "days", "tage"),
-}
 _LEAD: Final = 0.005
 _NO_COMMAND: Final = "no command seems to be there: tracking is then not judged"
-_BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 _COMMANDS: Final = {
     "control_msgs/msg/JointTrajectoryControllerState": "reference.positions",
     "control_msgs/msg/SingleDOFStateStamped": "dof_state.reference",
@@ -122,26 +79,11 @@ def guess_columns(
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
     if clock is None:
-        clock, unused = _clock(columns, remarks)
+        clock, unused = guess_clock(columns, remarks)
     else:
         unused = [name for name in columns.values if name != clock.source]
-    kinds = {name: _kinds_of(name) for name in unused}
-    taken: dict[str, str] = {}
-    for quantity, without in _UNLIKE.items():
-        able = [
-            name
-            for name, quantities in kinds.items()
-            if quantity in quantities and not quantities & without and name not in taken.values()
-        ]
-        if able:
-            # In a table with several joints, columns with the position's words belong to its joint.
-            position = _words_of(taken.get("position", ""))
-            taken[quantity] = max(able, key=lambda name: len(_words_of(name) & position))
-            able.remove(taken[quantity])
-        if able:
-            remarks.append(
-                f"{quantity} {taken[quantity]!r} is a guess; others: {', '.join(map(repr, able))}"
-            )
+    kinds = {name: roles_of(name) for name in unused}
+    taken = _chosen(columns, clock, kinds, remarks)
     phases = {
         kind: name
         for name, quantities in kinds.items()
@@ -174,7 +116,7 @@ def guess_columns(
         )
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
-        unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
+        unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
         if quantity == "current" and not unit and re.search(r"[^A-Za-z]A$", name):
             unit = "A"
         sources[quantity] = _source(quantity, name, unit, remarks)
@@ -188,6 +130,63 @@ def guess_columns(
         if quantity not in sources:
             remarks.append(f"no column seems to be the {quantity}: it is taken as not measured")
     return Guess(Mapping(**sources, clock=clock, table=columns.format), remarks)
+
+
+def _chosen(
+    columns: TableColumns, clock: Clock, kinds: ByName[str, set[str]], remarks: list[str]
+) -> dict[str, str]:
+    """Return the columns by quantity: by physics where the motion shows it, else by their names."""
+    joints = _joints(columns, clock, list(kinds))
+    physical = dict(joints[0].columns) if joints else {}
+    if not joints:
+        remarks.append("the motion does not show which column is what: names alone decide")
+    taken = {
+        "current" if quantity == "effort" else quantity: column.name
+        for quantity, column in physical.items()
+    }
+    for quantity, without in _UNLIKE.items():
+        able = [
+            name
+            for name, quantities in kinds.items()
+            if quantity in quantities and not quantities & without and name not in taken.values()
+        ]
+        if able and quantity not in taken:
+            # In a table with several joints, columns with the position's words belong to its joint.
+            position = words_of(taken.get("position", ""))
+            taken[quantity] = max(able, key=lambda name: len(words_of(name) & position))
+            able.remove(taken[quantity])
+            if physical and quantity not in ("temperature", "error"):
+                remarks.append(f"{quantity} {taken[quantity]!r} is a guess by its name alone")
+        key = "effort" if quantity == "current" else quantity
+        if key in physical and not physical[key].is_confirmed:
+            by = "its name alone" if quantity in kinds[taken[quantity]] else "its values alone"
+            remarks.append(f"{quantity} {taken[quantity]!r} is a guess by {by}")
+        able += [
+            joint.columns[key].name
+            for joint in joints[1:]
+            if key in joint.columns and joint.columns[key].name not in able
+        ]
+        if able and quantity in taken:
+            remarks.append(
+                f"{quantity} {taken[quantity]!r} is a guess; others: {', '.join(map(repr, able))}"
+            )
+    return taken
+
+
+def _joints(columns: TableColumns, clock: Clock, names: list[str]) -> list[JointColumns]:
+    """Return the joints that the motion in some columns shows."""
+    if clock.source:
+        stamps = columns.stamps(clock)
+        steps = np.abs(np.diff(stamps[stamps != NO_STAMP]))
+        period = 1e-9 * float(np.median(steps)) if len(steps) else 0.0
+    else:
+        period = 1.0 / clock.rate_hz
+    if period <= 0.0:
+        return []
+    values = {name: columns.values[name] for name in names if name not in columns.dates}
+    return Recognizer(
+        values, period, lambda name: hint_of(name, columns.units.get(name, ""))
+    ).joints()
 
 
 def guess_topics(
@@ -341,157 +340,6 @@ def _refined(
     return current
 
 
-def _clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
-    """Return the clock and the names of the other columns.
-
-    Raises
-    ------
-    ValueError
-        When a column looks like the time, and none is a clock.
-    """
-    names = list(columns.values)
-    named = [name for name in names if name in columns.dates or _is_time(columns, name)]
-    rest = [name for name in names if name not in named]
-    sums = _dated(columns, named)
-    errors: list[ValueError] = []
-    for name in sums or named:
-        try:
-            clock = _clock_of(columns, name)
-            if not _is_clock(columns, clock):
-                continue
-            unit = "ns" if name in columns.dates or sums else _time_unit(columns, name)
-        except ValueError as error:
-            errors.append(error)
-            continue
-        if clock.unit != unit:
-            remarks.append(
-                f"clock.unit {clock.unit} by the size of the {'values' if unit else 'steps'}"
-            )
-        return clock, rest if sums else [item for item in names if item != name]
-    if errors:
-        raise errors[0]
-    if named := [*named, *(name for name in columns.texts if "time" in _kinds_of(name))]:
-        raise ValueError(
-            f"{columns.path}: column {named[0]!r} looks like the time, but "
-            f"{_disorder(columns, named[0])}: give clock.source and clock.unit, or clock.rate_hz "
-            "if the samples are regular (--set)"
-        )
-    for clock in [_clock_of(columns, name) for name in rest]:
-        if not _counts(columns.values[clock.source]) and _is_clock(columns, clock):
-            remarks.append(f"clock.unit {clock.unit} by the size of the steps")
-            return clock, [name for name in rest if name != clock.source]
-    remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")
-    return Clock(rate_hz=1000.0), rest
-
-
-def _is_time(columns: TableColumns, name: str) -> bool:
-    """Return whether a column is a time by its name, and by its unit if it has one."""
-    unit = _unit_of(columns.units.get(name, "")) or _unit_in_name(name)
-    return "time" in _kinds_of(name) and (not unit or unit in TIMES_NS)
-
-
-def _dated(columns: TableColumns, named: list[str]) -> list[str]:
-    """Return the sum of a column of days and one of times of day, if there are both."""
-    of_day = [name for name in named if name in columns.of_day]
-    days = [
-        name
-        for name in named
-        if name in columns.dates
-        and name not in columns.of_day
-        and not np.any(columns.values[name][columns.values[name] != NO_STAMP] % TIMES_NS["day"])
-    ]
-    return [f"{days[0]} + {of_day[0]}"] if days and of_day else []
-
-
-def _clock_of(columns: TableColumns, name: str) -> Clock:
-    """Return the clock of a column: with the unit of its name, or by the size of its values."""
-    if name not in columns.values or name in columns.dates:
-        return Clock(name, "ns")
-    unit = _epoch_of(columns.values[name]) or _time_unit(columns, name)
-    if not unit:
-        unit = _unit_of_times(columns.values[name])
-    return Clock(name, unit)
-
-
-def _time_unit(columns: TableColumns, name: str) -> str:
-    """Return the unit of a time that its heading gives; empty without one.
-
-    Raises
-    ------
-    ValueError
-        When it is none that is known.
-    """
-    text = columns.units.get(name, "")
-    first = re.split(r"[\s,;]", text.strip())[0].strip(".")
-    unit = _unit_of(text) or _unit_of(first) or _unit_in_name(name)
-    if unit in TIMES_NS or not text or text.lower() in _NO_UNITS:
-        return unit if unit in TIMES_NS else ""
-    raise ValueError(
-        f"{columns.path}: column {name!r}: unit {text!r} of a time: expected "
-        f"{', '.join(TIMES_NS)}; give clock.unit, or clock.rate_hz (--set)"
-    )
-
-
-def _is_clock(columns: TableColumns, clock: Clock) -> bool:
-    """Return whether times grow from row to row, or go back: the newest row is the first."""
-    stamps = columns.stamps(clock)
-    steps = np.diff(stamps[stamps != NO_STAMP])
-    return len(steps) > 0 and bool(np.mean(steps > 0) > 0.9 or np.mean(steps < 0) > 0.9)
-
-
-def _counts(values: NDArray[Any]) -> bool:
-    """Return whether values number the rows."""
-    steps = np.diff(values[np.isfinite(values)])
-    return len(steps) > 0 and bool(np.mean(steps == 1) > 0.9)
-
-
-def _disorder(columns: TableColumns, name: str) -> str:
-    """Return why times that do not grow are not a clock."""
-    if name in columns.texts:
-        cells = columns.texts[name]
-        return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
-    values = columns.stamps(_clock_of(columns, name))
-    values = values[values != NO_STAMP]
-    if len(values) < 2 or np.ptp(values) == 0:
-        return "never changes and is no clock"
-    steps = np.diff(values)
-    back = int(np.count_nonzero(steps < 0))
-    if not back:
-        return f"changes in {np.mean(steps > 0):.0%} of the rows only"
-    return (
-        f"goes back {counted(back, 'time')} in {counted(len(values), 'row')} and is no clock (sort "
-        "the rows by it, if they have lost their order)"
-    )
-
-
-def _epoch_of(values: NDArray[Any]) -> str:
-    """Return the unit of times that count from another year than 1970; empty if they do not.
-
-    They are of the years 2000 to 2060, at a rate that somebody samples with.
-    """
-    finite = values[np.isfinite(values)].astype(float)
-    if len(finite) < 2:
-        return ""
-    step = abs(float(np.median(np.diff(finite))))
-    for unit, epoch in EPOCHS.items():
-        size = TIMES_NS[unit]
-        years = (finite[-1] - epoch) * size / (365.25 * TIMES_NS["day"])
-        if 30.0 < years < 90.0 and _FASTEST_NS < step * size < _SLOWEST_NS:
-            # Seconds since 1904 are seconds since 1970 only after 2077.
-            return unit
-    return ""
-
-
-def _unit_of_times(values: NDArray[Any]) -> str:
-    finite = values[np.isfinite(values)].astype(float)
-    step = abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
-    for least, unit in _EPOCHS:
-        # Since 1970, and at a rate that somebody samples with.
-        if abs(finite[-1]) > least and _FASTEST_NS < step * TIMES_NS[unit] < _SLOWEST_NS:
-            return unit
-    return next((unit for least, unit in _STEPS if step > least), "s")
-
-
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
     kinds = {"speed": SpeedSource, "current": CurrentSource, "temperature": TemperatureSource}
     kind = kinds.get(quantity, AngleSource)
@@ -509,53 +357,9 @@ def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
 
 
 def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
-    for name in sorted(topics, key=lambda name: "command" not in _kinds_of(name)):
+    for name in sorted(topics, key=lambda name: "command" not in roles_of(name)):
         if path := _COMMANDS.get(topics[name]):
             # A set point of a type without a stamp is held until the next one.
             between = "hold" if topics[name].startswith("std_msgs") else "linear"
             return AngleSource(path, name, between=between)
     return None
-
-
-def _unit_of(text: str) -> str:
-    """Return the unit denoted by a text, such as "1/min"; empty if it is unknown."""
-    plain = text.strip().lower().replace("²", "^2").replace("·", ".")
-    for unit, spellings in _UNITS.items():
-        if plain in spellings or plain == unit.lower():
-            return unit
-    return ""
-
-
-def _unit_in_name(name: str) -> str:
-    """Return the unit at the end of a name, as in ``pos_deg``; empty without one."""
-    words = _words(name)
-    for count in (2, 1):
-        if len(words) > count:
-            joined = " ".join(words[-count:])
-            unit = _unit_of(joined)
-            # A single letter at the end is a phase or an axis more often than a unit.
-            if unit and (len(joined) > 1 or joined == "s"):
-                return unit
-    return ""
-
-
-def _kinds_of(name: str) -> set[str]:
-    """Return the possible roles of a column by its name: mapping keys, "time", "phase_a" to "c"."""
-    words = _words(_BRACKETS.sub(" ", name))
-    text = " ".join(words)
-    roles = {
-        kind for kind, pattern in _WORDS.items() if re.search(rf"(?:^| )(?:{pattern})(?: |$)", text)
-    }
-    if match := re.fullmatch(
-        r"(?:i|current|strom|phase)(?: phase)?(?: current)? ?([abcuvw])", text
-    ):
-        return {f"phase_{'abcabc'['abcuvw'.index(match[1])]}"}
-    return roles
-
-
-def _words_of(name: str) -> set[str]:
-    return set(_words(_BRACKETS.sub(" ", name)))
-
-
-def _words(name: str) -> list[str]:
-    return [word.lower() for word in _SPLIT.split(name) if word]

@@ -1,0 +1,170 @@
+"""The clock of a table, guessed from names, units and values."""
+
+import re
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.mapping import EPOCHS, TIMES_NS, Clock
+from ema_bags.inputs.names import roles_of, unit_in_name, unit_of
+from ema_bags.inputs.series import NO_STAMP
+from ema_bags.inputs.tables import TableColumns
+from ema_core.wording import counted
+
+_EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
+_FASTEST_NS: Final = 1e4
+_SLOWEST_NS: Final = 1e9
+_NO_UNITS: Final = frozenset(("utc", "gmt", "local", "abs", "absolute", "rel", "relative", "-"))
+_STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
+
+
+def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
+    """Return the clock and the names of the other columns.
+
+    Raises
+    ------
+    ValueError
+        When a column looks like the time, and none is a clock.
+    """
+    names = list(columns.values)
+    named = [name for name in names if name in columns.dates or _is_time(columns, name)]
+    rest = [name for name in names if name not in named]
+    sums = _dated(columns, named)
+    errors: list[ValueError] = []
+    for name in sums or named:
+        try:
+            clock = _clock_of(columns, name)
+            if not _is_clock(columns, clock):
+                continue
+            unit = "ns" if name in columns.dates or sums else _time_unit(columns, name)
+        except ValueError as error:
+            errors.append(error)
+            continue
+        if clock.unit != unit:
+            remarks.append(
+                f"clock.unit {clock.unit} by the size of the {'values' if unit else 'steps'}"
+            )
+        return clock, rest if sums else [item for item in names if item != name]
+    if errors:
+        raise errors[0]
+    if named := [*named, *(name for name in columns.texts if "time" in roles_of(name))]:
+        raise ValueError(
+            f"{columns.path}: column {named[0]!r} looks like the time, but "
+            f"{_disorder(columns, named[0])}: give clock.source and clock.unit, or clock.rate_hz "
+            "if the samples are regular (--set)"
+        )
+    for clock in [_clock_of(columns, name) for name in rest]:
+        if not _counts(columns.values[clock.source]) and _is_clock(columns, clock):
+            remarks.append(f"clock.unit {clock.unit} by the size of the steps")
+            return clock, [name for name in rest if name != clock.source]
+    remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")
+    return Clock(rate_hz=1000.0), rest
+
+
+def _is_time(columns: TableColumns, name: str) -> bool:
+    """Return whether a column is a time by its name, and by its unit if it has one."""
+    unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
+    return "time" in roles_of(name) and (not unit or unit in TIMES_NS)
+
+
+def _dated(columns: TableColumns, named: list[str]) -> list[str]:
+    """Return the sum of a column of days and one of times of day, if there are both."""
+    of_day = [name for name in named if name in columns.of_day]
+    days = [
+        name
+        for name in named
+        if name in columns.dates
+        and name not in columns.of_day
+        and not np.any(columns.values[name][columns.values[name] != NO_STAMP] % TIMES_NS["day"])
+    ]
+    return [f"{days[0]} + {of_day[0]}"] if days and of_day else []
+
+
+def _clock_of(columns: TableColumns, name: str) -> Clock:
+    """Return the clock of a column: with the unit of its name, or by the size of its values."""
+    if name not in columns.values or name in columns.dates:
+        return Clock(name, "ns")
+    unit = _epoch_of(columns.values[name]) or _time_unit(columns, name)
+    if not unit:
+        unit = _unit_of_times(columns.values[name])
+    return Clock(name, unit)
+
+
+def _time_unit(columns: TableColumns, name: str) -> str:
+    """Return the unit of a time that its heading gives; empty without one.
+
+    Raises
+    ------
+    ValueError
+        When it is none that is known.
+    """
+    text = columns.units.get(name, "")
+    first = re.split(r"[\s,;]", text.strip())[0].strip(".")
+    unit = unit_of(text) or unit_of(first) or unit_in_name(name)
+    if unit in TIMES_NS or not text or text.lower() in _NO_UNITS:
+        return unit if unit in TIMES_NS else ""
+    raise ValueError(
+        f"{columns.path}: column {name!r}: unit {text!r} of a time: expected "
+        f"{', '.join(TIMES_NS)}; give clock.unit, or clock.rate_hz (--set)"
+    )
+
+
+def _is_clock(columns: TableColumns, clock: Clock) -> bool:
+    """Return whether times grow from row to row, or go back: the newest row is the first."""
+    stamps = columns.stamps(clock)
+    steps = np.diff(stamps[stamps != NO_STAMP])
+    return len(steps) > 0 and bool(np.mean(steps > 0) > 0.9 or np.mean(steps < 0) > 0.9)
+
+
+def _counts(values: NDArray[Any]) -> bool:
+    """Return whether values number the rows."""
+    steps = np.diff(values[np.isfinite(values)])
+    return len(steps) > 0 and bool(np.mean(steps == 1) > 0.9)
+
+
+def _disorder(columns: TableColumns, name: str) -> str:
+    """Return why times that do not grow are not a clock."""
+    if name in columns.texts:
+        cells = columns.texts[name]
+        return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
+    values = columns.stamps(_clock_of(columns, name))
+    values = values[values != NO_STAMP]
+    if len(values) < 2 or np.ptp(values) == 0:
+        return "never changes and is no clock"
+    steps = np.diff(values)
+    back = int(np.count_nonzero(steps < 0))
+    if not back:
+        return f"changes in {np.mean(steps > 0):.0%} of the rows only"
+    return (
+        f"goes back {counted(back, 'time')} in {counted(len(values), 'row')} and is no clock (sort "
+        "the rows by it, if they have lost their order)"
+    )
+
+
+def _epoch_of(values: NDArray[Any]) -> str:
+    """Return the unit of times that count from another year than 1970; empty if they do not.
+
+    They are of the years 2000 to 2060, at a rate that somebody samples with.
+    """
+    finite = values[np.isfinite(values)].astype(float)
+    if len(finite) < 2:
+        return ""
+    step = abs(float(np.median(np.diff(finite))))
+    for unit, epoch in EPOCHS.items():
+        size = TIMES_NS[unit]
+        years = (finite[-1] - epoch) * size / (365.25 * TIMES_NS["day"])
+        if 30.0 < years < 90.0 and _FASTEST_NS < step * size < _SLOWEST_NS:
+            # Seconds since 1904 are seconds since 1970 only after 2077.
+            return unit
+    return ""
+
+
+def _unit_of_times(values: NDArray[Any]) -> str:
+    finite = values[np.isfinite(values)].astype(float)
+    step = abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
+    for least, unit in _EPOCHS:
+        # Since 1970, and at a rate that somebody samples with.
+        if abs(finite[-1]) > least and _FASTEST_NS < step * TIMES_NS[unit] < _SLOWEST_NS:
+            return unit
+    return next((unit for least, unit in _STEPS if step > least), "s")
