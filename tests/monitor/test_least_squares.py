@@ -1,4 +1,4 @@
-"""Least squares: how much of a search it takes, and its step against the proved minimum."""
+"""Least squares: how much of a search it takes."""
 
 from collections.abc import Sequence
 
@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from ema_monitor.optimizers.driver import minimise
+from ema_monitor.optimizers.gauss_newton import FACTORS
 from ema_monitor.optimizers.interface import Hints
-from ema_monitor.optimizers.least_squares import (
-    _DAMPINGS,
-    _SCREENS,
-    ScreenedLeastSquares,
-    bounded_steps,
-)
-
-from .bounded_minimum import bounded_minimum
+from ema_monitor.optimizers.least_squares import _SCREENS, ScreenedLeastSquares
 
 D = 8
 CENTRE = np.random.default_rng(3).uniform(0.2, 0.8, D)
@@ -87,7 +81,7 @@ def test_better_half_of_the_descents_goes_on_until_one_is_left(screen):
     expected = [starts]
     while expected[-1] > 1:
         expected.append(-(-expected[-1] // 2))
-    alternating = [n * size for n in expected for size in (D, len(_DAMPINGS) + 1)][:-1]
+    alternating = [n * size for n in expected for size in (D, len(FACTORS) + 1)][:-1]
     # The best may have arrived before the others are given up, but not at once.
     assert sizes[: len(alternating)] == alternating[: len(sizes)]
     assert len(sizes) >= 6
@@ -98,7 +92,7 @@ def test_good_start_takes_no_screen():
     batches, progress = search(valley, start, good_cost=1e-6)
     assert screens(batches) == [1]
     assert np.array_equal(batches[0][0], start)
-    assert {len(batch) for batch in batches[1:]} <= {D, len(_DAMPINGS) + 1, 1}
+    assert {len(batch) for batch in batches[1:]} <= {D, len(FACTORS) + 1, 1}
     assert progress[-1].point == pytest.approx(CENTRE, abs=1e-3)
     assert progress[-1].evaluations == sum(len(batch) for batch in batches)
 
@@ -170,64 +164,3 @@ def test_column_without_derivative_leaves_its_component(component):
     assert progress[-1].point[component] == 0.5
     others = np.arange(D) != component
     assert progress[-1].point[others] == pytest.approx(CENTRE[others], abs=1e-6)
-
-
-N = 40
-
-
-def problem(rng, spread):
-    """Start, residuals there and derivatives of a linear problem.
-
-    Its minimum is drawn within the box widened by `spread` on all sides.
-    """
-    rotation = np.linalg.qr(rng.normal(size=(D, D)))[0]
-    jacobian = rng.normal(size=(N, D)) @ (rotation * np.geomspace(1.0, 1.0 / 30.0, D))
-    point, minimum = rng.random(D), rng.uniform(-spread, 1.0 + spread, D)
-    return point, jacobian @ (point - minimum) + 0.1 * rng.normal(size=N), jacobian
-
-
-def damped(point, residuals, jacobian, damping):
-    """The same problem with its damping as further residuals: matrix and right-hand side."""
-    weight = np.sqrt(damping * np.sum(jacobian**2, axis=0))
-    matrix = np.vstack([jacobian, np.diag(weight)])
-    return matrix, np.concatenate([jacobian @ point - residuals, weight * point])
-
-
-def excess(matrix, right, x, best):
-    """Share by which x costs more than the best."""
-    return np.sum((matrix @ x - right) ** 2) / np.sum((matrix @ best - right) ** 2) - 1.0
-
-
-@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
-@pytest.mark.parametrize("spread", [-0.2, 0.5])
-def test_step_is_the_bounded_least_squares_solution(damping, spread):
-    """Of problems with their minimum well inside the box, or mostly outside."""
-    rng = np.random.default_rng(4)
-    for _ in range(100):
-        point, residuals, jacobian = problem(rng, spread)
-        matrix, right = damped(point, residuals, jacobian, damping)
-        [new] = bounded_steps(point, residuals, jacobian, np.array([damping]))
-        assert excess(matrix, right, new, bounded_minimum(matrix, right, new)) < 1e-9
-
-
-def test_component_without_effect_stays():
-    rng = np.random.default_rng(5)
-    point, residuals, jacobian = problem(rng, 0.5)
-    jacobian[:, 3] = 0.0
-    new = bounded_steps(point, residuals, jacobian, _DAMPINGS)[0]
-    assert new[3] == pytest.approx(point[3], abs=1e-12)
-    [unmoved] = bounded_steps(point, residuals, np.zeros((N, D)), np.ones(1))
-    assert np.array_equal(unmoved, point)
-
-
-def test_descent_ends_at_the_bounded_minimum_of_a_linear_problem():
-    """Of 20 problems with their minimum outside the box."""
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        point, residuals, jacobian = problem(rng, 0.3)
-        right = jacobian @ point - residuals
-        optimizer = ScreenedLeastSquares(np.full(D, 0.5), rng)
-        *_, last = minimise(lambda x, J=jacobian, b=right: x @ J.T - b, optimizer, Patient())
-        best = bounded_minimum(jacobian, right, last.point)
-        # Exact steps make it a Newton method.
-        assert excess(jacobian, right, last.point, best) < 1e-9

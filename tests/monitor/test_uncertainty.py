@@ -14,15 +14,11 @@ from ema_monitor.identification.uncertainty import (
     UNOBSERVABLE_SIGMA,
     USUAL_MISFIT,
     Linearisation,
-    refitted,
     sandwich_covariance,
     significant_components,
     uncertainty_of_faults,
     widening,
 )
-from ema_monitor.optimizers.bounded_quadratic import lowest_of
-
-from .bounded_minimum import bounded_minimum
 
 N = 500
 
@@ -286,21 +282,3 @@ def test_component_without_trace_is_put_back(model):
     kept, _, point = shown((healthy, noise, blind), {0: 5.0, 2: 40.0})
     assert kept == {0}
     assert point[2] == 0.0
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_refit_is_constrained_least_squares(seed):
-    """Of what is shown, within the unit box, with the others held healthy."""
-    rng, d = np.random.default_rng(seed), 8 + seed % 2
-    point, healthy = rng.uniform(-0.3, 1.3, d).clip(0.0, 1.0), HEALTHY[:d]
-    residuals, jacobian = rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
-    fitted = rng.random(d) < 0.6
-    found = refitted(Linearisation(point, residuals, jacobian), healthy, fitted)
-    normal, start = jacobian.T @ jacobian, np.where(fitted, point, healthy)
-    of_fitted = lowest_of(normal, jacobian.T @ residuals, point, start, fitted)
-    assert of_fitted == pytest.approx(found, abs=1e-6)
-    right = jacobian @ point - residuals - jacobian[:, ~fitted] @ healthy[~fitted]
-    best = bounded_minimum(jacobian[:, fitted], right, found[fitted])
-    assert np.array_equal(found[~fitted], healthy[~fitted])
-    # The ridge is 1e-9 of the largest diagonal entry.
-    assert found[fitted] == pytest.approx(best, abs=1e-6)

@@ -10,7 +10,8 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.alternatives import Alternative, Part
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.uncertainty import GROUPS, Linearisation, ridge_of
+from ema_monitor.identification.uncertainty import GROUPS
+from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 
 COMPONENT_EVIDENCE: Final = 8.0
 """What a component is worth: how much a set with one less may be higher."""
@@ -51,29 +52,17 @@ class Explanations(NamedTuple):
 
 
 class _Quadratic(NamedTuple):
-    """The cost about a linearisation: gradient, ``(d,)``, and normal matrix, ``(d, d)``."""
+    """The cost about a linearisation, and its part by priors of causes and by relations."""
 
     at: Linearisation
-    gradient: Array
-    normal: Array
-    # The parts of both by priors of causes and by relations of the columns.
-    gradient_by_priors: Array
-    normal_by_priors: Array
+    cost: Quadratic
+    by_priors: Quadratic
 
     @classmethod
     def of(cls, at: Linearisation, objective: Objective) -> Self:
-        jacobian, residuals = at.jacobian, at.residuals
-        normal = jacobian.T @ jacobian
-        normal += ridge_of(normal) * np.eye(len(normal))
         rows = objective.surprising_rows
-        of_priors = jacobian[rows]
-        return cls(
-            at,
-            jacobian.T @ residuals,
-            normal,
-            of_priors.T @ residuals[rows],
-            of_priors.T @ of_priors,
-        )
+        of_priors = at._replace(residuals=at.residuals[rows], jacobian=at.jacobian[rows])
+        return cls(at, Quadratic.of(at).with_ridge(), Quadratic.of(of_priors))
 
 
 class Evidence:
@@ -135,7 +124,7 @@ class Evidence:
         objective = self._objective
         if self._quadratic is None or self._quadratic.at is not at:
             self._quadratic = _Quadratic.of(at, objective)
-        _, gradient, normal, of_priors, by_priors = self._quadratic
+        _, (_, gradient, normal), (_, of_priors, by_priors) = self._quadratic
         starts = np.where(sets, at.point, objective.healthy)
         points = lowest_of_each(normal, gradient, at.point, starts, sets)
         moves = points - at.point

@@ -33,9 +33,11 @@ from ema_monitor.identification.evidence import (
 )
 from ema_monitor.identification.knowledge import FLOOR
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.uncertainty import Linearisation, refitted, significant_components
+from ema_monitor.identification.uncertainty import significant_components
 from ema_monitor.model.deviations import Prior
 from ema_monitor.model.readings import MOVES_START
+from ema_monitor.optimizers.gauss_newton import LineSearch, Problem, Stopping, descend
+from ema_monitor.optimizers.linear_model import Linearisation, refitted
 
 MOST_CAUSES: Final = 3
 """Largest number of hidden causes in an explanation."""
@@ -66,9 +68,8 @@ _SEEDED: Final = {
     "speed_delay": (-30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0),
 }
 _MOST_SEEDS = 4
-_MOST_STEPS = 8
-_STEPS = np.array([1.0, 0.5, 0.2, 0.05])
-_CONVERGED = 2e-3
+_SHARES: Final = ((1.0, 0.5, 0.2, 0.05),)
+_STOPPING: Final = Stopping(iterations=7, gain=2e-3)
 # Share of the cost that a further fit has to take off by the linear model.
 _SETTLED = 1e-5
 
@@ -270,7 +271,7 @@ class Explainer:
     @property
     def _can_afford_more(self) -> bool:
         left = self._most_evaluations - self._objective.evaluations
-        return left >= _MOST_STEPS * self._objective.linearisation_evaluations
+        return left >= (1 + _STOPPING.iterations) * self._objective.linearisation_evaluations
 
     def _is_doubtful(self, at: Linearisation, kept: Components) -> bool:
         """Return whether a window is not explained, or only by a cause that is unusual."""
@@ -365,20 +366,9 @@ class Explainer:
     def _descended(self, starts: Array, free: Components) -> Array:
         """Return the optimum of some components, downhill from the lowest start, ``(m, d)``."""
         objective = self._objective
-        cost, point, trials = np.inf, starts[0], starts
-        for _ in range(_MOST_STEPS):
-            costs = np.sum(objective.residuals(trials) ** 2, axis=1)
-            costs[np.isnan(costs)] = np.inf
-            lowest = int(np.argmin(costs))
-            if costs[lowest] >= (1.0 - _CONVERGED) * cost:
-                break
-            cost, point = costs[lowest], trials[lowest]
-            at = self._objective.linearise(point, free)
-            if not np.all(np.isfinite(at.jacobian)):
-                break
-            target = refitted(at, point, free)
-            trials = point + _STEPS[:, None] * (target - point)
-        return point
+        problem = Problem(objective.residuals, lambda point: objective.linearise(point, free))
+        search = LineSearch(lambda at: refitted(at, at.point, free), _SHARES)
+        return descend(problem, starts, search, _STOPPING).point
 
     def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
         """Set what is not significant to healthy, and fit anew, with derivatives of the rest."""
@@ -399,8 +389,7 @@ class Explainer:
         if self._evidence.against(at, optimum) > loss:
             return optimum, fitted
         point = refitted(at, objective.healthy, kept)
-        left = at.residuals + at.jacobian @ (point - at.point)
-        if left @ left > (1.0 - _SETTLED) * at.cost:
+        if at.predicted_cost(point) > (1.0 - _SETTLED) * at.cost:
             return at, kept
         again = objective.linearise(point, kept)
         return (again if again.cost < at.cost else at), kept

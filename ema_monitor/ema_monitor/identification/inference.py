@@ -32,7 +32,6 @@ from ema_monitor.identification.uncertainty import (
     SIGNIFICANT_CAUSE,
     SPANS,
     WIDTHS,
-    Linearisation,
     shifts_of,
     turn_of,
     uncertainty_of_faults,
@@ -48,6 +47,7 @@ from ema_monitor.identification.verdict import (
 from ema_monitor.model.deviations import NAMES
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import LEARNS_UNIT
+from ema_monitor.optimizers.linear_model import Linearisation
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 

@@ -11,9 +11,9 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_SIGMA,
     SPANS,
     UNOBSERVABLE_SIGMA,
-    ridge_of,
     with_mismatch,
 )
+from ema_monitor.optimizers.linear_model import ridge_of
 from ema_monitor.windows.window import Window
 
 NUISANCE: Final = "load_torque"

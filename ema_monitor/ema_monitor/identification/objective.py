@@ -22,17 +22,13 @@ from ema_core.faults import (
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.identification.knowledge import Knowledge
-from ema_monitor.identification.uncertainty import (
-    CORRELATION_S,
-    PLANE,
-    Linearisation,
-    sandwich_covariance,
-)
+from ema_monitor.identification.uncertainty import CORRELATION_S, PLANE, sandwich_covariance
 from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.model.readings import MOVES_START, TRAVEL, law_slopes, read
 from ema_monitor.optimizers.least_squares import DIFFERENCE
+from ema_monitor.optimizers.linear_model import Linearisation
 from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
 

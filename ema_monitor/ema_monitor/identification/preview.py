@@ -9,14 +9,15 @@ from ema_core.faults import N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge, information
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.uncertainty import Linearisation, ridge_of
 from ema_monitor.model.measured import expected_causes
+from ema_monitor.optimizers.gauss_newton import LineSearch, Problem, Stopping, descend
+from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _LOADS: Final = 17
-_REFINEMENTS: Final = 2
-_STEPS: Final = np.array([0.0, 0.3, 0.6, 1.0])
+_SHARES: Final = ((1.0, 0.6, 0.3),)
+_STOPPING: Final = Stopping(iterations=2)
 _NEAR: Final = 0.05
 _REPEATED: Final = 0.8
 
@@ -90,25 +91,16 @@ class Preview(NamedTuple):
         objective = Objective(stretch, calibration, causes=(load,))
         points = np.tile(objective.encode(faults), (_LOADS, 1))
         points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
-        point, left = _lowest(objective, points)
-        at = objective.linearise(point)
-        for _ in range(_REFINEMENTS):
-            target = _explained(at, known, objective.noise)
-            point, left = _lowest(objective, at.point + _STEPS[:, None] * (target - at.point))
-            at = objective.linearise(point)
+        search = LineSearch(lambda at: _explained(at, known, objective.noise), _SHARES)
+        problem = Problem(objective.residuals, objective.linearise)
+        descent = descend(problem, points, search, _STOPPING)
+        point = descent.point
         return cls(
             float(point[-1]),
-            objective.misfit(left),
-            information(at.jacobian, objective.noise),
+            objective.misfit(descent.residuals),
+            information(objective.linearise(point).jacobian, objective.noise),
             StretchMotion.of(stretch, float(objective.causes(point)[0]) / load.reach),
         )
-
-
-def _lowest(objective: Objective, points: Array) -> tuple[Array, Array]:
-    """Return which of some points, ``(m, d)``, costs least, and its residuals."""
-    residuals = objective.residuals(points)
-    best = int(np.argmin(np.sum(residuals**2, axis=1)))
-    return points[best], residuals[best]
 
 
 def _explained(at: Linearisation, known: Knowledge, noise: float) -> Array:
@@ -116,11 +108,9 @@ def _explained(at: Linearisation, known: Knowledge, noise: float) -> Array:
 
     ``noise`` is the variance of an effective residual.
     """
-    from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
-
-    normal, gradient = at.jacobian.T @ at.jacobian / noise, at.jacobian.T @ at.residuals / noise
-    normal += ridge_of(normal) * np.eye(len(normal))
+    _, gradient, normal = Quadratic.of(at)
+    of_stretch = Quadratic(at.point, gradient / noise, normal / noise).with_ridge()
     faults, rows = slice(0, N_FAULTS), known.rows()
-    normal[faults, faults] += rows.T @ rows
-    gradient[faults] += rows.T @ (rows @ (at.point[faults] - known.point))
-    return lowest_in_box(normal, gradient, at.point)
+    of_stretch.hessian[faults, faults] += rows.T @ rows
+    of_stretch.gradient[faults] += rows.T @ (rows @ (at.point[faults] - known.point))
+    return of_stretch.lowest()

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -53,6 +53,37 @@ class _Defect(NamedTuple):
     reason: str
     is_failure: bool = False
     lacks_calibration: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Premises:
+    """What a search rests on.
+
+    Attributes
+    ----------
+    window
+        The window, with the measured causes that nothing has contradicted.
+    calibration
+        Calibration of the model.
+    memory
+        What earlier tests tell of this one.
+    started
+        When the first search began, by ``time.perf_counter`` [s].
+    contradicted
+        Measured causes that were left out.
+    """
+
+    window: Window
+    calibration: Calibration
+    memory: Memory
+    started: float
+    contradicted: tuple[CauseEstimate, ...] = ()
+
+    def without(self, *causes: CauseEstimate) -> Self:
+        """Return premises without some measured causes."""
+        return replace(
+            self, window=_without(self.window, causes), contradicted=(*self.contradicted, *causes)
+        )
 
 
 Search = Generator[Generation, None, Finding]
@@ -119,34 +150,22 @@ class ModelIdentification:
 
     def _search(self, window: Window, calibration: Calibration) -> Search:
         """Search, and again without what was measured or remembered and is contradicted."""
-        started, spent = time.perf_counter(), 0
-        contradicted: tuple[CauseEstimate, ...] = ()
+        spent = 0
         memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
+        premises = _Premises(window, calibration, memory, time.perf_counter())
         while True:
-            found = yield from self._search_once(window, calibration, contradicted, started, memory)
+            found = yield from self._search_once(premises)
             spent += found.estimate.evaluations
             named = {cause.name for cause in found.estimate.causes}
             wrong = tuple(one for one in found.estimate.measured if one.name in named)
-            before, memory = memory, memory.left_by(found.estimate)
+            before, memory = premises.memory, premises.memory.left_by(found.estimate)
+            premises = replace(premises, memory=memory)
             if not wrong and memory is before:
                 found = replace(found, estimate=replace(found.estimate, evaluations=spent))
-                return (
-                    yield from self._search_unmeasured(
-                        found, window, calibration, contradicted, started, memory
-                    )
-                )
-            contradicted += wrong
-            window = _without(window, wrong)
+                return (yield from self._search_unmeasured(found, premises))
+            premises = premises.without(*wrong)
 
-    def _search_unmeasured(
-        self,
-        found: Finding,
-        window: Window,
-        calibration: Calibration,
-        contradicted: tuple[CauseEstimate, ...],
-        started: float,
-        memory: Memory,
-    ) -> Search:
+    def _search_unmeasured(self, found: Finding, premises: _Premises) -> Search:
         """Search a window that fits poorly without each measured cause of the motion as well.
 
         An error of a sensor may stand in for a wrong measurement, but fits worse.
@@ -158,9 +177,7 @@ class ModelIdentification:
         for cause in poor.measured:
             if CAUSE_BY_NAME[cause.name].place == Place.SENSOR:
                 continue
-            trial = yield from self._search_once(
-                _without(window, (cause,)), calibration, (*contradicted, cause), started, memory
-            )
+            trial = yield from self._search_once(premises.without(cause))
             spent += trial.estimate.evaluations
             goodness = trial.estimate.goodness_of_fit
             if goodness <= trial.estimate.goodness_limit and goodness < (
@@ -203,14 +220,8 @@ class ModelIdentification:
         refused = self._refused(scale.in_words(parameters)).estimate
         return Finding(replace(refused, evaluations=estimate.evaluations))
 
-    def _search_once(
-        self,
-        window: Window,
-        calibration: Calibration,
-        contradicted: tuple[CauseEstimate, ...],
-        started: float,
-        memory: Memory,
-    ) -> Search:
+    def _search_once(self, premises: _Premises) -> Search:
+        window, calibration = premises.window, premises.calibration
         settings, mismatch = self.settings, calibration.unit_mismatch(self.description)
         defect = self._defect(window, calibration, "" if self.force else mismatch)
         if defect.reason:
@@ -219,7 +230,7 @@ class ModelIdentification:
         if mismatch:
             caveats.append(f"forced although {mismatch}")
         optimizer_class = ALGORITHMS[settings.algorithm]
-        inference = Inference(window, calibration, settings, self.known, memory)
+        inference = Inference(window, calibration, settings, self.known, premises.memory)
         # What is known already is known in Cartesian coordinates.
         objective = inference.searched(
             cartesian=optimizer_class.uses_residuals or self.known is not None
@@ -227,7 +238,7 @@ class ModelIdentification:
         previous = self.previous if settings.warm_start else None
         start = objective.encode(healthy_faults() if previous is None else previous)
         # That place is relative to what was measured of the load.
-        if self.load is not None and not contradicted:
+        if self.load is not None and not premises.contradicted:
             for number, one in enumerate(objective.hidden_causes, start=objective.first_cause):
                 if one.name == NUISANCE:
                     start[number] = self.load
@@ -250,9 +261,9 @@ class ModelIdentification:
                 faults,
                 float(play),
                 progress.point[objective.first_cause :],
-                started=started,
+                started=premises.started,
                 warm_start=previous is not None,
-                contradicted=contradicted,
+                contradicted=premises.contradicted,
                 caveats=tuple(caveats),
             )
         except np.linalg.LinAlgError as error:

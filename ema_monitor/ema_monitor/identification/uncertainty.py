@@ -17,6 +17,7 @@ from ema_core.faults import (
     eccentricity_angle,
     eccentricity_vector,
 )
+from ema_monitor.optimizers.linear_model import Linearisation, refitted, ridge_of
 
 PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
 """Components that are one vector, in Cartesian coordinates."""
@@ -87,19 +88,6 @@ class Uncertainty(NamedTuple):
     unobservable: Flags
 
 
-class Linearisation(NamedTuple):
-    """Residuals, ``(r,)``, and their derivatives, ``(r, d)``, at a point, ``(d,)``."""
-
-    point: Array
-    residuals: Array
-    jacobian: Array
-
-    @property
-    def cost(self) -> float:
-        """Sum of squares of the residuals [A^2.s]."""
-        return float(self.residuals @ self.residuals)
-
-
 def sandwich_covariance(
     jacobian: Array, residuals: Array, lags: int, priors: int = 0, noise: float = 0.0
 ) -> Array:
@@ -133,14 +121,6 @@ def shifts_of(jacobian: Array, effects: Array) -> Array:
     """Return what a least-squares estimate loses by effects on the residuals, ``(d, k)``."""
     bread, _ = _inverse_normal(jacobian)
     return bread @ (jacobian.T @ effects)
-
-
-def ridge_of(normal: Array) -> float:
-    """Return what to add to the diagonal of a normal matrix, ``(d, d)``, to make it solvable.
-
-    It is far below what any visible component has there, and keeps an invisible one finite.
-    """
-    return 1e-9 * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
 
 
 def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
@@ -226,8 +206,7 @@ def significant_components(
     groups = list(groups)
     current = at.point.copy()
     while groups:
-        left = at.residuals + at.jacobian @ (current - at.point)
-        known = covariance_of(at.jacobian[:, shown], left)
+        known = covariance_of(at.jacobian[:, shown], at.predicted(current))
         covariance = np.zeros((len(current), len(current)))
         covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown])
         least, group = min(
@@ -240,19 +219,6 @@ def significant_components(
         shown[group] = False
         current = refitted(at, healthy, shown)
     return shown, current
-
-
-def refitted(at: Linearisation, healthy: Array, shown: Flags) -> Array:
-    """Return the lowest point, ``(d,)``, of the linear model with components not shown healthy."""
-    from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
-
-    start = np.where(shown, at.point, healthy)
-    left = at.residuals + at.jacobian @ (start - at.point)
-    columns = at.jacobian[:, shown]
-    normal = columns.T @ columns
-    normal += ridge_of(normal) * np.eye(len(normal))
-    start[shown] = lowest_in_box(normal, columns.T @ left, start[shown])
-    return start
 
 
 def _distance(offset: Array, covariance: Array, group: list[int]) -> float:

@@ -1,64 +1,22 @@
 """Bounded least squares, from as many starts and as global a screen as a good fit needs."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_monitor.optimizers.gauss_newton import Descent, LevenbergMarquardt, Stopping
 from ema_monitor.optimizers.interface import NO_HINTS, Hints
+from ema_monitor.optimizers.linear_model import Linearisation
 
 DIFFERENCE: Final = 5e-3
 """Step of the difference quotients; smaller ones see the model's friction stick and slip."""
 
 # Points and starts; the first is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
-# Of the trial steps, over the one that was the best in the last iteration.
-_DAMPINGS: Final = np.array([2.0, 0.3])
-_FIRST_DAMPING: Final = 2.0
-_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 30.0
-_STEP_TOLERANCE: Final = 2e-4
-# Shares of the cost: the gain of the last step, and of a further one by the linear model.
-_GAIN_TOLERANCE: Final = 1e-4
-_SETTLED: Final = 1e-2
+_STOPPING: Final = Stopping(iterations=25, gain=1e-4, step=2e-4, promise=1e-2)
 _AGREEMENT: Final = 0.02
-_ITERATIONS: Final = 25
-
-
-_UNKNOWN: Final = np.empty((0, 0))
-
-
-@dataclass
-class _Descent:
-    """One start on its way down; the derivatives where it stands may not be known."""
-
-    point: Array
-    cost: float
-    residuals: Array
-    jacobian: Array = field(default_factory=lambda: _UNKNOWN)
-    damping: float = _FIRST_DAMPING
-    promised: float = 0.0
-    iterations: int = 0
-    done: bool = False
-
-    def differentiate(self, points: Array, residuals: Array) -> None:
-        """Take the derivatives from the residuals at the `_differences`."""
-        self.jacobian = (residuals - self.residuals).T / np.diag(points - self.point)
-        # Where there is no derivative, the component is left where it is.
-        self.jacobian[:, ~np.all(np.isfinite(self.jacobian), axis=0)] = 0.0
-
-    def trials(self) -> Array:
-        """Return where steps lead, ``(m, d)``, the last one hardly damped.
-
-        Where they would gain hardly anything it is the only one, and the descent is done.
-        """
-        dampings = np.append(self.damping * _DAMPINGS, _LEAST_DAMPING)
-        points = bounded_steps(self.point, self.residuals, self.jacobian, dampings)
-        left = self.residuals + self.jacobian @ (points[-1] - self.point)
-        self.promised = float(left @ left)
-        self.done = self.promised > (1.0 - _SETTLED) * self.cost
-        return points[-1:] if self.done else points
 
 
 class ScreenedLeastSquares:
@@ -114,28 +72,22 @@ class ScreenedLeastSquares:
 
     def _search(self) -> Iterator[Array]:
         """Yield the points to evaluate next; the results are in ``_evaluated`` thereafter."""
+        stopping = _STOPPING._replace(good_cost=self._hints.good_cost)
         for size, starts in _SCREENS:
             before = self._best_cost
             screen = self._screen(size)
             yield np.concatenate([screen, _differences(screen[0])]) if size == 1 else screen
             points, costs, residuals = self._evaluated
             descents = [
-                _Descent(points[i], float(costs[i]), residuals[i])
+                Descent(points[i], float(costs[i]), residuals[i], LevenbergMarquardt(), stopping)
                 for i in np.argsort(costs[:size])[:starts]
                 if np.isfinite(costs[i])
             ]
             if size == 1 and descents:
-                descents[0].differentiate(points[1:], residuals[1:])
+                descents[0].at = _linearised(descents[0], points[1:], residuals[1:])
             while descents and not descents[0].done:
-                if fresh := [one for one in descents if not one.jacobian.size]:
-                    yield np.concatenate([_differences(one.point) for one in fresh])
-                    points, _, residuals = self._evaluated
-                    for i, one in enumerate(fresh):
-                        rows = slice(i * len(one.point), (i + 1) * len(one.point))
-                        one.differentiate(points[rows], residuals[rows])
-                trials = [one.trials() for one in descents]
-                yield np.concatenate(trials)
-                self._accept_best_trials(descents, [len(one) for one in trials])
+                yield from self._linearise([one for one in descents if not one.is_linearised])
+                yield from self._advance(descents)
                 descents.sort(key=lambda descent: descent.cost)
                 del descents[max(1, (len(descents) + 1) // 2) :]
             agrees = self._best_cost > (1.0 - _AGREEMENT) * before
@@ -143,6 +95,28 @@ class ScreenedLeastSquares:
                 return
             if agrees and self._best_cost <= self._hints.fair_cost():
                 return
+
+    def _linearise(self, descents: list[Descent]) -> Iterator[Array]:
+        """Yield the difference columns of descents in one batch, and linearise there."""
+        if not descents:
+            return
+        yield np.concatenate([_differences(descent.point) for descent in descents])
+        points, _, residuals = self._evaluated
+        for i, descent in enumerate(descents):
+            rows = slice(i * len(descent.point), (i + 1) * len(descent.point))
+            descent.at = _linearised(descent, points[rows], residuals[rows])
+
+    def _advance(self, descents: list[Descent]) -> Iterator[Array]:
+        """Yield the trial steps of descents in one batch, and take the best of each."""
+        trials = [descent.trials() for descent in descents]
+        yield np.concatenate([points for [points] in trials])
+        points, costs, residuals = self._evaluated
+        last = 0
+        for descent, [tried] in zip(descents, trials, strict=True):
+            rows = slice(last, last + len(tried))
+            if not descent.accept(points[rows], costs[rows], residuals[rows]):
+                descent.done = True
+            last += len(tried)
 
     def _screen(self, size: int) -> Array:
         d = len(self._start)
@@ -154,39 +128,14 @@ class ScreenedLeastSquares:
         points[0] = self._start
         return points
 
-    def _accept_best_trials(self, descents: list[_Descent], sizes: list[int]) -> None:
-        points, costs, residuals = self._evaluated
-        for descent, size, first in zip(descents, sizes, np.cumsum(sizes) - sizes, strict=True):
-            number = int(np.argmin(costs[first : first + size]))
-            best = first + number
-            descent.iterations += 1
-            # The last of several is hardly damped.
-            damping = descent.damping * _DAMPINGS[min(number, len(_DAMPINGS) - 1)]
-            descent.damping = float(np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING))
-            if number == len(_DAMPINGS):
-                kept = abs(costs[best] - descent.promised) < _SETTLED * costs[best]
-                descent.done |= bool(kept and costs[best] <= self._hints.good_cost)
-            step = np.max(np.abs(points[best] - descent.point))
-            gain = descent.cost - costs[best]
-            descent.done |= not gain > _GAIN_TOLERANCE * descent.cost or step < _STEP_TOLERANCE
-            if gain > 0.0:
-                descent.point, descent.cost = points[best], float(costs[best])
-                descent.residuals, descent.jacobian = residuals[best], _UNKNOWN
-            descent.done |= descent.iterations >= _ITERATIONS
+
+def _linearised(descent: Descent, points: Array, residuals: Array) -> Linearisation:
+    """Return the linearisation where a descent stands, by the residuals at its `_differences`."""
+    jacobian = (residuals - descent.residuals).T / np.diag(points - descent.point)
+    # Where there is no derivative, the component is left where it is.
+    jacobian[:, ~np.all(np.isfinite(jacobian), axis=0)] = 0.0
+    return Linearisation(descent.point, descent.residuals, jacobian)
 
 
 def _differences(point: Array) -> Array:
     return point + np.diag(np.where(point > 0.5, -DIFFERENCE, DIFFERENCE))
-
-
-def bounded_steps(point: Array, residuals: Array, jacobian: Array, dampings: Array) -> Array:
-    """Return where damped Gauss-Newton steps from a point lead, ``(m, d)``, within the unit box.
-
-    The dampings, ``(m,)``, are relative to the diagonal of the normal matrix [-].
-    """
-    from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
-
-    normal, slope = jacobian.T @ jacobian, jacobian.T @ residuals
-    scale = np.maximum(np.diag(normal), 1e-12 * max(np.max(np.diag(normal)), 1e-300))
-    normals = normal + dampings[:, None, None] * np.diag(scale)
-    return np.stack([lowest_in_box(one, slope, point) for one in normals])

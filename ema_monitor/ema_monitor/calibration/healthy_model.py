@@ -1,0 +1,75 @@
+"""What the model of a healthy unit misses in healthy windows."""
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_core.faults import healthy_faults
+from ema_monitor.calibration.alignment import moved, shift_between
+from ema_monitor.model.measured import measured_columns
+from ema_monitor.model.monitor_model import MonitorModel, Response
+from ema_monitor.model.readings import read
+from ema_monitor.windows.window import Window
+
+
+class WindowGroup(Sequence[Window]):
+    """Windows of one command, read when needed."""
+
+    def __init__(self, windows: Sequence[Window], numbers: list[int]) -> None:
+        self._windows, self._numbers = windows, numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._windows[self._numbers[index]]
+
+
+def missed(
+    windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
+) -> Iterator[Array]:
+    """Yield the healthy model's residuals of current and speed, ``(2, n)`` [A, rad/s] a window.
+
+    All windows are laid over the first. What is missed is multiplied by ``weights``, ``(n,)``.
+    """
+    command = windows[0].command
+    for window in windows:
+        response = healthy_response(window, model)
+        shift = shift_between(window.command, command, windows[0].telemetry.sample_period)
+        rows = window.missed(response.current[0], response.speed[0], model.parameters.tau)
+        yield np.array([weights * moved(row, -shift) for row in rows])
+
+
+def mean_missed(
+    windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
+) -> Array:
+    """Return the mean residuals of the healthy model over windows, ``(2, n)``."""
+    return reduce(np.add, missed(windows, model, weights)) / len(windows)
+
+
+def sample_weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
+    """Return the weights of samples in the fit of a unit, ``(n,)`` for each command.
+
+    Ordinary motion is slow or stands still for much of its time, where the model of the mean
+    current is at its worst: as soon as a window dwells, samples count as they do in an estimate
+    (M15). In test cycles alone all count alike.
+    """
+    if all(np.all(group[0].moves) for group in groups):
+        return [1.0] * len(groups)
+    return [group[0].weights for group in groups]
+
+
+def healthy_response(window: Window, model: MonitorModel) -> Response:
+    """Return the response of the healthy actuator under the window's measured causes."""
+    deviations, position = read(measured_columns(window.measured)[None], window)
+    return model.respond(
+        window, healthy_faults(), place_in_play(window), deviations=deviations, position=position
+    )
+
+
+def place_in_play(window: Window) -> float:
+    """Return where in its play the motor stands at the start, 0 where unknown [half-widths]."""
+    return 0.0 if window.play is None else window.play

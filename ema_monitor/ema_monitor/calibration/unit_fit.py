@@ -1,0 +1,235 @@
+"""Fit of a unit: how it deviates from its description, by its healthy windows."""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ema_core.arrays import Array, Flags
+from ema_core.faults import healthy_faults
+from ema_monitor.calibration.healthy_model import mean_missed, place_in_play, sample_weights
+from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES, Deviations, unit_priors
+from ema_monitor.model.measured import measured_columns
+from ema_monitor.model.monitor_model import MonitorModel
+from ema_monitor.model.readings import read
+from ema_monitor.optimizers.gauss_newton import LineSearch, Problem, Stopping, descend
+from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
+from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
+from ema_monitor.windows.window import Window
+
+_STEPS: Final = 0.05
+_SETTLED: Final = 0.02
+_SHARES: Final = ((1.0,), (0.5,), (0.25,), (0.1,), (0.03,))
+_MOST_ITERATIONS: Final = 100
+_WORTHWHILE: Final = 0.3
+_NOTABLE: Final = 0.4
+_ALWAYS_FITTED: Final = ("lift", "friction", "stribeck_speed", "inertia")
+_LEAST_NOISE: Final = 1e-2
+
+
+class UnitFit(NamedTuple):
+    """Deviations of a unit, ``(25,)``, and their covariance, ``(25, 25)``."""
+
+    deviations: Array
+    covariance: Array
+
+
+class _UnitProblem:
+    """What a unit's deviations are fitted to: the mean of each command, in its band.
+
+    ``x`` are the values of the deviations that ``priors`` names, ``(d,)``.
+    """
+
+    def __init__(self, groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> None:
+        self._groups, self._nominal = groups, nominal
+        parameters = nominal.parameters
+        self._weights = sample_weights(groups)
+        self._h = groups[0][0].sample_period
+        self._stiffness = speed_weight(parameters)
+        # Nothing is missed of a current that is not measured.
+        self._current_weight = float(nominal.acquisition.current != "none")
+        travel = max(group[0].excitation for group in groups)
+        self.priors = unit_priors(parameters, travel, nominal.form)
+        self._columns = [NAMES.index(one.name) for one in self.priors]
+        self.expected, self.sigma, self.lowest, self.highest = np.array(
+            [(one.expected, one.sigma, one.lowest, one.reach) for one in self.priors]
+        ).T
+        # A difference of a fraction of the prior, and enough to be seen through the friction.
+        self._steps = _STEPS * np.minimum(20.0 * self.sigma, self.highest)
+        self._latest: dict[bytes, Array] = {}
+        self.noise = self._noise_at(self.expected)
+
+    def deviations(self, x: Array) -> Array:
+        """Return all deviations, ``(..., 25)``, of ``x``, ``(..., d)``."""
+        values = np.zeros((*x.shape[:-1], N_DEVIATIONS))
+        values[..., self._columns] = x
+        return values
+
+    def covariance(self, known: Array) -> Array:
+        """Return the covariance of all deviations, ``(25, 25)``, from ``x``'s, ``(d, d)``."""
+        covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
+        covariance[np.ix_(self._columns, self._columns)] = known
+        return covariance
+
+    def residuals(self, points: Array) -> Array:
+        """Return what the model misses over the noise, and then the priors', ``(m, r + d)``."""
+        away = (points - self.expected) / self.sigma
+        left = np.array([self.missed(x) for x in points]) / self.noise
+        return np.concatenate([left, away], axis=1)
+
+    def linearise(self, x: Array) -> Linearisation:
+        """Return the linearisation at ``x``, with the noise that is left there."""
+        self._latest = {x.tobytes(): self.missed(x)}
+        self.noise = self._noise_at(x)
+        [residuals] = self.residuals(x[None])
+        jacobian = np.concatenate([-self.slopes(x) / self.noise, np.diag(1.0 / self.sigma)])
+        return Linearisation(x, residuals, jacobian)
+
+    def _noise_at(self, x: Array) -> float:
+        """Return the standard deviation of an effective residual, at least 0.01 A [A]."""
+        return math.sqrt(BAND_CORRELATION) * max(rms(self.missed(x)), _LEAST_NOISE)
+
+    def missed(self, x: Array) -> Array:
+        """Return what the model misses, ``(r,)`` [A]."""
+        key = x.tobytes()
+        if key not in self._latest:
+            model = self._model(x)
+            self._latest[key] = np.concatenate(
+                [
+                    self._in_band(mean_missed(group, model, weights))
+                    for group, weights in zip(self._groups, self._weights, strict=True)
+                ]
+            )
+        return self._latest[key]
+
+    def slopes(self, x: Array) -> Array:
+        """Return the derivatives of the model's response, ``(r, d)``."""
+        up = np.minimum(self._steps, self.highest - x)
+        down = np.minimum(self._steps, x - self.lowest)
+        sides = self.deviations(np.concatenate([np.diag(up), -np.diag(down)]))
+        sides = np.pad(sides, ((0, 0), (0, len(COLUMNS) - N_DEVIATIONS)))
+        return self._differences(x, [sides] * len(self._groups)) / (up + down)
+
+    def effects_of_measured(self, x: Array) -> Array:
+        """Return the effect of one sigma of each measured cause on the response, ``(r, k)`` [A].
+
+        A sensor is as wrong in all windows as in one.
+        """
+        measured = [{one.name: one for one in group[0].measured} for group in self._groups]
+        names = sorted({name for by_name in measured for name in by_name})
+        sides = []
+        for by_name in measured:
+            known = [[by_name[name]] if name in by_name else [] for name in names]
+            errors = [[one._replace(value=one.sigma) for one in causes] for causes in known]
+            above = np.array([measured_columns(causes) for causes in errors])
+            above = above.reshape(-1, len(COLUMNS))
+            sides.append(np.concatenate([above, -above]))
+        if not names:
+            return np.zeros((len(self.missed(x)), 0))
+        return self._differences(x, sides) / 2.0
+
+    def _differences(self, x: Array, sides: Sequence[Array]) -> Array:
+        """Return how the response to deviations differs from that to others, ``(r, k)`` [A].
+
+        Parameters
+        ----------
+        x
+            Where.
+        sides
+            Of each command those, and then the others, in the order of `COLUMNS`, ``(2 k, 28)``.
+        """
+        model, columns = self._model(x), []
+        for group, weights, of_group in zip(self._groups, self._weights, sides, strict=True):
+            first = group[0]
+            faults = np.tile(healthy_faults(), (len(of_group), 1))
+            deviations, position = read(of_group + measured_columns(first.measured), first)
+            response = model.respond(
+                first, faults, place_in_play(first), deviations=deviations, position=position
+            )
+            pairs = zip(*response, strict=True)
+            rows = np.array([self._in_band(np.array(row) * weights) for row in pairs])
+            above, below = np.split(rows, 2)
+            columns.append((above - below).T)
+        return np.concatenate(columns)
+
+    def lowest_of(self, at: Linearisation, active: Flags) -> Array:
+        """Return where a linear model is lowest within the bounds of the active deviations."""
+        x = at.point.copy()
+        quadratic = Quadratic.of(at.restricted(x, active))
+        x[active] = quadratic.lowest_between(self.lowest[active], self.highest[active])
+        return x
+
+    def _model(self, x: Array) -> MonitorModel:
+        return self._nominal.of_unit(Deviations.of(self.deviations(x)))
+
+    def _in_band(self, rows: Array) -> Array:
+        """Return current and speed, ``(2, n)``, in their band as one row [A]."""
+        current, speed = band_limited(rows, self._h)
+        return np.concatenate([self._current_weight * current, self._stiffness * speed])
+
+
+def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:
+    """Fit the deviations of a unit from nominal to healthy windows.
+
+    Gauss-Newton on current and speed in their band, with priors, which only matter for deviations
+    that the windows do not determine. It begins with lift, friction and inertia. Each further
+    deviation is fitted only if it explains most of the remaining residuals, one after the other:
+    otherwise it would absorb residuals with other reasons.
+    """
+    problem = _UnitProblem(groups, nominal)
+    priors, sigma = problem.priors, problem.sigma
+    stopping = Stopping(_MOST_ITERATIONS, step=_SETTLED * sigma)
+    x = problem.expected
+    active = np.array([one.name in _ALWAYS_FITTED for one in priors])
+    while True:
+        search = LineSearch(lambda at: problem.lowest_of(at, active), _SHARES)
+        least_squares = Problem(problem.residuals, problem.linearise)
+        descent = descend(least_squares, x[None], search, stopping)
+        x, at = descent.point, Quadratic.of(descent.at)
+        added = _most_explaining(at, active, _NOTABLE * sigma)
+        left = problem.missed(x)
+        least = max(left @ left, len(left) * _LEAST_NOISE**2) / problem.noise**2
+        if added is None or added.gain < _WORTHWHILE * least:
+            break
+        active[added.number] = True
+    for one, value in zip(priors, x, strict=True):
+        # That there is no viscous friction at all is possible.
+        if not -one.reach < value < one.reach:
+            raise ValueError(
+                f"the fit drives {one.name} of the unit to its bound {value:g}: expected about "
+                f"{one.expected:g} ± {one.sigma:g}; do the parameters belong to this actuator, "
+                "and are the units and signs of the columns right?"
+            )
+    # What was left out may still be there, as far as the windows and the priors let it.
+    normal = at.hessian
+    left_out = np.where(active, 0.0, np.linalg.solve(normal, at.gradient))
+    known: Array = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
+    # Measured causes were assumed known throughout.
+    slopes = descent.at.jacobian[: -len(x)]
+    shifts = np.linalg.solve(normal, slopes.T @ problem.effects_of_measured(x) / problem.noise)
+    return UnitFit(problem.deviations(x), problem.covariance(known + shifts @ shifts.T))
+
+
+class _Addition(NamedTuple):
+    """A deviation to be fitted, and by how much that lowers the normalised cost."""
+
+    number: int
+    gain: float
+
+
+def _most_explaining(at: Quadratic, active: Flags, least: Array) -> _Addition | None:
+    """Return which deviation, besides those that are fitted, explains most.
+
+    None when there is none that would be as large as ``least``, ``(d,)``, its sign aside.
+    """
+    best = None
+    for number in np.flatnonzero(~active):
+        trial = active.copy()
+        trial[number] = True
+        move = np.linalg.solve(at.hessian[np.ix_(trial, trial)], -at.gradient[trial])
+        gain = -float(at.gradient[trial] @ move)
+        is_notable = abs(move[np.sum(trial[:number])]) >= least[number]
+        if is_notable and (best is None or gain > best.gain):
+            best = _Addition(int(number), gain)
+    return best
