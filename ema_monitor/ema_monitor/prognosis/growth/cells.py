@@ -20,13 +20,12 @@ from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Curve, Figures, Law
+from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.settings import LIFE_HOURS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.wander import FACTORS, PACES, SHARES
 
 CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
-WANDERING_PRIOR: Final = 0.7
-"""Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
 
 N_RATES: Final = 33
 """Number of rates of a curve about which a rate wanders, and that a fleet distinguishes."""
@@ -78,16 +77,20 @@ _ROW: Final = np.dtype(
 )
 
 
-def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
-    """Return the cells for all components, by their limits and by the laws that are known.
+def grid(
+    limits: HealthLimits, settings: TrackerSettings, mechanisms: Mechanisms = MECHANISMS
+) -> Cells:
+    """Return the cells for all components, by limits, known laws and mechanisms of growth.
 
     Units with the same limits and laws share them: the columns are read-only.
     """
-    return _grid(limits, tuple(settings.laws.items()))
+    return _grid(limits, tuple(settings.laws.items()), mechanisms)
 
 
 @lru_cache(maxsize=4)
-def _grid(limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...]) -> Cells:
+def _grid(
+    limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...], mechanisms: Mechanisms
+) -> Cells:
     known_laws = dict(laws)
     by_law = {law: [np.zeros(0, _ROW)] for law in LAWS}
     for number, name in enumerate(COMPONENTS):
@@ -95,7 +98,7 @@ def _grid(limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...]) -> Cells
         two_sided = FAULTS[FAULT_NAMES.index(name)].is_two_sided
         still = np.zeros(1, _ROW)
         still["side"], still["prior"], still["place"] = 1.0, CONSTANT_PRIOR, -1
-        grown = _known(known, limit) if known else _unknown(limit, two_sided=two_sided)
+        grown = _known(known, limit) if known else _unknown(limit, mechanisms, two_sided=two_sided)
         for curve_number, (law, rows) in enumerate([("constant", still), *grown], -1):
             rows["component"], rows["limit"] = number, limit
             if law != "constant":
@@ -131,19 +134,22 @@ def _known(known: KnownLaw, limit: float) -> Iterator[Block]:
     yield known.law, rows
 
 
-def _unknown(limit: float, *, two_sided: bool) -> Iterator[Block]:
+def _unknown(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:
     """Return the cells of a component of unknown law."""
-    laws = [law for law in LAWS.values() if two_sided or not law.either_side]
-    curves = [(law, curve) for law in laws for curve in law.curves(limit)]
+    laws = [LAWS[name] for name in mechanisms.laws]
+    laws = [law for law in laws if two_sided or not law.either_side]
+    steady = 1.0 - mechanisms.wandering
+    curves = [(law, curve) for law in laws if steady for curve in law.curves(limit)]
     total = sum(curve.share for _, curve in curves)
     for law, curve in curves:
         share = curve.share / total / law.copies
-        rows = _rows(law, curve, limit, LIFE_HOURS[::2], 1.0 - WANDERING_PRIOR, share)
+        rows = _rows(law, curve, limit, LIFE_HOURS[::2], steady, share)
         yield law.name, np.tile(rows, law.copies)
     lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_RATES)
-    wandering = [(law, Curve(shape)) for law in laws for shape in law.wandering(limit)]
+    wanders = [law for law in laws if mechanisms.wandering]
+    wandering = [(law, Curve(shape)) for law in wanders for shape in law.wandering(limit)]
     for law, curve in wandering:
-        rows = _rows(law, curve, limit, lives, WANDERING_PRIOR, 1.0 / len(wandering))
+        rows = _rows(law, curve, limit, lives, mechanisms.wandering, 1.0 / len(wandering))
         rows = np.tile(rows, PACES.size)
         rows["rate"] *= np.repeat(FACTORS, lives.size)
         rows["prior"] *= np.repeat(SHARES, lives.size)

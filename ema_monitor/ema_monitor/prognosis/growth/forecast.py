@@ -20,9 +20,6 @@ from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
 from ema_monitor.prognosis.growth.waves import WaveDraw
 
-CHANGED: Final = (0.4, 15.0)
-"""How many times as fast it then is: log-uniform within this range [-]."""
-
 _PACE_SPACING: Final = float(PACES[1] - PACES[0])
 
 
@@ -75,7 +72,8 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     # Growth observed for u hours continues for t more with a probability of u / (u + t).
     change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
-    changed = CHANGED[0] * (CHANGED[1] / CHANGED[0]) ** rng.random(cell.shape)
+    slowest, fastest = mixture.mechanisms.changed
+    changed = slowest * (fastest / slowest) ** rng.random(cell.shape)
     changed[is_wave | cells.is_random[cell] | (mixture.is_known | (observed == 0.0))[:, None]] = 1.0
     noise_hours = mixture.settings.noise_hours
     return Draw(cells, noise_hours, cell, x, rate, pace, change, changed, is_wave, waves)

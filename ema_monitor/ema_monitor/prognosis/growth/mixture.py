@@ -15,6 +15,7 @@ from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.fleet import with_fleet
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
 
@@ -39,11 +40,13 @@ class Mixture(Kept):
     kept = ("weight",)
     parts = ("bank", "waves")
 
-    def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
-        self.settings = settings
-        cells = with_fleet(grid(limits, settings), settings)
+    def __init__(
+        self, limits: HealthLimits, settings: TrackerSettings, mechanisms: Mechanisms = MECHANISMS
+    ) -> None:
+        self.settings, self.mechanisms = settings, mechanisms
+        cells = with_fleet(grid(limits, settings, mechanisms), settings)
         self.bank = Bank(cells, settings)
-        self.waves = waves = Waves(limits, settings, self.bank.two_sided)
+        self.waves = waves = Waves(limits, settings, self.bank.two_sided, mechanisms.wave)
         number = np.arange(_N)
         self.component = np.concatenate([cells.component, np.repeat(number, waves.omega.size)])
         self._sums = Owners(self.component).sums

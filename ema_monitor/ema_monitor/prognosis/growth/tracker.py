@@ -30,6 +30,7 @@ from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
+from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.outliers import Event, OutlierDetector
 from ema_monitor.prognosis.growth.prediction import (
@@ -65,6 +66,12 @@ class Tracker(Kept):
         Where life ends.
     settings
         What is assumed of growth; by default that no law is known.
+    mechanisms
+        What growth of unknown law may do.
+    outliers
+        Detector of tests that growth does not explain; a new ``OutlierDetector`` by default.
+    check
+        Check of the predictions, which widens them; a new ``PredictionCheck`` by default.
 
     Attributes
     ----------
@@ -93,13 +100,18 @@ class Tracker(Kept):
     parts = ("_mixture", "_outliers", "_check", "_regimes")
 
     def __init__(
-        self, limits: HealthLimits | None = None, settings: TrackerSettings | None = None
+        self,
+        limits: HealthLimits | None = None,
+        settings: TrackerSettings | None = None,
+        mechanisms: Mechanisms = MECHANISMS,
+        outliers: OutlierDetector | None = None,
+        check: PredictionCheck | None = None,
     ) -> None:
         self._limits = limits or HealthLimits()
         self._settings = settings or TrackerSettings()
-        self._mixture = Mixture(self._limits, self._settings)
-        self._outliers = OutlierDetector(self._settings)
-        self._check = PredictionCheck(self._settings)
+        self._mixture = Mixture(self._limits, self._settings, mechanisms)
+        self._outliers = outliers or OutlierDetector(self._settings)
+        self._check = check or PredictionCheck(self._settings)
         self._regimes = RegimeWatch()
         self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
         self._first_hours = np.full(len(COMPONENTS), np.nan)

@@ -26,9 +26,6 @@ PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
 AMPLITUDE: Final = 0.025
 """Standard deviation of each of the two parts of a wave, as a share of the limit [-]."""
 
-PRIOR: Final = 0.1
-"""Probability of a wave in a component of unknown law [-]."""
-
 LASTING: Final = 20.0
 """Periods within which a wave forgets its amplitude and phase."""
 
@@ -54,7 +51,7 @@ class Waves(Kept):
     Attributes
     ----------
     prior
-        Probabilities before any test, ``(7, k)``; in all ``PRIOR``, or 0 where a law is known.
+        Probabilities before any test, ``(7, k)``; in all ``prior``, or 0 where a law is known.
     grows
         Filters whose level grows, ``(k,)``.
     mean, covariance
@@ -65,13 +62,15 @@ class Waves(Kept):
 
     kept = ("mean", "covariance")
 
-    def __init__(self, limits: HealthLimits, settings: TrackerSettings, two_sided: Flags) -> None:
+    def __init__(
+        self, limits: HealthLimits, settings: TrackerSettings, two_sided: Flags, prior: float
+    ) -> None:
         self._settings, self.two_sided = settings, two_sided
         self.omega = np.tile(2.0 * np.pi / PERIODS, _LIVES.size)
         self.grows = np.repeat(np.isfinite(_LIVES), PERIODS.size)
         share = np.where(self.grows, 0.5 / self.grows.sum(), 0.5 / (~self.grows).sum())
         has_wave = np.array([name not in settings.laws for name in COMPONENTS])
-        self.prior = np.where(has_wave[:, None], PRIOR * share, 0.0)
+        self.prior = np.where(has_wave[:, None], prior * share, 0.0)
         self.mean = np.zeros((*self.prior.shape, 4))
         self.covariance = np.zeros((*self.mean.shape, 4))
         self._limit = np.array([limits.of(name) for name in COMPONENTS])

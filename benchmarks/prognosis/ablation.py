@@ -1,0 +1,285 @@
+"""What each mechanism of growth pays: the prognosis without it, on the same lives.
+
+    python -m prognosis.ablation [--own N] [--held-out N] [--unseen N] [--constant N] [--thin N]
+
+Lives to failure are by laws that the tracker has ("own"), by laws that nothing was developed with
+("held out", "unseen"), N of each law; no law is known to the tracker. Of every --thin tests one is
+used. Each mechanism is switched
+off alone, by an argument of the tracker's constructor. The fleet prior is switched on: its fleet is
+of units of the own lives, and so of another kind than those of the other sets. Damage is judged on
+lives whose duty changes (``duty.py``).
+
+A change is a mean over lives of the difference to the full model on the same estimates, with its
+standard error by bootstrap over lives. What pays makes the figure without it worse by more than
+that. "Too long" is the share of predictions in the second half of life whose 5 % quantile is beyond
+the truth; constant lives, every other one with a wave, are to have no predicted life at all.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+from script import Figures, Workers, command
+from targets import grid
+
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.growth.check import PredictionCheck
+from ema_monitor.prognosis.growth.fleet import grid_digest
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
+from ema_monitor.prognosis.growth.outliers import OutlierDetector
+from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+from prognosis import duty, foreign_lives, lives
+from prognosis.estimates import drawn
+from prognosis.fleet_prior import unit_of
+from prognosis.laws import SETS
+from prognosis.metrics import cumulative_relative_accuracy
+
+FULL: Final = "full"
+FLEET: Final = "with a fleet of the own lives"
+EVERY: Final = 2
+"""Tests from one scored prediction to the next."""
+_DUTY_EVERY: Final = 4
+SAMPLES: Final = 500
+"""Samples of a scored prediction."""
+DRAWS: Final = 2000
+"""Draws of the bootstrap."""
+
+Array = NDArray[np.float64]
+
+
+class UsesAll(OutlierDetector):
+    """Holds no test back once a life has begun."""
+
+    def judge(self, measurement: Measurement, mean: Array, variance: Array, tests: Any) -> Any:
+        nothing = np.zeros(len(mean), dtype=bool)
+        return [], nothing, nothing.copy()
+
+
+class WidensNothing(PredictionCheck):
+    """Leaves the intervals as predicted."""
+
+    def widening(self) -> Array:
+        return np.ones_like(super().widening())
+
+
+def tracker(settings: TrackerSettings, mechanisms: Mechanisms = MECHANISMS) -> Tracker:
+    """Return a tracker with mechanisms."""
+    return Tracker(HealthLimits(), settings, mechanisms)
+
+
+def _without_law(name: str) -> Mechanisms:
+    return Mechanisms(laws=tuple(law for law in MECHANISMS.laws if law != name))
+
+
+VARIANTS: Final[Mapping[str, Callable[[TrackerSettings], Tracker]]] = {
+    FULL: tracker,
+    "steady rates": partial(tracker, mechanisms=Mechanisms(wandering=1.0)),
+    "wandering rates": partial(tracker, mechanisms=Mechanisms(wandering=0.0)),
+    "waves": partial(tracker, mechanisms=Mechanisms(wave=0.0)),
+    "jumps": partial(tracker, mechanisms=_without_law("jumps")),
+    "logistic": partial(tracker, mechanisms=_without_law("logistic")),
+    "change for good": partial(tracker, mechanisms=Mechanisms(changed=(1.0, 1.0))),
+    "outliers": lambda settings: Tracker(HealthLimits(), settings, outliers=UsesAll(settings)),
+    "check that widens": lambda settings: Tracker(
+        HealthLimits(), settings, check=WidensNothing(settings)
+    ),
+}
+"""Trackers without a mechanism, by its name."""
+
+
+class Score(NamedTuple):
+    """Figures of a life."""
+
+    accuracy: float  # cumulative relative accuracy over the second half of life [-]
+    inside: int  # 90 % intervals that hold the truth, of how many
+    intervals: int
+    too_long: int  # those wholly beyond it in the second half of life, of how many
+    late: int
+
+
+Scored = lives.ScoredLife | foreign_lives.ForeignCase
+
+
+def _life(case: Scored) -> tuple[list[Measurement], float, float]:
+    """Return the estimates of a life, the hour from which it is scored, and its end [h]."""
+    life = case.life()
+    if isinstance(life, foreign_lives.ForeignLife):
+        return case.measurements(life), life.start_hours, life.end_hours
+    return drawn(case, life), 0.0, life.end_hours
+
+
+def scores_of(case: Scored, fleet: FleetPrior | None, thin: int) -> dict[str, Score]:
+    """Score a life by each variant of the tracker."""
+    measurements, start, end = _life(case)
+    measurements = measurements[::thin]
+    settings = TrackerSettings(samples=SAMPLES)
+    made = {name: make(settings) for name, make in VARIANTS.items()}
+    made[FLEET] = tracker(TrackerSettings(samples=SAMPLES, fleet=fleet))
+    return {name: _score(one, measurements, start, end) for name, one in made.items()}
+
+
+def _score(one: Tracker, measurements: Sequence[Measurement], start: float, end: float) -> Score:
+    rows = []
+    for number, measurement in enumerate(measurements):
+        one.update(measurement)
+        if measurement.hours >= start and number % EVERY == EVERY - 1:
+            life = one.predict().overall
+            rows.append((measurement.hours, life.hours_05, life.hours_50, life.hours_95))
+    hours, low, median, high = np.array(rows).reshape(-1, 4).T
+    left, known = end - hours, np.isfinite(low)
+    late = known & (hours - start >= 0.5 * (end - start))
+    return Score(
+        cumulative_relative_accuracy(hours - start, median, end - start),
+        int(np.sum(known & (low <= left) & (left <= high))),
+        int(np.sum(known)),
+        int(np.sum(late & (low > left))),
+        int(np.sum(late)),
+    )
+
+
+def reported(case: foreign_lives.ForeignCase, thin: int) -> dict[str, bool]:
+    """Return whether each variant predicts a life for a unit whose faults are constant."""
+    life = case.life()
+    measurements = case.measurements(life)[::thin]
+    settings = TrackerSettings(samples=100)
+    return {name: _reports(make(settings), measurements) for name, make in VARIANTS.items()}
+
+
+def _reports(one: Tracker, measurements: Sequence[Measurement]) -> bool:
+    for measurement in measurements:
+        one.update(measurement)
+        if one.predict().overall.known:
+            return True
+    return False
+
+
+def by_damage(seed: int) -> dict[str, tuple[list[float], list[bool]]]:
+    """Return accuracies and coverage of lives of every kind of duty, by damage and by hours."""
+    result = {}
+    for growth_per in ("damage", "hours"):
+        each = [duty.scores((kind, growth_per, seed), every=_DUTY_EVERY) for kind in duty.KINDS]
+        accuracy, covered = zip(*each, strict=True)
+        result[growth_per] = [*chain(*accuracy)], [*chain(*covered)]
+    return result
+
+
+def measure(
+    pool: Workers,
+    own: int,
+    held_out: int,
+    unseen: int,
+    constant: int,
+    fleet: int,
+    duties: int,
+    thin: int,
+) -> Figures:
+    """Score lives with each mechanism switched off."""
+    limits = HealthLimits()
+    units = pool.map("fleet", unit_of, lives.lives_of("fleet", fleet))
+    evidence = {str(number): unit for number, unit in enumerate(units)}
+    prior = Fleet(grid_digest(limits), evidence).prior(limits)
+    cases: dict[str, list[Scored]] = {
+        "own": [*lives.lives_of("growing", own)],
+        "held out": [*foreign_lives.lives_of(SETS["held out"], held_out)],
+        "unseen": [*foreign_lives.lives_of(SETS["unseen"], unseen)],
+    }
+    scores = {
+        name: pool.map(f"{name} lives", partial(scores_of, fleet=prior, thin=thin), some)
+        for name, some in cases.items()
+    }
+    still = foreign_lives.constant_lives(constant)
+    told = pool.map("constant lives", partial(reported, thin=thin), still)
+    return {
+        "scores": scores,
+        "constant": {name: sum(one[name] for one in told) for name in VARIANTS},
+        "constant_lives": constant,
+        "duty": pool.map("lives by duty", by_damage, range(duties)),
+    }
+
+
+def _figures(scores: Array) -> Array:
+    """Return accuracy, coverage and the share too long of lives, ``(..., n, 5)``."""
+    accuracy = np.nanmean(scores[..., 0], axis=-1)
+    sums = scores[..., 1:].sum(axis=-2)
+    inside, intervals, too_long, late = np.moveaxis(sums, -1, 0)
+    covered = inside / np.maximum(intervals, 1)
+    return np.stack([accuracy, covered, too_long / np.maximum(late, 1)], axis=-1)
+
+
+def _changes(full: Array, without: Array) -> tuple[Array, Array]:
+    """Return the change of the figures without a mechanism, and its standard error."""
+    rng = np.random.default_rng(0)
+    drawn_lives = rng.integers(len(full), size=(DRAWS, len(full)))
+    changes = _figures(without[drawn_lives]) - _figures(full[drawn_lives])
+    return _figures(without) - _figures(full), changes.std(axis=0)
+
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Return what is printed."""
+    sets = {
+        name: {key: np.array([one[key] for one in some], float) for key in some[0]}
+        for name, some in figures["scores"].items()
+        if some
+    }
+    constant, names = figures["constant"], ("accuracy", "coverage", "too long")
+    for name, scores in sets.items():
+        yield grid(
+            f"{name}, {len(scores[FULL])} lives: change without each, ± standard error",
+            ("without", *names, "constant lives\nwith a life"),
+            (
+                (key, *_cells(scores[FULL], one), constant.get(key, ""))
+                for key, one in scores.items()
+            ),
+            digits=3,
+        )
+    if figures["duty"]:
+        yield _duty_table(figures["duty"])
+
+
+def _cells(full: Array, one: Array) -> list[str]:
+    if one is full:
+        return [f"{value:.3f}" for value in _figures(full)]
+    change, error = _changes(full, one)
+    return [f"{by:+.3f} ± {of:.3f}" for by, of in zip(change, error, strict=True)]
+
+
+def _duty_table(lives_by_duty: Sequence[Any]) -> Table:
+    by = {
+        key: np.array([[np.mean(part) for part in one[key]] for one in lives_by_duty], float)
+        for key in ("damage", "hours")
+    }
+    full, changes = by["damage"].mean(axis=0), by["hours"] - by["damage"]
+    error = changes.std(axis=0, ddof=1) / np.sqrt(len(changes))
+    without = zip(changes.mean(axis=0), error, strict=True)
+    rows = [
+        (FULL, *(f"{value:.3f}" for value in full)),
+        ("damage", *(f"{by:+.3f} ± {of:.3f}" for by, of in without)),
+    ]
+    title = (
+        f"duty that changes: {len(changes)} lives of each of {len(duty.KINDS)} kinds"
+    )
+    return grid(title, ("without", "accuracy", "coverage"), rows)
+
+
+main = command(
+    measure,
+    "ablation",
+    tables=tables,
+    own=30,
+    held_out=7,
+    unseen=14,
+    constant=20,
+    fleet=30,
+    duties=4,
+    thin=2,
+)
+
+if __name__ == "__main__":
+    main()
