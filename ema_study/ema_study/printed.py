@@ -21,12 +21,19 @@ SIGMA: Final = "standard deviation"
 MEAN: Final = "mean"
 SUM: Final = "sum"
 
+TRIALS: Final = 8
+"""Table of the trials of GA."""
+
 SPEED_STUDY: Final = 56
 PRECISION_STUDY: Final = 57
 """Tables of the two studies of the multiple fault."""
 
 OVERVIEWS: Final[dict[int, str]] = {58: "error_percent", 59: "time_s"}
 """Column of the overviews by algorithm, level and fault, by table."""
+
+SINGLE_RELIABILITY: Final = 60
+MULTIPLE_RELIABILITY: Final = 61
+"""Tables of the reliability coefficients, of the single faults and of the multiple one."""
 
 SUMMARIES: Final[dict[int, str]] = dict(zip((19, 28, 37, 46, 55), SINGLE_FAULTS, strict=True))
 """Faults of the summary tables, by table."""

@@ -1,6 +1,6 @@
 """The thesis's tables 8 to 61 beside ours."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeAlias
@@ -8,28 +8,26 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from ema_study.cases import ALGORITHMS, KIND_NAMES, LEVELS, SINGLE_FAULTS
+from ema_study.cases import ALGORITHMS, LEVELS, SINGLE_FAULTS
+from ema_study.contents import NUMBERS, title_of
 from ema_study.plan import VARIANTS
 from ema_study.printed import (
     MEAN,
+    MULTIPLE_RELIABILITY,
     OVERVIEWS,
     PRECISION_STUDY,
     PRINTED,
     SIGMA,
+    SINGLE_RELIABILITY,
     SPEED_STUDY,
     SUM,
     SUMMARIES,
     TOTAL,
+    TRIALS,
     printed_table,
 )
 from ema_study.run import K
-from ema_study.sources import (
-    ALGORITHM_NAMES,
-    MODEL_LABELS,
-    PRINTED_RUNS,
-    by_source,
-    single_fault_runs,
-)
+from ema_study.sources import MODEL_LABELS, PRINTED_RUNS, by_source, single_fault_runs
 
 Sources: TypeAlias = Mapping[str, pd.DataFrame]
 
@@ -46,12 +44,6 @@ _HEADINGS: Final = {
 }
 _MEANS: Final = {"time_s": "mean time [s]", "error_percent": "mean error [%]"}
 _MIXED: Final = f"times of table {SPEED_STUDY}, errors of {PRECISION_STUDY}"
-_TITLES: Final = {
-    9: "Friction low, DE with F = 0.5 and CR = 0.9",
-    10: "Friction low, DE with F = 0.9 and CR = 0.95",
-    SPEED_STUDY: "Multiple fault, study of speed",
-    PRECISION_STUDY: "Multiple fault, study of precision",
-}
 
 
 @dataclass(frozen=True)
@@ -63,28 +55,38 @@ class StudyTable:
     """
 
     number: int
-    title: str
     frame: pd.DataFrame
     note: str = ""
 
+    @property
+    def title(self) -> str:
+        """What it shows."""
+        return title_of(self.number)
 
-def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
-    """Return the thesis's tables 8 to 61, in their order, each beside ours.
+
+def study_tables(runs: pd.DataFrame, numbers: Sequence[int] = NUMBERS) -> list[StudyTable]:
+    """Return tables of the thesis in the given order, each beside ours; by default 8 to 61.
 
     Our runs are as of ``ema_study.run.as_frame``: of one model or both, complete or not, or none.
     """
     sources = by_source(runs)
     # What is computed of the thesis's runs stands beside what it prints.
     computed = {PRINTED_RUNS if label == PRINTED else label: one for label, one in sources.items()}
-    tables = [
-        _trials(runs),
-        *(_per_run(number, sources) for number in printed_table("run_means").index.unique("table")),
-        *(_fault_summary(number, computed) for number in SUMMARIES),
-        *(_overview(number, computed) for number in OVERVIEWS),
-        _single_fault_reliability(computed),
-        _multiple_fault_reliability(computed),
-    ]
-    return sorted(tables, key=lambda table: table.number)
+
+    def table(number: int) -> StudyTable:
+        if number == TRIALS:
+            return _trials(runs)
+        if number in SUMMARIES:
+            return _fault_summary(number, computed)
+        if number in OVERVIEWS:
+            return _overview(number, computed)
+        if number == SINGLE_RELIABILITY:
+            return _single_fault_reliability(computed)
+        if number == MULTIPLE_RELIABILITY:
+            return _multiple_fault_reliability(computed)
+        return _per_run(number, sources)
+
+    return [table(number) for number in numbers]
 
 
 def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
@@ -106,7 +108,7 @@ def _trials(runs: pd.DataFrame) -> StudyTable:
     printed.loc[is_bound, "speed"] = np.nan
     blocks = {PRINTED: printed}
     for model, label in MODEL_LABELS.items():
-        ours = runs if runs.empty else runs[(runs["table"] == 8) & (runs["model"] == model)]
+        ours = runs if runs.empty else runs[(runs["table"] == TRIALS) & (runs["model"] == model)]
         if not ours.empty:
             ours = ours.drop_duplicates("run", keep="last").set_index("run")
             blocks[label] = _with_speed(ours)[[*_OF_TRIAL, "error_percent"]]
@@ -115,7 +117,7 @@ def _trials(runs: pd.DataFrame) -> StudyTable:
         f"The times of trials {bounds} are lower bounds. The thesis prints neither the level of "
         "its faults nor the fault of every trial; ours are at the low level."
     )
-    return _side_by_side(8, "Calibration of GA", blocks, _HEADINGS, note)
+    return _side_by_side(TRIALS, blocks, _HEADINGS, note)
 
 
 def _with_speed(trials: pd.DataFrame) -> pd.DataFrame:
@@ -150,10 +152,7 @@ def _per_run(number: int, sources: Sources) -> StudyTable:
     frame = frame.rename(columns=_HEADINGS, level="quantity")
     if len(algorithms) == 1:
         frame = frame.droplevel("algorithm")
-    run = printed.iloc[0]
-    fault = KIND_NAMES[run["fault"]].capitalize()
-    title = f"{fault} {run['level']}, {ALGORITHM_NAMES[run['algorithm']]}"
-    return StudyTable(number, _TITLES.get(number, title), frame)
+    return StudyTable(number, frame)
 
 
 def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
@@ -178,8 +177,7 @@ def _fault_summary(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: printed_table("fault_means").loc[[number]].droplevel("table")}
     for label, runs in sources.items():
         blocks[label] = pd.DataFrame({quantity: mean(runs, quantity) for quantity in _MEANS})
-    title = f"{KIND_NAMES[fault].capitalize()}, mean over the algorithms"
-    return _side_by_side(number, title, blocks, _MEANS)
+    return _side_by_side(number, blocks, _MEANS)
 
 
 def _overview(number: int, sources: Sources) -> StudyTable:
@@ -188,8 +186,7 @@ def _overview(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: printed_table(f"table_{number}")}
     blocks |= {label: overview_of(runs, quantity) for label, runs in sources.items()}
     note = f"{TOTAL.capitalize()} and {SIGMA} are of the five means to the left."
-    title = f"{_MEANS[quantity].capitalize()} by algorithm, level and fault"
-    return _side_by_side(number, title, blocks, lambda name: name.replace("_", " "), note)
+    return _side_by_side(number, blocks, lambda name: name.replace("_", " "), note)
 
 
 def _single_fault_reliability(sources: Sources) -> StudyTable:
@@ -201,7 +198,7 @@ def _single_fault_reliability(sources: Sources) -> StudyTable:
     for label, block in blocks.items():
         names = [f"{fault.replace('_', ' ')}, {_HEADINGS[x]}" for fault, x in block.columns]
         blocks[label] = block.set_axis(names, axis=1)
-    return _side_by_side(60, "Reliability coefficient, single faults", blocks)
+    return _side_by_side(SINGLE_RELIABILITY, blocks)
 
 
 def _multiple_fault_reliability(sources: Sources) -> StudyTable:
@@ -215,16 +212,16 @@ def _multiple_fault_reliability(sources: Sources) -> StudyTable:
         ):
             blocks[f"{label}, {what}"] = multiple_fault_reliability(runs, times_of, errors_of)
     note = f"As printed, it multiplies the {_MIXED}: no run had both."
-    return _side_by_side(61, "Reliability coefficient, multiple fault", blocks, _HEADINGS, note)
+    return _side_by_side(MULTIPLE_RELIABILITY, blocks, _HEADINGS, note)
 
 
 def _side_by_side(
-    number: int, title: str, blocks: dict[str, pd.DataFrame], names: Any = None, note: str = ""
+    number: int, blocks: dict[str, pd.DataFrame], names: Any = None, note: str = ""
 ) -> StudyTable:
     """Return a table of those of several sources, renamed; the first one gives the rows."""
     frame = pd.concat(blocks, axis=1, names=["source", "quantity"])
     frame = frame.reindex(blocks[PRINTED].index).rename(columns=names or {}, level="quantity")
-    return StudyTable(number, title, frame, note)
+    return StudyTable(number, frame, note)
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:

@@ -78,6 +78,40 @@ def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
     assert len(after.splitlines()) == len(JOBS)
 
 
+def test_one_table_is_made_and_printed_without_a_report(ema, tmp_path, monkeypatch):
+    def jobs_of(number, model, runs):
+        return [job for job in JOBS if job.table == number and job.run <= runs]
+
+    monkeypatch.setattr(command, "jobs_of", jobs_of)
+    result = ema("thesis", "--table", "13", "-o", tmp_path, "--runs", "1", *HERE)
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith("Table 13: Friction low, DE")
+    assert result.output.index("printed") < result.output.index("fast model")
+    runs = pd.read_csv(tmp_path / "runs.csv")
+    assert runs["table"].tolist() == [13, 13]
+    written = pd.read_csv(tmp_path / "tables" / "table_13.csv", index_col=0)
+    errors = runs.set_index("algorithm")["error_percent"]
+    assert written.loc["1", "fast model: error [%]"] == errors["de"]
+    assert written.loc["1", "fast model, thesis's code: error [%]"] == errors["de_thesis"]
+    assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize("number", ["7", "62", "-1"])
+def test_table_that_the_study_cannot_repeat_is_refused_with_those_that_it_can(
+    ema, tmp_path, number
+):
+    result = ema("thesis", "--table", number, "-o", tmp_path / "study")
+    assert result.exit_code == 2
+    assert f"table {number}: expected 8 to 61" in result.stderr
+    assert not (tmp_path / "study").exists()
+
+
+def test_help_lists_the_tables(ema):
+    output = ema("thesis", "--help").output
+    assert "24 to 27  Backlash high, GA, PSO, DE, GWO" in output
+    assert "61        Reliability coefficient, multiple fault" in output
+
+
 @pytest.mark.parametrize(
     ("options", "planned"),
     [

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 GUIDES = (
     *("install", "first-diagnosis", "your-csv", "your-robot"),
     *("describe-actuator", "plan-a-test", "ordinary-motion", "predict-life", "report", "run-nodes"),
-    *("python", "command-line", "real-data"),
+    *("python", "command-line", "real-data", "study"),
 )
 
 DOCUMENTS = ["README.md", *(f"docs/{name}.md" for name in GUIDES)]

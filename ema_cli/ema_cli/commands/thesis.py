@@ -15,21 +15,41 @@ from ema_cli.progress import progress_bar
 from ema_core import __version__
 from ema_core.wording import counted
 from ema_monitor.model.threads import available_cpus
+from ema_study.contents import checked, in_words, jobs_of
 from ema_study.execution import execute, time_executors
 from ema_study.models import MODELS
-from ema_study.plan import RUNS, plan
+from ema_study.plan import RUNS, Job, plan
 from ema_study.report import write_report
 from ema_study.run import as_frame
 from ema_study.sources import single_fault_runs
 from ema_study.store import RunStore, numerics_version
-from ema_study.tables import study_tables, write_tables
+from ema_study.tables import StudyTable, study_tables, write_tables
 
 QUICK_RUNS: Final = 2
 
 _TIMING = "timing.csv"
+_HELP: Final = "\n".join(
+    [
+        "Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.",
+        "",
+        "Stop it with Ctrl-C at any time: the same command resumes. Further models and runs are "
+        "added to the folder. With --table, it makes the runs of one table and prints the table.",
+        "",
+        "\b",
+        "Tables:",
+        *(f"  {numbers:<9} {title}" for numbers, title in in_words()),
+    ]
+)
 
 
-@click.command()
+def _number_of_table(_: click.Context, __: click.Parameter, number: int | None) -> int | None:
+    try:
+        return None if number is None else checked(number)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+@click.command(help=_HELP)
 @click.option(
     "-o",
     "--output",
@@ -37,6 +57,14 @@ _TIMING = "timing.csv"
     default="thesis-study",
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of runs, tables, figures and report. Runs that it already holds are kept.",
+)
+@click.option(
+    "--table",
+    "number",
+    type=int,
+    metavar="NUMBER",
+    callback=_number_of_table,
+    help="Repeat one table of the thesis, by its number there.",
 )
 @click.option(
     "--model",
@@ -54,39 +82,33 @@ _TIMING = "timing.csv"
 @click.option("--quick", is_flag=True, help=f"{QUICK_RUNS} runs each, without table 8.")
 @executor_options
 def thesis(
-    folder: Path, models: tuple[str, ...], runs: int | None, quick: bool, executor: ExecutorOptions
+    folder: Path,
+    number: int | None,
+    models: tuple[str, ...],
+    runs: int | None,
+    quick: bool,
+    executor: ExecutorOptions,
 ) -> None:
-    """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
-
-    Stop it with Ctrl-C at any time: the same command resumes. Further models and runs are added to
-    the folder.
-    """
+    """Repeat the study, or one of its tables."""
     if quick and runs is not None:
         raise click.UsageError("--quick and --runs exclude each other")
     runs = runs or (QUICK_RUNS if quick else RUNS)
     models = tuple(dict.fromkeys(models))
+    if number is not None:
+        jobs = [job for model in models for job in jobs_of(number, model, runs)]
+        with RunStore(folder) as store:
+            _make(store, jobs, executor)
+            store.export()
+            tables = study_tables(as_frame(store.results), [number])
+            [path] = write_tables(tables, folder / "tables")
+        _print_table(tables[0])
+        click.echo(f"written: {path}")
+        return
     jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
+    started = time.perf_counter()
     with RunStore(folder) as store:
-        missing = store.missing(jobs)
-        if done := len(jobs) - len(missing):
-            click.echo(f"{folder}: {done} of {len(jobs)} runs are already done")
-        started = time.perf_counter()
-
-        def stopped() -> str:
-            done = f"{len(jobs) - len(store.missing(jobs))} of {len(jobs)} runs"
-            return f"stopped with {done} in {folder}; the same command resumes"
-
-        kept = f"the runs so far are in {folder}, the same command resumes"
-        with stops_in_a_line(stopped, kept):
-            if missing:
-                with executor.open(stopped, kept) as workers, progress_bar() as progress:
-                    task = progress.add_task("study", total=len(missing), state="starting")
-                    for done, result in enumerate(execute(missing, workers), 1):
-                        store.add(result)
-                        job, error = result.job, result.error_percent
-                        state = f"{done} of {len(missing)} runs, {job.model}: {job.algorithm}"
-                        state += f", {job.case}, run {job.run}: {error:.2f} %"
-                        progress.update(task, advance=1, state=state)
+        made = _make(store, jobs, executor)
+        with stops_in_a_line(lambda: _stopped(store, jobs), _kept(store)):
             timing = _timing(folder, models)
         minutes = (time.perf_counter() - started) / 60.0
         click.echo("writing tables, figures and report")
@@ -103,11 +125,47 @@ def thesis(
                 "executor": f"{executor.kind}, {counted(executor.number, 'run')} at once, each on "
                 "one core",
                 "cores": str(available_cpus()),
-                "last run": f"{counted(len(missing), 'run')} and the timing in {minutes:.1f} min",
+                "last run": f"{counted(made, 'run')} and the timing in {minutes:.1f} min",
             },
         )
     _print_summary(frame)
-    click.echo(f"{counted(len(missing), 'run')} in {minutes:.1f} min; report: {report}")
+    click.echo(f"{counted(made, 'run')} in {minutes:.1f} min; report: {report}")
+
+
+def _make(store: RunStore, jobs: Sequence[Job], executor: ExecutorOptions) -> int:
+    """Make the runs that the store lacks, and return their number."""
+    missing = store.missing(jobs)
+    if done := len(jobs) - len(missing):
+        click.echo(f"{store.folder}: {done} of {len(jobs)} runs are already done")
+    if not missing:
+        return 0
+
+    def stopped() -> str:
+        return _stopped(store, jobs)
+
+    kept = _kept(store)
+    with (
+        stops_in_a_line(stopped, kept),
+        executor.open(stopped, kept) as workers,
+        progress_bar() as progress,
+    ):
+        task = progress.add_task("study", total=len(missing), state="starting")
+        for done, result in enumerate(execute(missing, workers), 1):
+            store.add(result)
+            job, error = result.job, result.error_percent
+            state = f"{done} of {len(missing)} runs, {job.model}: {job.algorithm}"
+            state += f", {job.case}, run {job.run}: {error:.2f} %"
+            progress.update(task, advance=1, state=state)
+    return len(missing)
+
+
+def _stopped(store: RunStore, jobs: Sequence[Job]) -> str:
+    done = f"{len(jobs) - len(store.missing(jobs))} of {len(jobs)} runs"
+    return f"stopped with {done} in {store.folder}; the same command resumes"
+
+
+def _kept(store: RunStore) -> str:
+    return f"the runs so far are in {store.folder}, the same command resumes"
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
@@ -123,6 +181,16 @@ def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
             timing = pd.concat([timing, measured], ignore_index=True)
             timing.to_csv(path, index=False)
     return timing.drop(columns="version")
+
+
+def _print_table(table: StudyTable) -> None:
+    """Print a table of the thesis, one source below the other."""
+    click.echo(f"Table {table.number}: {table.title}")
+    for source in table.frame.columns.unique("source"):
+        block = table.frame[source].dropna(how="all")
+        text = block.to_string(na_rep="", float_format=lambda value: f"{value:.4g}")
+        click.echo(f"\n{source}\n{text}")
+    click.echo(f"\n{table.note}".rstrip())
 
 
 def _print_summary(frame: pd.DataFrame) -> None:
