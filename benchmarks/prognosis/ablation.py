@@ -109,9 +109,10 @@ Scored = lives.ScoredLife | foreign_lives.ForeignCase
 
 def _life(case: Scored) -> tuple[list[Measurement], float, float]:
     """Return the estimates of a life, the hour from which it is scored, and its end [h]."""
+    if isinstance(case, foreign_lives.ForeignCase):
+        foreign = case.life()
+        return case.measurements(foreign), foreign.start_hours, foreign.end_hours
     life = case.life()
-    if isinstance(life, foreign_lives.ForeignLife):
-        return case.measurements(life), life.start_hours, life.end_hours
     return drawn(case, life), 0.0, life.end_hours
 
 
