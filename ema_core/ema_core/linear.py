@@ -23,7 +23,7 @@ _WITH_UNIT: Final = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(mm/s|mm|N\.s/
 _NEEDED: Final = {"lead": "the travel [m] for one turn of the user shaft", "tau": "the gear ratio"}
 
 
-class Shown(NamedTuple):
+class DisplayUnit(NamedTuple):
     """Unit in which a figure is shown, and its number per SI unit."""
 
     unit: str
@@ -34,21 +34,29 @@ class Shown(NamedTuple):
         return f"{self.scale * value:.4g} {self.unit}"
 
 
-def travel_shown(parameters: ActuatorParameters) -> Shown:
+def travel_shown(parameters: ActuatorParameters) -> DisplayUnit:
     """Return the unit in which an angle of the user shaft is shown: mrad, or mm with a lead."""
-    return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("mrad", 1e3)
+    return (
+        DisplayUnit("mm", 1e3 * _way(parameters.lead))
+        if parameters.lead
+        else DisplayUnit("mrad", 1e3)
+    )
 
 
-def angle_shown(parameters: ActuatorParameters) -> Shown:
+def angle_shown(parameters: ActuatorParameters) -> DisplayUnit:
     """Return the unit of a large angle of the user shaft: rad, or mm with a lead."""
-    return Shown("mm", 1e3 * _way(parameters.lead)) if parameters.lead else Shown("rad", 1.0)
+    return (
+        DisplayUnit("mm", 1e3 * _way(parameters.lead))
+        if parameters.lead
+        else DisplayUnit("rad", 1.0)
+    )
 
 
-def motor_shown(parameters: ActuatorParameters) -> Shown:
+def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:
     """Return the unit of an angle of the motor: rad, or mm at the rod with a lead."""
     if not parameters.lead:
-        return Shown("rad", 1.0)
-    return Shown("mm", 1e3 * _way(parameters.lead) * parameters.tau)
+        return DisplayUnit("rad", 1.0)
+    return DisplayUnit("mm", 1e3 * _way(parameters.lead) * parameters.tau)
 
 
 def physical(name: str, k: float, description: ActuatorDescription) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ema_core.dates import has_date
 from ema_core.description import ActuatorDescription
-from ema_core.linear import Shown
+from ema_core.linear import DisplayUnit
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.stored import StoredCalibration, numbers
@@ -109,15 +109,17 @@ class JointCalibration(StoredCalibration):
         return Comparer(self.baseline, unit, scale)
 
     @property
-    def effort_shown(self) -> Shown:
+    def effort_shown(self) -> DisplayUnit:
         """Unit in which the effort was recorded, and its size for 1 A."""
         parameters = self.parameters
         torque = parameters.k_t / parameters.tau
         if self.effort_unit == "N.m":
-            return Shown("N.m", torque)
+            return DisplayUnit("N.m", torque)
         if self.effort_unit == "N":  # without a lead the force itself was taken as the effort
-            return Shown("N", torque * 2.0 * math.pi / parameters.lead if parameters.lead else 1.0)
-        return Shown("A", 1.0)
+            return DisplayUnit(
+                "N", torque * 2.0 * math.pi / parameters.lead if parameters.lead else 1.0
+            )
+        return DisplayUnit("A", 1.0)
 
     @property
     def torque_scale(self) -> float:

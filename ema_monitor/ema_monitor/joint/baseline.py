@@ -49,7 +49,7 @@ _FLOOR: Final = 1e-9
 _OF_PAYLOAD: Final = [INERTIA, GRAVITY]
 
 
-class Gap(Enum):
+class Shortcoming(Enum):
     """What the healthy records of a baseline lack."""
 
     NO_DATES = auto()
@@ -151,14 +151,14 @@ class Baseline:
         return self.shape.unexplained > _UNEXPLAINED
 
     @property
-    def gaps(self) -> tuple[Gap, ...]:
+    def shortcomings(self) -> tuple[Shortcoming, ...]:
         """What the healthy records lack."""
         is_missing = {
-            Gap.NO_DATES: 0 in self.days,
-            Gap.ONE_DAY: len(set(self.days)) < 2 and 0 not in self.days,
-            Gap.FEW_RECORDS: len(self.records) < _ENOUGH_RECORDS,
-            Gap.ONE_SPEED: not self.shape.has_viscous and not self.is_unexplained,
-            Gap.UNEXPLAINED_EFFORT: self.is_unexplained
+            Shortcoming.NO_DATES: 0 in self.days,
+            Shortcoming.ONE_DAY: len(set(self.days)) < 2 and 0 not in self.days,
+            Shortcoming.FEW_RECORDS: len(self.records) < _ENOUGH_RECORDS,
+            Shortcoming.ONE_SPEED: not self.shape.has_viscous and not self.is_unexplained,
+            Shortcoming.UNEXPLAINED_EFFORT: self.is_unexplained
             and not (self.shape.has_viscous and self.shape.has_inertia),
         }
         return tuple(gap for gap, missing in is_missing.items() if missing)

@@ -14,7 +14,7 @@ _TINY: Final = 1e-12
 _NORMAL: Final = 1.4826
 
 
-class Prior(NamedTuple):
+class CoefficientPrior(NamedTuple):
     """Weak normal prior of coefficients, ``(p,)`` each: it decides what the rows leave open."""
 
     values: Array
@@ -37,7 +37,7 @@ class Regression(NamedTuple):
     residuals: Array
 
 
-def robust_fit(design: Array, target: Array, prior: Prior) -> Robust:
+def robust_fit(design: Array, target: Array, prior: CoefficientPrior) -> Robust:
     """Fit ``target``, ``(n,)``, by the columns of ``design``, ``(n, p)``, with Huber's weights."""
     precision = np.diag(prior.sigmas**-2.0)
     weights, noise = np.ones(len(target)), float(np.var(target))
@@ -54,7 +54,9 @@ def robust_fit(design: Array, target: Array, prior: Prior) -> Robust:
     return Robust(values, weights, target - design @ values)
 
 
-def regress(design: Array, target: Array, clusters: NDArray[np.intp], prior: Prior) -> Regression:
+def regress(
+    design: Array, target: Array, clusters: NDArray[np.intp], prior: CoefficientPrior
+) -> Regression:
     """Fit ``target`` by the columns of ``design``, with the covariance of the coefficients.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array, Flags
-from ema_monitor.joint.regression import Prior, regress, robust_fit
+from ema_monitor.joint.regression import CoefficientPrior, regress, robust_fit
 from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
 
 COEFFICIENTS: Final = ("friction", "inertia", "viscous_friction", "load", "gravity")
@@ -157,7 +157,7 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     # A record without effort must not agree with the healthy records because its prior is narrow.
     effort = max(_rms(signals.effort), _rms(design @ values))
     scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
-    prior = Prior(values[used], _FREE * scales[used])
+    prior = CoefficientPrior(values[used], _FREE * scales[used])
     fit = regress(design[:, used], signals.effort, signals.stroke, prior)
     covariance = np.zeros((len(used), len(used)))
     values[used] = fit.values
@@ -359,7 +359,7 @@ def _pooled(
     design = np.concatenate(designs)
     target = np.concatenate([record.effort for record in records])
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
-    fit = robust_fit(design, target, Prior(np.zeros(len(scales)), _OPEN * scales))
+    fit = robust_fit(design, target, CoefficientPrior(np.zeros(len(scales)), _OPEN * scales))
     values = fit.values.tolist()
     coulomb = values.pop(0)
     dip = values.pop(0) if terms.stribeck is not None else 0.0

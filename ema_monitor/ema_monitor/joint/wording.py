@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-from ema_core.linear import Shown
+from ema_core.linear import DisplayUnit
 from ema_core.wording import counted, text_table
-from ema_monitor.joint.baseline import Gap
+from ema_monitor.joint.baseline import Shortcoming
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
     FRICTION,
@@ -30,21 +30,21 @@ OTHER_SIGN: Final = (
 )
 """Why a record whose torque per unit of effort is negative is refused."""
 
-_GAPS: Final = {
-    Gap.NO_DATES: (
+_SHORTCOMINGS: Final = {
+    Shortcoming.NO_DATES: (
         "healthy records have no date, and count as records of one day: how much the joint changes "
         "between days is assumed; give the time with its date"
     ),
-    Gap.ONE_DAY: (
+    Shortcoming.ONE_DAY: (
         "all healthy records are of one day: how much the joint changes between days is assumed; "
         "add healthy records of two further days"
     ),
-    Gap.FEW_RECORDS: "there are fewer than 5 healthy records: add healthy records",
-    Gap.ONE_SPEED: (
+    Shortcoming.FEW_RECORDS: "there are fewer than 5 healthy records: add healthy records",
+    Shortcoming.ONE_SPEED: (
         "the healthy records have nearly one speed, so that Coulomb and viscous friction are not "
         "told apart: add moves at half the speed"
     ),
-    Gap.UNEXPLAINED_EFFORT: (
+    Shortcoming.UNEXPLAINED_EFFORT: (
         "the motion does not explain a large part of the effort in the healthy records: check that "
         "effort and position are of one joint and one clock"
     ),
@@ -337,7 +337,7 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
         for smallest in (comparer.smallest_changes, comparer.smallest_changes_of_a_day)
     )
     where = f"above {another_day} would show"
-    if Gap.NO_DATES not in comparer.baseline.gaps:
+    if Shortcoming.NO_DATES not in comparer.baseline.shortcomings:
         where = (
             f"above {same_day} would show on a day that has healthy records, above {another_day} "
             "on another day"
@@ -349,7 +349,7 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
             f"{_count(item.records, 'further healthy record')}{days} would lower this to "
             f"{_percent(item.smallest_change)}"
         )
-    sentences += [_GAPS[gap] for gap in comparer.baseline.gaps]
+    sentences += [_SHORTCOMINGS[item] for item in comparer.baseline.shortcomings]
     return sentences + _lag_sentences(comparer.baseline.preparation.unexpected_lag_s)
 
 
@@ -418,7 +418,7 @@ def zero_sentence(shift: float) -> str:
     )
 
 
-def standstill_text(standstill: Standstill, effort: Shown, angle: Shown) -> str:
+def standstill_text(standstill: Standstill, effort: DisplayUnit, angle: DisplayUnit) -> str:
     """Return why a joint stands still, in the units in which effort and position are shown."""
     travel, least = (
         f"{angle.scale * value:.2g} {angle.unit}"

@@ -209,12 +209,12 @@ def _required(
     if isinstance(requirements, str):
         return requirements
     faults, covariance = _latest_faults(growth, estimate, tracked)
-    judgement = requirements.judge(faults, covariance, warn_share=limits.warn_share)
+    compliance = requirements.judge(faults, covariance, warn_share=limits.warn_share)
     if growth.service.unknown or np.isnan(faults).any():
         reason = growth.service.unknown or "not all faults are observable"
-        return RequiredLife.unknown(reason, requirements, judgement.healths)
+        return RequiredLife.unknown(reason, requirements, compliance.healths)
     required = required_life(
-        requirements, judgement, faults, growth.tracker, tracked, prognosis, limits, horizon_hours
+        requirements, compliance, faults, growth.tracker, tracked, prognosis, limits, horizon_hours
     )
     if growth.latest_is_used:
         return required

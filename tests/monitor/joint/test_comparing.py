@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ema_core.arrays import Array
-from ema_monitor.joint.baseline import BETWEEN_DAYS, Gap
+from ema_monitor.joint.baseline import BETWEEN_DAYS, Shortcoming
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
     FRICTION,
@@ -295,12 +295,15 @@ def test_more_days_lower_the_smallest_change_as_predicted():
 
 
 def test_gaps_name_what_the_healthy_records_lack():
-    assert baseline_of(days=1, a_day=2).gaps == (Gap.ONE_DAY, Gap.FEW_RECORDS)
-    assert baseline_of().gaps == ()
+    assert baseline_of(days=1, a_day=2).shortcomings == (
+        Shortcoming.ONE_DAY,
+        Shortcoming.FEW_RECORDS,
+    )
+    assert baseline_of().shortcomings == ()
     one_speed = baseline_of(shape=Shape(coulomb=1.0, has_viscous=False))
-    assert one_speed.gaps == (Gap.ONE_SPEED,)
+    assert one_speed.shortcomings == (Shortcoming.ONE_SPEED,)
     unexplained = baseline_of(shape=Shape(coulomb=1.0, has_viscous=False, unexplained=0.6))
-    assert unexplained.gaps == (Gap.UNEXPLAINED_EFFORT,)
+    assert unexplained.shortcomings == (Shortcoming.UNEXPLAINED_EFFORT,)
 
 
 def test_load_has_the_unit_of_the_effort():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ema_monitor.joint.regression import Prior, regress, robust_fit
+from ema_monitor.joint.regression import CoefficientPrior, regress, robust_fit
 
-OPEN = Prior(np.zeros(3), np.full(3, 1e3))
+OPEN = CoefficientPrior(np.zeros(3), np.full(3, 1e3))
 TRUTH = np.array([1.0, 0.5, -0.2])
 EACH = 25
 """Rows of a stroke."""
@@ -55,7 +55,9 @@ def test_one_percent_of_outliers_moves_the_fit_by_less_than_its_error():
 def test_prior_decides_what_the_rows_leave_open():
     design, target, clusters = drawn(4, 10, shared=0.0)
     design[:, 1] = 0.0
-    found = regress(design, target, clusters, Prior(np.array([0.0, 0.7, 0.0]), np.full(3, 2.0)))
+    found = regress(
+        design, target, clusters, CoefficientPrior(np.array([0.0, 0.7, 0.0]), np.full(3, 2.0))
+    )
     assert found.values[1] == pytest.approx(0.7)
     assert np.sqrt(found.covariance[1, 1]) == pytest.approx(2.0, rel=1e-6)
 

@@ -21,7 +21,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     MODELLED,
     REQUIREMENTS,
     SEEN,
-    Judgement,
+    Compliance,
     RequirementLimits,
     Requirements,
 )
@@ -95,7 +95,7 @@ class RequiredLife:
 
 def required_life(
     requirements: Requirements,
-    judgement: Judgement,
+    compliance: Compliance,
     faults: Array,
     tracker: Tracker,
     tracked: tuple[TrackedFault, ...],
@@ -112,7 +112,7 @@ def required_life(
 
     Parameters
     ----------
-    requirements, judgement
+    requirements, compliance
         What is required, and how far it is met now.
     faults
         Fault vector now, ``(8,)``.
@@ -123,7 +123,7 @@ def required_life(
     horizon_hours
         How far to look ahead [h].
     """
-    healths = judgement.healths
+    healths = compliance.healths
     grows = any(life.known for life in prognosis.components.values())
     if not tracked:
         return RequiredLife.unknown(NOT_SHOWN, requirements, healths)
@@ -151,7 +151,7 @@ def required_life(
     with_limits = RemainingLife.unknown(overall.criterion, overall.reason)
     if np.median(together) < np.inf:
         with_limits = RemainingLife.of_samples(together, overall.criterion)
-    trends = _trends(judgement, tracked) if grows else {}
+    trends = _trends(compliance, tracked) if grows else {}
     samples = together if overall.known else np.empty(0)
     return RequiredLife(healths, trends, lives, overall, dominant, with_limits, samples)
 
@@ -305,8 +305,8 @@ def _surely_fails(item: FaultHealth) -> bool:
     return excess > ONE_SIDED_95 * item.sigma
 
 
-def _trends(judgement: Judgement, tracked: tuple[TrackedFault, ...]) -> dict[str, float]:
+def _trends(compliance: Compliance, tracked: tuple[TrackedFault, ...]) -> dict[str, float]:
     """Return how fast each performance changes with the growth of the faults."""
     trend = {item.name: item.trend for item in tracked}
     slope = np.array([trend.get(name, 0.0) for name in FAULT_NAMES])
-    return {name: float(gradient @ slope) for name, gradient in judgement.gradients.items()}
+    return {name: float(gradient @ slope) for name, gradient in compliance.gradients.items()}

@@ -67,7 +67,7 @@ WITHOUT_MODEL: Final = "requirements cannot be monitored without a calibration o
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Compliance:
     """How an actuator with given faults meets the requirements.
 
     Attributes
@@ -154,7 +154,7 @@ class Requirements:
         faults: ArrayLike,
         covariance: ArrayLike,
         warn_share: float = HealthLimits().warn_share,
-    ) -> Judgement:
+    ) -> Compliance:
         """Return how far each requirement is met, and how that changes with the faults.
 
         Parameters
@@ -204,7 +204,7 @@ class Requirements:
             sigma = np.nan if blind else float(np.sqrt(max(gradient @ P @ gradient, 0.0)))
             healths.append(self._health(name, float(values[0]), sigma, warn_share))
             gradients[name] = gradient
-        return Judgement(tuple(healths), gradients)
+        return Compliance(tuple(healths), gradients)
 
     def _health(self, name: str, value: float, sigma: float, warn_share: float) -> FaultHealth:
         share = 1.0 - float(self.reserve(name, np.array(value)))
